@@ -1,0 +1,30 @@
+"""Array types with their shapes. Shapes are checked under pytest (jaxtyping + beartype), never in production."""
+
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8
+
+Array: TypeAlias = np.ndarray
+
+Points: TypeAlias = Float64[Array, "n 3"]
+"""n points or directions, one a row."""
+Vector3: TypeAlias = Float64[Array, "3"]
+Vectors2: TypeAlias = Float64[Array, "n 2"]
+Scalars: TypeAlias = Float64[Array, "n"]
+Matrix3: TypeAlias = Float64[Array, "3 3"]
+Matrix4: TypeAlias = Float64[Array, "4 4"]
+Matrix6: TypeAlias = Float64[Array, "6 6"]
+Matrices3: TypeAlias = Float64[Array, "n 3 3"]
+Matrices4: TypeAlias = Float64[Array, "n 4 4"]
+Bases: TypeAlias = Float64[Array, "n 3 2"]
+"""n orthonormal 3x2 bases, columns E1 and E2."""
+Matrix: TypeAlias = Float64[Array, "rows columns"]
+Vector: TypeAlias = Float64[Array, "rows"]
+Floats32: TypeAlias = Float32[Array, "n"]
+Colors: TypeAlias = UInt8[Array, "n 3"]
+Indices: TypeAlias = Int64[Array, "n"]
+IndexPairs: TypeAlias = Int64[Array, "n 2"]
+Labels: TypeAlias = Int32[Array, "n"]
+GridIndex: TypeAlias = Int32[Array, "rows columns"]
+Flags: TypeAlias = Bool[Array, "n"]

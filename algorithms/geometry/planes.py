@@ -1,0 +1,43 @@
+"""Bounded planes with uncertainty."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from algorithms.arrays import Array, Bases, Indices, Matrices3, Points, Scalars, Vectors2
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """n bounded planes in one frame, column by column."""
+
+    normals: Points
+    """(n, 3) unit normals, pointing to the side the plane was seen from."""
+    centroids: Points
+    """(n, 3) centroids of the plane's points [m]; n.x = n.c for x on the plane."""
+    bases: Bases
+    """(n, 3, 2) columns E1, E2 with (E1, E2, n) right-handed; E1 along the longest extent."""
+    covariances: Matrices3
+    """(n, 3, 3) covariance of (a1, a2, b): n -> n + E a, c -> c + n b [rad, m]."""
+    noise_std_m: Scalars
+    """(n,) standard deviation of single points from the plane [m]."""
+    point_counts: Indices
+    """(n,) number of points."""
+    areas_m2: Scalars
+    """(n,) area of the boundary polygon(s) [m2]."""
+    boundary: Vectors2
+    """(m, 2) all boundary polygons one after the other, in plane coordinates ((x - c).E1, (x - c).E2) [m]."""
+    boundary_splits: Indices
+    """(n + 1,) polygon of plane k is boundary[splits[k]:splits[k + 1]], closed implicitly."""
+
+    def __len__(self) -> int:
+        return self.normals.shape[0]
+
+    def boundary_of(self, k: int) -> Array:
+        """Give the boundary polygon of plane k, (p, 2), in plane coordinates [m]."""
+        return self.boundary[self.boundary_splits[k] : self.boundary_splits[k + 1]]
+
+    @property
+    def offsets(self) -> Array:
+        """(n,) distances h = n.c of the planes from the frame's origin [m]."""
+        return np.asarray(np.einsum("ij,ij->i", self.normals, self.centroids))

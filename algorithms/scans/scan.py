@@ -1,0 +1,55 @@
+"""What a scan is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array, Colors, Floats32, GridIndex, Points, Vector3
+
+
+@dataclass(frozen=True, eq=False)
+class ScanGrid:
+    """Which point was measured in which row and column."""
+
+    index: GridIndex
+    """(rows, columns) int32: number of the point, -1 where nothing came back."""
+
+    @property
+    def rows(self) -> int:
+        """Number of rows (vertical circle)."""
+        return self.index.shape[0]
+
+    @property
+    def columns(self) -> int:
+        """Number of columns (horizontal circle)."""
+        return self.index.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One set-up's measurements."""
+
+    points: Points
+    """(n, 3) finite coordinates in the scan frame minus `origin_m` [m]."""
+    origin_m: Vector3
+    """Local origin: add it to `points` to get the file's coordinates [m]. Zero for near coordinates."""
+    name: str = ""
+    grid: ScanGrid | None = None
+    """Row/column structure, when the file has it."""
+    intensity: Floats32 | None = None
+    """(n,) as in the file, no scale implied."""
+    color: Colors | None = None
+    """(n, 3) red, green, blue."""
+    sensor_m: Vector3 | None = None
+    """Where the instrument stood, in the coordinates of `points` [m]; None when the file does not tell."""
+    world_from_scan: RigidTransform | None = None
+    """Pose stored in the file (maps full coordinates, not reduced ones)."""
+
+    def __len__(self) -> int:
+        return self.points.shape[0]
+
+    @property
+    def bounds_m(self) -> Array:
+        """Bounding box in full coordinates, (2, 3): minimum and maximum [m]."""
+        return np.stack([self.points.min(axis=0), self.points.max(axis=0)]) + self.origin_m
