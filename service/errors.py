@@ -1,0 +1,214 @@
+"""What can go wrong in the service, and how every error becomes a problem document (RFC 9457)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from algorithms.errors import (
+    AlgorithmError,
+    CancelledError,
+    DegenerateGeometryError,
+    InvalidInputError,
+    NotConvergedError,
+    TooFewCorrespondencesError,
+)
+
+OGC = "http://www.opengis.net/def/exceptions/ogcapi-processes-1/1.0/"
+Problem = dict[str, Any]
+
+
+class ServiceError(Exception):
+    """Stand for every failure that the service reports to its client."""
+
+    status: ClassVar[int] = 500
+    title: ClassVar[str] = "Internal error"
+    type: ClassVar[str] = "about:blank"
+
+    def extra(self) -> Mapping[str, Any]:
+        """Give further members of the problem document."""
+        return {}
+
+
+class NoSuchProcessError(ServiceError):
+    """Say that a process is not offered."""
+
+    status, title, type = 404, "No such process", OGC + "no-such-process"
+
+    def __init__(self, process_id: str) -> None:
+        super().__init__(f"there is no process '{process_id}'; GET /processes lists those that exist")
+
+
+class NoSuchJobError(ServiceError):
+    """Say that a job does not exist (any more)."""
+
+    status, title, type = 404, "No such job", OGC + "no-such-job"
+
+    def __init__(self, job_id: str) -> None:
+        super().__init__(f"there is no job '{job_id}'")
+
+
+class FileNotFoundInStoreError(ServiceError):
+    """Say that a file id is unknown."""
+
+    status, title = 404, "No such file"
+
+    def __init__(self, file_id: str) -> None:
+        super().__init__(f"there is no file '{file_id}'; POST /files uploads one")
+
+
+class ArtifactNotFoundError(ServiceError):
+    """Say that a job has no download of that name."""
+
+    status, title = 404, "No such artifact"
+
+    def __init__(self, job_id: str, name: str) -> None:
+        super().__init__(f"job '{job_id}' has no artifact '{name}'")
+
+
+class ResultNotReadyError(ServiceError):
+    """Say that a job has no result yet."""
+
+    status, title, type = 404, "Result not ready", OGC + "result-not-ready"
+
+    def __init__(self, job_id: str, job_status: str) -> None:
+        super().__init__(f"job '{job_id}' is {job_status}; its result does not exist yet")
+
+
+class JobNotFinishedError(ServiceError):
+    """Say that something cannot be done before a job ends."""
+
+    status, title = 409, "Job not finished"
+
+    def __init__(self, what: str, job_id: str) -> None:
+        super().__init__(f"{what} is in use by job '{job_id}', which has not finished; dismiss the job first")
+
+
+class JobDismissedError(ServiceError):
+    """Say that a job was dismissed and has no result."""
+
+    status, title = 410, "Job dismissed"
+
+    def __init__(self, job_id: str) -> None:
+        super().__init__(f"job '{job_id}' was dismissed and has no result")
+
+
+@dataclass(frozen=True)
+class FieldFault:
+    """One bad field of a request."""
+
+    pointer: str
+    """JSON pointer (RFC 6901) into the request body."""
+    detail: str
+    """What is wrong with it and what would be right."""
+
+
+class InvalidRequestError(ServiceError):
+    """Say which fields of a request are wrong."""
+
+    status, title = 400, "Invalid request"
+
+    def __init__(self, detail: str, faults: Sequence[FieldFault] = ()) -> None:
+        self.faults = tuple(faults)
+        super().__init__(detail)
+
+    def extra(self) -> Mapping[str, Any]:
+        """List each bad field with its pointer."""
+        return {"errors": [{"pointer": f.pointer, "detail": f.detail} for f in self.faults]} if self.faults else {}
+
+
+class UnreadableFileError(ServiceError):
+    """Say that a file cannot be read: which, why, and where in it."""
+
+    status, title = 400, "Unreadable file"
+
+    def __init__(self, filename: str, reason: str, place: str = "") -> None:
+        self.filename = filename
+        self.reason = reason
+        self.place = place
+        super().__init__(f"{filename}: {reason}" + (f" (at {place})" if place else ""))
+
+    def extra(self) -> Mapping[str, Any]:
+        """Give file, reason and place separately."""
+        return {"file": self.filename, "reason": self.reason, "place": self.place or None}
+
+
+class UnsupportedMediaTypeError(ServiceError):
+    """Say that an upload is of a kind the endpoint does not take."""
+
+    status, title = 415, "Unsupported media type"
+
+
+class FileTooLargeError(ServiceError):
+    """Say that an upload exceeds a limit."""
+
+    status, title = 413, "Too large"
+
+    def __init__(self, what: str, size: int, limit: int, unit: str = "bytes") -> None:
+        super().__init__(f"{what} has {size} {unit}, the limit of this service is {limit} {unit}")
+
+
+class QuotaExceededError(ServiceError):
+    """Say that a client has too much under way."""
+
+    status, title = 429, "Too many requests"
+
+
+class InsufficientStorageError(ServiceError):
+    """Say that the disk is (nearly) full."""
+
+    status, title = 507, "Insufficient storage"
+
+
+class StorageError(ServiceError):
+    """Say that the blob store failed."""
+
+    status, title = 503, "Storage unavailable"
+
+
+class QueueError(ServiceError):
+    """Say that the queue engine failed."""
+
+    status, title = 503, "Queue unavailable"
+
+
+class ComputationFailedError(ServiceError):
+    """Say that a computing process died or ran out of a limit."""
+
+    status, title = 500, "Computation failed"
+
+
+STATUS_BY_ALGORITHM_ERROR: Mapping[type[AlgorithmError], tuple[int, str]] = {
+    InvalidInputError: (422, "Unusable input"),
+    DegenerateGeometryError: (422, "Degenerate geometry"),
+    TooFewCorrespondencesError: (422, "Too few correspondences"),
+    NotConvergedError: (422, "Not converged"),
+    CancelledError: (410, "Cancelled"),
+}
+
+
+def to_problem(error: Exception, instance: str | None = None) -> Problem:
+    """Turn an error into the body of an ``application/problem+json`` answer.
+
+    A `ServiceError` speaks for itself; an `AlgorithmError` is an unusable input (422 for a job's own status; the web
+    layer sends 400 for what is wrong with a request); anything else is an internal error whose details stay in the log.
+    """
+    problem: Problem
+    if isinstance(error, ServiceError):
+        problem = {"type": error.type, "title": error.title, "status": error.status, "detail": str(error)}
+        problem.update(error.extra())
+    elif isinstance(error, AlgorithmError):
+        status, title = STATUS_BY_ALGORITHM_ERROR.get(type(error), (422, "Unusable input"))
+        problem = {"type": "about:blank", "title": title, "status": status, "detail": str(error)}
+        if isinstance(error, DegenerateGeometryError):
+            problem["rank"] = error.rank
+            problem["free_directions"] = list(error.free_directions)
+    else:
+        problem = {
+            "type": "about:blank",
+            "title": "Internal error",
+            "status": 500,
+            "detail": f"an unexpected {type(error).__name__} occurred; the log of the service has the details",
+        }
+    if instance is not None:
+        problem["instance"] = instance
+    return problem
