@@ -178,10 +178,10 @@ class ComputationFailedError(ServiceError):
 
 
 STATUS_BY_ALGORITHM_ERROR: Mapping[type[AlgorithmError], tuple[int, str]] = {
-    InvalidInputError: (422, "Unusable input"),
-    DegenerateGeometryError: (422, "Degenerate geometry"),
-    TooFewCorrespondencesError: (422, "Too few correspondences"),
-    NotConvergedError: (422, "Not converged"),
+    InvalidInputError: (400, "Unusable input"),
+    DegenerateGeometryError: (400, "Degenerate geometry"),
+    TooFewCorrespondencesError: (400, "Too few correspondences"),
+    NotConvergedError: (400, "Not converged"),
     CancelledError: (410, "Cancelled"),
 }
 
@@ -189,15 +189,15 @@ STATUS_BY_ALGORITHM_ERROR: Mapping[type[AlgorithmError], tuple[int, str]] = {
 def to_problem(error: Exception, instance: str | None = None) -> Problem:
     """Turn an error into the body of an ``application/problem+json`` answer.
 
-    A `ServiceError` speaks for itself; an `AlgorithmError` is an unusable input (422 for a job's own status; the web
-    layer sends 400 for what is wrong with a request); anything else is an internal error whose details stay in the log.
+    A `ServiceError` speaks for itself; an `AlgorithmError` is bad input, 400 (never 422: clients of the OGC
+    standard refuse it); anything else is an internal error whose details stay in the log.
     """
     problem: Problem
     if isinstance(error, ServiceError):
         problem = {"type": error.type, "title": error.title, "status": error.status, "detail": str(error)}
         problem.update(error.extra())
     elif isinstance(error, AlgorithmError):
-        status, title = STATUS_BY_ALGORITHM_ERROR.get(type(error), (422, "Unusable input"))
+        status, title = STATUS_BY_ALGORITHM_ERROR.get(type(error), (400, "Unusable input"))
         problem = {"type": "about:blank", "title": title, "status": status, "detail": str(error)}
         if isinstance(error, DegenerateGeometryError):
             problem["rank"] = error.rank

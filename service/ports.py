@@ -1,0 +1,218 @@
+"""What the service needs of the world: storage of metadata and blobs, and a queue. Adapters provide it."""
+
+from collections.abc import AsyncIterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol
+
+Json = dict[str, Any]
+
+
+class JobStatus(StrEnum):
+    """Status of a job, in the words of OGC API - Processes."""
+
+    ACCEPTED = "accepted"
+    RUNNING = "running"
+    SUCCESSFUL = "successful"
+    FAILED = "failed"
+    DISMISSED = "dismissed"
+
+    @property
+    def finished(self) -> bool:
+        """Tell whether the status is final."""
+        return self in {JobStatus.SUCCESSFUL, JobStatus.FAILED, JobStatus.DISMISSED}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a process."""
+
+    id: str
+    process_id: str
+    inputs: Json
+    """Validated inputs as in the request."""
+    status: JobStatus
+    created: datetime
+    started: datetime | None = None
+    finished: datetime | None = None
+    updated: datetime | None = None
+    progress: int = 0
+    """Percent."""
+    message: str = ""
+    """What is being done, or why it ended."""
+    attempts: int = 0
+    """How often a worker has taken the job up."""
+    problem: Json | None = None
+    """Problem document of a failed job."""
+    file_ids: tuple[str, ...] = ()
+    """Files the job reads; they cannot be deleted before it ends."""
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """Metadata of an uploaded file."""
+
+    id: str
+    name: str
+    bytes: int
+    sha256: str
+    format: str
+    kind: str
+    """scan, photo, project or other."""
+    created: datetime
+    expires: datetime | None = None
+    scans: tuple[Json, ...] = ()
+    """One document per scan: index, name, points, structured, rows, columns, bounds_m, has_intensity, ..."""
+    photos: tuple[Json, ...] = ()
+
+
+@dataclass(frozen=True)
+class JobFilter:
+    """Which jobs to list."""
+
+    statuses: tuple[JobStatus, ...] = ()
+    process_ids: tuple[str, ...] = ()
+    limit: int = 100
+    offset: int = 0
+
+
+class JobStore(Protocol):
+    """Keep jobs. Every method is one transaction. Status only moves forward: a final status never changes."""
+
+    def create_and_enqueue(self, job: Job) -> None:
+        """Insert the job and put it on the queue in one transaction: both or neither."""
+
+    def get(self, job_id: str) -> Job | None:
+        """Fetch a job."""
+
+    def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
+        """List jobs, newest first, and the number of all that match."""
+
+    def start(self, job_id: str, now: datetime) -> Job | None:
+        """Mark as running and count the attempt; None when the job is gone or final."""
+
+    def report(self, job_id: str, progress: int, message: str, now: datetime) -> bool:
+        """Record progress; False when the job is gone or final (the computation should stop)."""
+
+    def succeed(self, job_id: str, now: datetime) -> bool:
+        """Mark as successful; False when it was final or gone."""
+
+    def fail(self, job_id: str, problem: Json, now: datetime) -> bool:
+        """Mark as failed with its problem document."""
+
+    def dismiss(self, job_id: str, now: datetime) -> Job | None:
+        """Mark a waiting or running job as dismissed; return the job as it is then."""
+
+    def delete(self, job_id: str) -> None:
+        """Forget a finished job."""
+
+    def unfinished_using(self, file_id: str) -> Job | None:
+        """Find an unfinished job that reads a file."""
+
+
+class FileStore(Protocol):
+    """Keep the metadata of files."""
+
+    def add(self, file: StoredFile) -> None:
+        """Insert."""
+
+    def get(self, file_id: str) -> StoredFile | None:
+        """Fetch."""
+
+    def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
+        """List, newest first, with the number of all."""
+
+    def delete(self, file_id: str) -> bool:
+        """Forget; False when it was unknown."""
+
+
+class BlobStore(Protocol):
+    """Keep bytes under keys such as ``files/<id>``, ``features/<hash>.npz``, ``jobs/<id>/result.json``.
+
+    A blob appears whole or not at all (temporary name, fsync, rename).
+    """
+
+    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
+        """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
+
+    def write_bytes(self, key: str, data: bytes) -> None:
+        """Store small content."""
+
+    def put_file(self, key: str, path: Path) -> None:
+        """Move a finished local file into the store."""
+
+    def local_path(self, key: str) -> Path:
+        """Give a local, readable copy of a blob (the blob itself for a local store). FileNotFoundError when absent."""
+
+    def exists(self, key: str) -> bool:
+        """Tell whether the key is stored."""
+
+    def keys(self, prefix: str) -> Sequence[str]:
+        """List the keys under a prefix."""
+
+    def delete_prefix(self, prefix: str) -> None:
+        """Remove everything under a prefix; nothing happens when there is nothing."""
+
+    def scratch(self) -> Path:
+        """Give a new empty directory on the same file system; the caller removes it."""
+
+
+class Queue(Protocol):
+    """Steer the engine from the web process."""
+
+    def cancel(self, job_id: str) -> None:
+        """Ask that a job's computation stop (within 5 s)."""
+
+    def live_workers(self) -> int:
+        """Count workers whose heart beats."""
+
+
+@dataclass(frozen=True)
+class StepCall:
+    """One computation that runs in a process of its own."""
+
+    name: str
+    """Name of the step, e.g. ``features``."""
+    arguments: Json
+    """Small JSON: ids, options, keys of blobs; never arrays."""
+    label: str
+    """What a person reads while it runs, e.g. ``features of S1``."""
+    weight: float = 1.0
+    """Share of the job's progress relative to the other steps."""
+
+
+class StepProgress(Protocol):
+    """Receive the progress of one step."""
+
+    def report(self, fraction: float, message: str) -> None:
+        """Say that `fraction` (0..1) of the step is done."""
+
+
+class Plan(Protocol):
+    """Turn a job's inputs into stages of steps. Deterministic: the same outputs give the same next stage."""
+
+    def next_stage(self, job: Json, outputs: Sequence[Sequence[Json]]) -> Sequence[StepCall] | None:
+        """Give the next stage.
+
+        Parameters
+        ----------
+        job
+            ``{"id", "process_id", "inputs"}``.
+        outputs
+            The outputs of each finished stage, in the order of its calls.
+
+        Returns
+        -------
+        Steps that may run side by side, or None when all is done. The last stage writes ``jobs/<id>/result.json``.
+        """
+
+
+@dataclass(frozen=True)
+class StepContext:
+    """What a step may use besides its arguments."""
+
+    blobs: BlobStore
+    progress: StepProgress
+    limits: Mapping[str, int] = field(default_factory=dict)
