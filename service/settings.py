@@ -1,0 +1,56 @@
+"""Settings of the service, read once from the environment (prefix ``TIELINE_``) in `__main__`."""
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+GIGABYTE = 1_000_000_000
+
+
+class Settings(BaseSettings):
+    """How this service runs. Every field is an environment variable with the prefix ``TIELINE_``."""
+
+    model_config = SettingsConfigDict(env_prefix="TIELINE_", frozen=True, extra="ignore")
+
+    data_dir: Path = Path("tieline-data")
+    """Where files, results and the embedded database live."""
+    database_url: str = ""
+    """SQLAlchemy URL of the metadata and queue database; empty: SQLite in `data_dir`."""
+    host: str = "127.0.0.1"
+    """Address to bind to."""
+    port: int = Field(default=8765, ge=0, le=65535)
+    """Port to bind to."""
+    public_url: str = ""
+    """Base of all links when the service stands behind a proxy; empty: as the request says."""
+    api_processes: int = Field(default=1, ge=1)
+    """API processes that `tieline serve` starts."""
+    workers: int = Field(default=1, ge=0)
+    """Worker processes that `tieline serve` starts."""
+    slots: int = Field(default=1, ge=1)
+    """Computations side by side in one worker."""
+    threads: int = Field(default=0, ge=0)
+    """Threads per computation; 0: all cores divided by the slots."""
+    max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
+    """Largest upload."""
+    max_points: int = Field(default=200_000_000, ge=1)
+    """Most points of one scan."""
+    max_stations: int = Field(default=500, ge=2)
+    """Most stations of one job."""
+    max_queued_jobs: int = Field(default=2000, ge=1)
+    """Most unfinished jobs."""
+    min_free_bytes: int = Field(default=GIGABYTE, ge=0)
+    """Uploads are refused (507) when less would remain free on the disk."""
+    step_timeout_s: int = Field(default=3600, ge=1)
+    """Longest run of one computation."""
+    step_memory_bytes: int = Field(default=16 * GIGABYTE, ge=GIGABYTE)
+    """Address space of one computation above what the libraries reserve."""
+    inspect_timeout_s: int = Field(default=300, ge=1)
+    """Longest inspection of an uploaded file."""
+    max_attempts: int = Field(default=3, ge=1)
+    """How often a job is taken up before it counts as poison and fails."""
+
+    @property
+    def sqlalchemy_url(self) -> str:
+        """Give the database's URL with the embedded default filled in."""
+        return self.database_url or f"sqlite:///{(self.data_dir / 'tieline.sqlite').resolve()}"
