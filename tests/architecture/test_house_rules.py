@@ -1,0 +1,105 @@
+"""The house keeps the order its plan promises."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+PACKAGES = ("algorithms", "schemas", "service")
+SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def test_import_contracts_hold() -> None:
+    done = subprocess.run(
+        [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_no_module_is_a_drawer_for_odds_and_ends() -> None:
+    odd = [p for p in SOURCES if p.stem in {"utils", "util", "helpers", "helper", "common", "misc"}]
+    assert odd == []
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_module_is_longer_than_500_lines(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= 500
+
+
+def test_only_the_job_boundary_catches_every_exception() -> None:
+    places = []
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ExceptHandler) and (
+                node.type is None
+                or (isinstance(node.type, ast.Name) and node.type.id in {"Exception", "BaseException"})
+            ):
+                places.append(str(path.relative_to(ROOT)))
+    assert places == ["service/child.py"]
+
+
+def test_numerics_use_no_global_randomness_clock_or_environment() -> None:
+    forbidden = re.compile(r"np\.random\.(?!Generator|default_rng)\w+\(|^import (random|time|os)\b|\bos\.environ|print\(")
+    hits = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in SOURCES
+        if path.is_relative_to(ROOT / "algorithms")
+        for line in path.read_text().splitlines()
+        if forbidden.search(line)
+    ]
+    assert hits == []
+
+
+def test_web_process_imports_no_heavy_library() -> None:
+    code = (
+        "import sys, service.main; "
+        "print([m for m in ('open3d', 'cv2', 'numba', 'pye57', 'laspy') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_readme_prints_the_two_commands_that_stand_alone() -> None:
+    readme = (ROOT / "README.md").read_text()
+    assert "pip install -q uv && uv run tieline demo" in readme
+    assert "pip install -q uv && uv run pytest" in readme
+
+
+def test_every_path_that_the_readme_names_exists() -> None:
+    readme = (ROOT / "README.md").read_text()
+    named = re.findall(r"`((?:algorithms|schemas|service|docker|tests)/[\w./-]*)`", readme)
+    assert named
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_compose_file_starts_api_worker_and_database() -> None:
+    compose = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
+    assert set(compose["services"]) == {"migrate", "api", "worker", "postgres"}
+    for name in ("migrate", "api", "worker"):
+        build = compose["services"][name]["build"]
+        assert (ROOT / "docker" / build["context"]).resolve() == ROOT
+        assert (ROOT / build["dockerfile"]).exists()
+
+
+def test_compose_and_env_example_use_only_settings_that_exist() -> None:
+    from service.settings import Settings
+
+    known = {f"TIELINE_{name.upper()}" for name in Settings.model_fields}
+    text = (ROOT / "docker" / "compose.yaml").read_text() + (ROOT / "docker" / ".env.example").read_text()
+    assert set(re.findall(r"TIELINE_[A-Z_]+", text)) <= known
+
+
+def test_docker_image_runs_as_an_ordinary_user_from_the_lock() -> None:
+    dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
+    assert re.search(r"^USER (?!root)\w+", dockerfile, re.MULTILINE)
+    assert "uv sync --locked" in dockerfile
+    assert {"build", "runtime", "api", "worker", "test"} <= set(re.findall(r"(?i) AS (\w+)", dockerfile))

@@ -1,0 +1,19 @@
+"""Check array shapes and types of the numerics (jaxtyping + beartype) in every test run."""
+
+from pathlib import Path
+
+from jaxtyping import install_import_hook
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def _checked_modules() -> list[str]:
+    """List the modules of `algorithms` except numba kernels, which must stay plain functions to be compiled."""
+    return [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in sorted((ROOT / "algorithms").rglob("*.py"))
+        if path.name != "__init__.py" and not path.stem.endswith("_kernels")
+    ]
+
+
+install_import_hook(_checked_modules(), "beartype.beartype")
