@@ -1,0 +1,105 @@
+"""The virtual scanner's data sheet."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from algorithms.arrays import Array, Points, Scalars
+from algorithms.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class VirtualScanner:
+    """Options of a panorama scanner with a vertical and a horizontal circle."""
+
+    rows: int = 750
+    """Directions on the vertical circle, from the top down."""
+    columns: int = 1800
+    """Directions on the full horizontal circle, anticlockwise seen from above, from azimuth -pi."""
+    lowest_rad: float = float(np.deg2rad(-60.0))
+    """Lower end of the vertical field of view: elevation above the scanner's xy plane."""
+    highest_rad: float = float(np.deg2rad(90.0))
+    """Upper end of the vertical field of view."""
+    max_range_m: float = 120.0
+    """Nothing farther away comes back."""
+    min_range_m: float = 0.4
+    """Nothing nearer comes back."""
+    range_noise_std_m: float = 0.002
+    """Standard deviation of a range, the part that is always there."""
+    range_noise_per_m: float = 0.0
+    """Part that grows with distance: standard deviation per metre of range."""
+    range_noise_footprint: float = 0.0
+    """Part from slanting incidence: times radius of the footprint times tangent of the incidence angle."""
+    range_noise_reflectance_exponent: float = 0.0
+    """The whole standard deviation is divided by (reflectance / 0.5) to this power; 0.5 is usual for weak echoes."""
+    angle_noise_std_rad: float = 20e-6
+    """Standard deviation of each of the two circle readings."""
+    beam_divergence_rad: float = 0.3e-3
+    """Full divergence of the beam."""
+    beam_exit_diameter_m: float = 0.003
+    """Diameter of the beam at the instrument."""
+    mixed_pixels: bool = True
+    """Whether a beam that meets two depths returns a mixture of both."""
+    echo_separation_m: float = 1.0
+    """Echoes farther apart than this do not mix; the strongest is returned."""
+    max_incidence_rad: float = float(np.deg2rad(86.0))
+    """Faces seen flatter than this do not come back."""
+    reach_reflectance: float = 0.1
+    """Reflectance times cosine of incidence that is just seen at the maximum range; the reach of darker or flatter
+    surfaces shrinks with its square root."""
+    glass_return_incidence_rad: float = float(np.deg2rad(4.0))
+    """Panes met nearer to the normal than this come back."""
+    glass_pass_probability: float = 0.3
+    """Share of the other beams on panes that come back from what stands behind; the rest is lost."""
+    dropout_probability: float = 0.0
+    """Share of beams lost without any reason."""
+    intensity_noise: float = 0.03
+    """Relative standard deviation of the intensity (speckle)."""
+
+    def __post_init__(self) -> None:
+        if self.rows < 1 or self.columns < 1:
+            raise InvalidInputError("scanner", f"{self.rows} rows and {self.columns} columns", "give at least one each")
+        if not -np.pi / 2 <= self.lowest_rad < self.highest_rad <= np.pi / 2:
+            raise InvalidInputError(
+                "scanner",
+                "the vertical field of view is empty or beyond zenith or nadir",
+                "-pi/2 <= lowest < highest <= pi/2",
+            )
+
+    @property
+    def row_step_rad(self) -> float:
+        """Angle between rows [rad]."""
+        return (self.highest_rad - self.lowest_rad) / self.rows
+
+    @property
+    def column_step_rad(self) -> float:
+        """Angle between columns [rad]."""
+        return 2.0 * np.pi / self.columns
+
+    def elevations(self, rows: Array) -> Scalars:
+        """Give the nominal elevation of each row number (n,), the centre of its cell [rad]."""
+        return np.asarray(self.highest_rad - (rows + 0.5) * self.row_step_rad)
+
+    def azimuths(self, columns: Array) -> Scalars:
+        """Give the nominal azimuth of each column number (n,), the centre of its cell [rad]."""
+        return np.asarray((columns + 0.5) * self.column_step_rad - np.pi)
+
+
+def scanner_with_step(step_rad: float, scanner: VirtualScanner | None = None) -> VirtualScanner:
+    """Give a scanner with the same angular step on both circles (rounded to whole numbers of rows and columns)."""
+    base = scanner or VirtualScanner()
+    return replace(
+        base,
+        rows=max(1, round((base.highest_rad - base.lowest_rad) / step_rad)),
+        columns=max(1, round(2.0 * np.pi / step_rad)),
+    )
+
+
+def directions_of(azimuths: Scalars, elevations: Scalars) -> Points:
+    """Turn circle readings (n,) [rad] into unit directions (n, 3) of the scan frame."""
+    directions = np.empty((len(azimuths), 3))
+    horizontal = np.cos(elevations)
+    np.multiply(horizontal, np.cos(azimuths), out=directions[:, 0])
+    np.multiply(horizontal, np.sin(azimuths), out=directions[:, 1])
+    np.sin(elevations, out=directions[:, 2])
+    return directions
