@@ -28,3 +28,7 @@ IndexPairs: TypeAlias = Int64[Array, "n 2"]
 Labels: TypeAlias = Int32[Array, "n"]
 GridIndex: TypeAlias = Int32[Array, "rows columns"]
 Flags: TypeAlias = Bool[Array, "n"]
+RaggedPoints2: TypeAlias = Float64[Array, "m 2"]
+"""Rings of 2-D points one after the other."""
+Splits: TypeAlias = Int64[Array, "splits"]
+"""Where each ring of a ragged array starts, and the end of the last."""

@@ -1,0 +1,1 @@
+"""Web, queue, files and command line."""

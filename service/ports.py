@@ -1,6 +1,6 @@
 """What the service needs of the world: storage of metadata and blobs, and a queue. Adapters provide it."""
 
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -199,7 +199,8 @@ class Plan(Protocol):
         Parameters
         ----------
         job
-            ``{"id", "process_id", "inputs"}``.
+            ``{"id", "process_id", "inputs", "files"}``; ``files`` maps the id of each file that the job reads to its
+            ``{"name", "sha256"}``.
         outputs
             The outputs of each finished stage, in the order of its calls.
 
@@ -207,6 +208,9 @@ class Plan(Protocol):
         -------
         Steps that may run side by side, or None when all is done. The last stage writes ``jobs/<id>/result.json``.
         """
+
+    def total_weight(self, job: Json) -> float:
+        """Estimate the sum of the weights of all stages, those not planned yet included; progress is a share of it."""
 
 
 @dataclass(frozen=True)
@@ -216,3 +220,62 @@ class StepContext:
     blobs: BlobStore
     progress: StepProgress
     limits: Mapping[str, int] = field(default_factory=dict)
+
+
+class StepRunner(Protocol):
+    """Run one step in a process of its own, with limits."""
+
+    async def run(
+        self, step: str, arguments: Json, *, timeout_s: float, on_progress: Callable[[float, str], None] | None = None
+    ) -> Json:
+        """Give the step's output.
+
+        Cancelling the awaiting task kills the process and all it started.
+
+        Raises
+        ------
+        StepFailedError
+            The step itself reported what is wrong; trying again would not help.
+        ComputationFailedError
+            The process died without a word (signal, limit of memory), or took longer than `timeout_s`.
+        """
+
+
+class StepLedger(Protocol):
+    """Keep how far each step of a job is. A job's progress is the weighted mean over its steps."""
+
+    def plan_stage(self, job_id: str, stage: int, weights: Sequence[float], total_weight: float) -> None:
+        """Note the steps of a stage; noting them again changes nothing."""
+
+    def begin_step(self, job_id: str, label: str, now: datetime) -> bool:
+        """Mark the job as running if it was waiting; False when it is gone or final (the step must not run)."""
+
+    def report_step(
+        self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime
+    ) -> bool:
+        """Record how far a step is; False when the job is gone or final."""
+
+
+class ExecutorRegistry(Protocol):
+    """Know which workers live."""
+
+    def register(self, executor_id: str) -> None:
+        """Enter a worker."""
+
+    def beat(self, executor_id: str) -> bool:
+        """Say that a worker lives; False when it was taken for dead meanwhile (it must stop at once)."""
+
+    def remove(self, executor_id: str) -> None:
+        """Strike out a worker that stops in order."""
+
+    def bury_dead(self, executor_id: str) -> None:
+        """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
+
+    def live(self) -> Sequence[str]:
+        """List the workers that are entered and not overdue."""
+
+    def entered(self) -> Sequence[str]:
+        """List all workers that are entered."""
+
+    def lease(self, name: str, holder: str, seconds: float) -> bool:
+        """Take or keep a named lease; False while someone else holds it."""

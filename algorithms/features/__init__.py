@@ -1,0 +1,1 @@
+"""From scans to uncertain 3-D primitives."""

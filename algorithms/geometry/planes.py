@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from algorithms.arrays import Array, Bases, Indices, Matrices3, Points, Scalars, Vectors2
+from algorithms.arrays import Array, Bases, Indices, Matrices3, Points, RaggedPoints2, Scalars, Splits
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +25,9 @@ class Planes:
     """(n,) number of points."""
     areas_m2: Scalars
     """(n,) area of the boundary polygon(s) [m2]."""
-    boundary: Vectors2
+    boundary: RaggedPoints2
     """(m, 2) all boundary polygons one after the other, in plane coordinates ((x - c).E1, (x - c).E2) [m]."""
-    boundary_splits: Indices
+    boundary_splits: Splits
     """(n + 1,) polygon of plane k is boundary[splits[k]:splits[k + 1]], closed implicitly."""
 
     def __len__(self) -> int:

@@ -1,0 +1,1 @@
+"""Which primitive is which."""

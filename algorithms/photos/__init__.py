@@ -1,0 +1,1 @@
+"""From pixels to straight 2-D edges."""

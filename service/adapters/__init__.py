@@ -1,0 +1,1 @@
+"""Storage and processes behind the ports."""

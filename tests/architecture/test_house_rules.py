@@ -36,19 +36,20 @@ def test_no_module_is_longer_than_500_lines(path: Path) -> None:
 
 
 def test_only_the_job_boundary_catches_every_exception() -> None:
-    places = []
-    for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ExceptHandler) and (
-                node.type is None
-                or (isinstance(node.type, ast.Name) and node.type.id in {"Exception", "BaseException"})
-            ):
-                places.append(str(path.relative_to(ROOT)))
+    places = [
+        str(path.relative_to(ROOT))
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ExceptHandler)
+        and (node.type is None or (isinstance(node.type, ast.Name) and node.type.id in {"Exception", "BaseException"}))
+    ]
     assert places == ["service/child.py"]
 
 
 def test_numerics_use_no_global_randomness_clock_or_environment() -> None:
-    forbidden = re.compile(r"np\.random\.(?!Generator|default_rng)\w+\(|^import (random|time|os)\b|\bos\.environ|print\(")
+    forbidden = re.compile(
+        r"np\.random\.(?!Generator|default_rng)\w+\(|^import (random|time|os)\b|\bos\.environ|print\("
+    )
     hits = [
         f"{path.relative_to(ROOT)}: {line.strip()}"
         for path in SOURCES
@@ -61,8 +62,7 @@ def test_numerics_use_no_global_randomness_clock_or_environment() -> None:
 
 def test_web_process_imports_no_heavy_library() -> None:
     code = (
-        "import sys, service.main; "
-        "print([m for m in ('open3d', 'cv2', 'numba', 'pye57', 'laspy') if m in sys.modules])"
+        "import sys, service.main; print([m for m in ('open3d', 'cv2', 'numba', 'pye57', 'laspy') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,0 +1,69 @@
+"""Result document of the process `extract-lines`."""
+
+from pydantic import Field
+
+from schemas.poses import Document
+from schemas.registration_result import Artifact, FeatureCount, Provenance
+
+Vector = tuple[float, float, float]
+
+
+class ExtractedLine(Document):
+    """A straight line with its uncertainty (MATH 2.1)."""
+
+    name: str
+    source: str = Field(description="plane-intersection, cylinder-axis or photo-edge")
+    anchor_m: Vector
+    direction: Vector
+    basis: tuple[Vector, Vector] = Field(description="E1 and E2; (E1, E2, direction) is right-handed.")
+    covariance: list[list[float]] = Field(
+        description="4x4 of (a1, a2, b1, b2): direction + E a (rad), anchor + E b (m)."
+    )
+    start_m: Vector
+    end_m: Vector
+    length_m: float
+    planes: list[str] = Field(description="Planes that meet in it.")
+    cylinder: str | None
+
+
+class ExtractedPlane(Document):
+    """A bounded plane with its uncertainty."""
+
+    name: str
+    normal: Vector = Field(description="Unit normal towards the instrument.")
+    centroid_m: Vector
+    basis: tuple[Vector, Vector]
+    covariance: list[list[float]] = Field(
+        description="3x3 of (a1, a2, b): normal + E a (rad), centroid + normal b (m)."
+    )
+    noise_std_m: float
+    points: int
+    area_m2: float
+    boundary_m: list[Vector]
+
+
+class ExtractedCylinder(Document):
+    """A cylinder: its axis is the line of the same number among the lines."""
+
+    name: str
+    axis: str
+    radius_m: float
+    radius_std_m: float
+    arc_gon: float
+    seen_from: str = Field(description="outside or inside")
+    points: int
+
+
+class LinesDocument(Document):
+    """Answer of `extract-lines`, in the coordinates of the file."""
+
+    station: str
+    features: FeatureCount
+    lines: list[ExtractedLine]
+    planes: list[ExtractedPlane]
+    cylinders: list[ExtractedCylinder]
+    sensor_m: Vector | None = Field(
+        description="Position of the instrument, as in the file or estimated; null: unknown."
+    )
+    artifacts: list[Artifact]
+    provenance: Provenance

@@ -1,0 +1,63 @@
+"""Keep the features of a scan as one blob, so that no later job extracts them again."""
+
+import hashlib
+import json
+import types
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from algorithms.features.scan_features import ScanFeatures
+from service.ports import Json
+
+FEATURE_VERSION = 1
+"""Raise when extraction gives other features for the same scan and options."""
+
+T = TypeVar("T")
+
+
+def feature_key(sha256: str, scan_index: int, options: Json) -> str:
+    """Name the blob of a scan's features by content, scan number, options and version of the extraction."""
+    what = json.dumps([FEATURE_VERSION, sha256, scan_index, options], sort_keys=True)
+    return f"features/{hashlib.sha256(what.encode()).hexdigest()}.npz"
+
+
+def save_features(path: Path, features: ScanFeatures) -> None:
+    """Write features to a numpy archive; nested dataclasses become dotted names, None is left out."""
+    np.savez(path, **_flatten(features, ""))
+
+
+def load_features(path: Path) -> ScanFeatures:
+    """Read what `save_features` wrote, bit for bit."""
+    with np.load(path, allow_pickle=False) as archive:
+        return _build(ScanFeatures, {name: archive[name] for name in archive.files}, "")
+
+
+def _flatten(value: Any, prefix: str) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for field in fields(value):
+        member = getattr(value, field.name)
+        if is_dataclass(member):
+            flat.update(_flatten(member, f"{prefix}{field.name}."))
+        elif member is not None:
+            flat[prefix + field.name] = np.asarray(member)
+    return flat
+
+
+def _build(kind: type[T], flat: dict[str, Any], prefix: str) -> T:
+    hints = get_type_hints(kind)
+    members: dict[str, Any] = {}
+    for field in fields(kind):  # type: ignore[arg-type]
+        name = prefix + field.name
+        hint = hints[field.name]
+        if get_origin(hint) in {Union, types.UnionType}:
+            hint = next(option for option in get_args(hint) if option is not type(None))
+        if is_dataclass(hint) and any(key.startswith(name + ".") for key in flat):
+            members[field.name] = _build(hint, flat, name + ".")  # type: ignore[arg-type]
+        elif name not in flat:
+            members[field.name] = None
+        else:
+            members[field.name] = hint(flat[name]) if hint in {int, float, bool, str} else flat[name]
+    return kind(**members)

@@ -1,0 +1,73 @@
+"""Read a scan and extract its features, or tell what a file holds."""
+
+import shutil
+import time
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from service.formats.base import ReadLimits
+from service.ports import Json, StepContext
+from service.use_cases.feature_store import feature_key, load_features, save_features
+
+SEED = 0
+"""Every computation draws from a generator with this seed: the same input gives the same answer."""
+
+
+def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
+    """Tell format, kind and scans of an uploaded file.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is no scan that can be registered.
+    """
+    from service.formats import inspect_file
+
+    path = context.blobs.local_path(arguments["key"])
+    return inspect_file(path, arguments["filename"], _limits(context)).to_json()
+
+
+def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
+    """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
+    from algorithms.features.options import FeatureOptions
+
+    from algorithms.features.extraction import extract_features
+    from service.formats import read_scan
+
+    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"])
+    timings = {"read": 0.0, "features": 0.0}
+    if not context.blobs.exists(key):
+        options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
+        started = time.perf_counter()
+        context.progress.report(0.0, "reading")
+        path = context.blobs.local_path(f"files/{arguments['file']}")
+        scan = read_scan(path, arguments["filename"], arguments["index"], _limits(context))
+        timings["read"] = time.perf_counter() - started
+        started = time.perf_counter()
+        features = extract_features(scan, options, progress=context.progress, rng=np.random.default_rng(SEED))
+        timings["features"] = time.perf_counter() - started
+        scratch = context.blobs.scratch()
+        try:
+            save_features(scratch / "features.npz", features)
+            context.blobs.put_file(key, scratch / "features.npz")
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    else:
+        features = load_features(context.blobs.local_path(key))
+    return {
+        "features": key,
+        "counts": {
+            "station": arguments["name"],
+            "points": features.point_count,
+            "lines": len(features.lines),
+            "planes": len(features.planes),
+            "cylinders": len(features.cylinders),
+            "noise_std_m": features.noise_std_m,
+        },
+        "timings_s": timings,
+    }
+
+
+def _limits(context: StepContext) -> ReadLimits:
+    return ReadLimits(max_points=context.limits["max_points"])
