@@ -10,7 +10,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True)
-def fill(  # noqa: PLR0917 - compiled functions take positions
+def fill(
     points: Array, sensor: Array, cell_rad: float, splat_m: float, nearest: Array, farthest: Array
 ) -> Any:  # pragma: no cover - compiled
     """Enter every point with its range; a point covers the cells within `splat_m` of it across the ray."""
@@ -61,7 +61,7 @@ def erode(nearest: Array, out: Array) -> Any:  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def cell_ranges(  # noqa: PLR0917 - compiled functions take positions
+def cell_ranges(
     points: Array, sensor: Array, cell_rad: float, nearest: Array, farthest: Array, out: Array
 ) -> Any:  # pragma: no cover - compiled
     """Write for each point (its range, nearest and farthest of its cell) into `out`."""

@@ -97,7 +97,7 @@ def estimate_sensor_position(
     fine = np.sort(rng.permutation(len(points))[:FINE_POINTS])
     points, normals = points[fine], normals[fine]
     tree = cKDTree(points)
-    spacing = 1.3 * float(np.median(tree.query(points[::7], k=2)[0][:, 1]))
+    spacing = 1.3 * float(np.median(np.asarray(tree.query(points[::7], k=2)[0])[:, 1]))
     coarse = np.sort(rng.permutation(len(points))[:COARSE_POINTS])
 
     low, high = points.min(axis=0), points.max(axis=0)
@@ -105,7 +105,7 @@ def estimate_sensor_position(
     axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
     raster = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     raster = raster + rng.uniform(-0.3, 0.3, size=raster.shape) * step
-    nearest = tree.query(raster)[0]
+    nearest = np.asarray(tree.query(raster)[0])
     # A raster point may be half a step nearer or farther than the position it stands for.
     raster = raster[(nearest > NEAREST_SURFACE_M[0]) & (nearest < NEAREST_SURFACE_M[1] + 0.5 * step)]
     if len(raster) > MAX_CANDIDATES:
@@ -165,7 +165,7 @@ def _refine(
     best_share = float(hidden_shares(points, normals, best[None], cells=FINE_CELLS, spacing_m=spacing_m)[0])
     while step > 0.04:
         around = best + step * _COMPASS
-        nearest = tree.query(around)[0]
+        nearest = np.asarray(tree.query(around)[0])
         around = around[(nearest > NEAREST_SURFACE_M[0]) & (nearest < NEAREST_SURFACE_M[1])]
         if len(around):
             shares = hidden_shares(points, normals, around, cells=FINE_CELLS, spacing_m=spacing_m)

@@ -25,7 +25,7 @@ def _cube_cell(x: float, y: float, z: float, cells: int) -> Any:  # pragma: no c
 
 
 @njit(cache=True)
-def hidden_shares(  # noqa: PLR0917 - compiled functions take positions
+def hidden_shares(
     points: Array,
     normals: Array,
     positions: Array,
