@@ -1,0 +1,107 @@
+"""Files that hold scans: which reader serves a file, what is in it, and one scan of it."""
+
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from algorithms.scans.scan import Scan
+from service.formats.base import ReadLimits, ScanFile, ScanInfo, ScanReader
+from service.formats.e57 import E57Reader
+from service.formats.finishing import finish, scan_info
+from service.formats.las import LasReader
+from service.formats.pcd import PcdReader
+from service.formats.ply import PlyReader
+from service.formats.ptx import PtxReader
+from service.formats.text import HEAD_BYTES, TextReader
+
+SCAN_READERS: tuple[ScanReader, ...] = (
+    E57Reader(), PlyReader(), PcdReader(), LasReader(), PtxReader(), TextReader(),
+)  # fmt: skip
+
+KNOWN_STRANGERS = {
+    b"\xff\xd8\xff": "a JPEG image",
+    b"\x89PNG": "a PNG image",
+    b"PK\x03\x04": "a ZIP archive",
+    b"\x1f\x8b": "a gzip archive",
+    b"%PDF": "a PDF document",
+    b"II*\0": "a TIFF image",
+    b"MM\0*": "a TIFF image",
+    b"<!DOCTYPE": "a web page",
+    b"<html": "a web page",
+}
+NO_LIMITS = ReadLimits()
+
+__all__ = ["SCAN_READERS", "ReadLimits", "ScanInfo", "ScanReader", "inspect_file", "read_scan", "reader_for"]
+
+
+def reader_for(path: Path, filename: str) -> ScanReader:
+    """Choose the reader of a file by its content, and see that its name does not contradict.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is empty, of an unsupported format, or its content is not what its name says.
+    """
+    file = ScanFile(path, filename)
+    with path.open("rb") as stream:
+        head = stream.read(HEAD_BYTES)
+    if not head:
+        raise file.unreadable("the file is empty", "byte 0")
+    extension = PurePath(filename).suffix.lower()
+    by_name = next((reader for reader in SCAN_READERS if extension in reader.extensions), None)
+    by_content = next((reader for reader in SCAN_READERS if reader.sniff(head)), None)
+    if by_content is not None and (by_name is by_content or not extension or (by_name is None and by_content.signed)):
+        return by_content
+    seen = f"it looks like {_kind(head, by_content)}"
+    if by_name is not None:
+        raise file.unreadable(f"the name says {by_name.name}, but the content is not {by_name.name}; {seen}", "byte 0")
+    supported = ", ".join(ending for reader in SCAN_READERS for ending in reader.extensions)
+    what = f"files named *{extension[:20]} are not supported" if extension else "the format is not supported"
+    raise file.unreadable(f"{what}; supported are {supported}", "byte 0")
+
+
+def inspect_file(path: Path, filename: str, limits: ReadLimits = NO_LIMITS) -> tuple[ScanInfo, ...]:
+    """Describe every scan of a file, having read every point: a file that passes can be registered.
+
+    Scans that a file declares with zero points are left out (the others keep their index).
+
+    Raises
+    ------
+    UnreadableFileError
+        The file, or any scan of it, cannot be used.
+    FileTooLargeError
+        A scan has more points than `limits` allow.
+    """
+    file = ScanFile(path, filename)
+    found = []
+    with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
+        for records in reader_for(path, filename).scans(file, limits):
+            count = len(records.points)
+            scan = finish(file, records)
+            found.append(scan_info(records.index, scan, count - len(scan)))
+    if not found:
+        raise file.unreadable("the file holds no points", "scan 0")
+    return tuple(found)
+
+
+def read_scan(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Scan:
+    """Read one scan of a file: metres, float64 relative to a stored origin, scan frame.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file cannot be used, or holds no points under that index.
+    FileTooLargeError
+        The scan has more points than `limits` allow.
+    """
+    file = ScanFile(path, filename)
+    with np.errstate(all="ignore"):
+        for records in reader_for(path, filename).scans(file, limits, index):
+            return finish(file, records)
+    raise file.unreadable("the file holds no points under this index", f"scan {index}")
+
+
+def _kind(head: bytes, by_content: ScanReader | None) -> str:
+    if by_content is not None:
+        return by_content.name
+    return next((kind for magic, kind in KNOWN_STRANGERS.items() if head.startswith(magic)), "no format known here")

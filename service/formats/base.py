@@ -1,0 +1,136 @@
+"""What a reader of scan files is, and what it hands over."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, Vector3
+from service.errors import UnreadableFileError
+
+
+@dataclass(frozen=True)
+class ReadLimits:
+    """How much one file may ask for."""
+
+    max_points: int = 200_000_000
+    """Records per scan."""
+    max_scans: int = 10_000
+    """Scans per file."""
+
+
+@dataclass(frozen=True)
+class ScanFile:
+    """A stored file and the name its owner gave it."""
+
+    path: Path
+    filename: str
+    """The name for messages; the stored file is usually called otherwise."""
+
+    def unreadable(self, reason: str, place: str = "") -> UnreadableFileError:
+        """Build the error that names this file."""
+        return UnreadableFileError(self.filename, reason, place)
+
+    @property
+    def size(self) -> int:
+        """Length of the file in bytes."""
+        return self.path.stat().st_size
+
+
+@dataclass(frozen=True, eq=False)
+class ScanRecords:
+    """One scan as its file holds it: every record, also those without a return."""
+
+    index: int
+    """Number of the scan in its file, from 0."""
+    points: Points
+    """(n, 3) coordinates in the scan frame minus `base_m` [m]; may hold NaN or inf. The receiver may overwrite it."""
+    base_m: Vector3 | None = None
+    """What was already subtracted (formats that store integers and an offset); None is zero."""
+    name: str = ""
+    valid: Flags | None = None
+    """(n,) False for records without a return; None: all are meant as returns."""
+    row: Array | None = None
+    """(n,) integer row of each record; given together with `column`."""
+    column: Array | None = None
+    intensity: Floats32 | None = None
+    color: Colors | None = None
+    sensor_in_scan_m: Vector3 | None = None
+    """Where the format says the instrument stood, full coordinates [m]; None when it does not say."""
+    world_from_scan: RigidTransform | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ScanInfo:
+    """What a file document tells about one scan. Every figure is counted from the records, not copied from a header."""
+
+    index: int
+    name: str
+    points: int
+    """Usable points: finite coordinates with a return."""
+    dropped: int
+    """Records without a return or without finite coordinates."""
+    structured: bool
+    rows: int | None
+    columns: int | None
+    bounds_m: Array
+    """(2, 3) minimum and maximum in full coordinates [m]."""
+    has_intensity: bool
+    has_color: bool
+    scan_pose: Matrix4 | None
+    """4x4 world from scan as the file stores it, or None."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the members as plain JSON values."""
+        return {
+            "index": self.index,
+            "name": self.name,
+            "points": self.points,
+            "dropped": self.dropped,
+            "structured": self.structured,
+            "rows": self.rows,
+            "columns": self.columns,
+            "bounds_m": self.bounds_m.tolist(),
+            "has_intensity": self.has_intensity,
+            "has_color": self.has_color,
+            "scan_pose": None if self.scan_pose is None else self.scan_pose.tolist(),
+        }
+
+
+class ScanReader(Protocol):
+    """A file format that holds scans."""
+
+    @property
+    def name(self) -> str:
+        """Name of the format as users know it."""
+        ...
+
+    @property
+    def extensions(self) -> tuple[str, ...]:
+        """Endings of file names, lower case, with the dot."""
+        ...
+
+    @property
+    def signed(self) -> bool:
+        """Whether `sniff` recognises a signature that proves the format whatever the file is called."""
+        ...
+
+    def sniff(self, head: bytes) -> bool:
+        """Tell from the first bytes whether a file claims to be of this format."""
+        ...
+
+    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
+        """Yield the scans of a file in order, or only the one wanted (nothing if there is no such scan).
+
+        A scan that the file declares with zero records is not yielded.
+
+        Raises
+        ------
+        UnreadableFileError
+            The file breaks its own format, or declares more than its length can hold.
+        FileTooLargeError
+            A scan exceeds `limits`.
+        """
+        ...

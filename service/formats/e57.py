@@ -1,0 +1,242 @@
+"""ASTM E57 (E2807), read field by field through libE57 so that unknown extension fields do no harm."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.arrays import Array, Points
+from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.finishing import check_count, colors_8bit
+
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+COLOR = ("colorRed", "colorGreen", "colorBlue")
+CELL = ("rowIndex", "columnIndex")
+INVALID = {"cartesianInvalidState": CARTESIAN, "sphericalInvalidState": SPHERICAL}
+# pye57 reads and writes buffers of type 'l' (numpy's int64 on Linux) with a wrong stride; 'q' has the same width and works.
+BUFFER_TYPES = {
+    "intensity": "f",
+    **dict.fromkeys(COLOR, "f"),
+    **dict.fromkeys(CELL, "q"),
+    **dict.fromkeys(INVALID, "h"),
+}
+RECORDS_AT_ONCE = 1 << 19
+
+
+@final
+@dataclass(frozen=True)
+class E57Reader:
+    """Read E57: several scans, grids, poses, Cartesian or spherical coordinates; images are another reader's matter."""
+
+    name: str = "E57"
+    extensions: tuple[str, ...] = (".e57",)
+    signed: bool = True
+
+    def sniff(self, head: bytes) -> bool:
+        """Tell whether the file carries the E57 signature."""
+        return head.startswith(b"ASTM-E57")
+
+    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
+        """Yield the scans of a file in order, or only the one wanted."""
+        with _opened(file) as image_file:
+            with _faults_named(file, "the file's structure"):
+                data = _scan_nodes(file, image_file, limits)
+            for index in range(len(data)) if wanted is None else [wanted] if 0 <= wanted < len(data) else []:
+                with _faults_named(file, f"scan {index}"):
+                    records = _read_scan(file, image_file, data[index], index, limits)
+                if records is not None:
+                    yield records
+
+
+@contextmanager
+def _faults_named(file: ScanFile, place: str) -> Iterator[None]:
+    from pye57 import libe57
+
+    try:
+        yield
+    except libe57.E57Exception as fault:
+        raise file.unreadable(f"damaged E57: {str(fault).strip().splitlines()[0]}", place) from fault
+    except (RuntimeError, ValueError, KeyError, TypeError, IndexError, OverflowError, OSError) as fault:
+        raise file.unreadable(f"damaged E57: {fault}", place) from fault
+
+
+@contextmanager
+def _opened(file: ScanFile) -> Iterator[Any]:
+    from pye57 import libe57
+
+    with _faults_named(file, "the file's header and XML section"):
+        image_file = libe57.ImageFile(str(file.path), "r")
+    try:
+        yield image_file
+    finally:
+        image_file.close()
+
+
+def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
+    from pye57 import libe57
+
+    root = image_file.root()
+    data = root["data3D"] if root.isDefined("data3D") else None
+    if isinstance(data, libe57.VectorNode) and len(data) > 0:
+        if len(data) > limits.max_scans:
+            raise file.unreadable(f"the file declares {len(data)} scans, at most {limits.max_scans} are read", "data3D")
+        return data
+    images = len(root["images2D"]) if root.isDefined("images2D") else 0
+    raise file.unreadable(f"the E57 file holds no scan, only {images} image(s)" if images else "no scan", "data3D")
+
+
+def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords | None:
+    from pye57 import libe57
+
+    place = f"scan {index}"
+    points_node = node["points"]
+    if not isinstance(points_node, libe57.CompressedVectorNode):
+        raise file.unreadable("'points' is not a compressed vector", place)
+    count = int(points_node.childCount())
+    if count == 0:
+        return None
+    prototype = libe57.StructureNode(points_node.prototype())
+    present = {prototype.get(i).elementName() for i in range(prototype.childCount())}
+    coordinates = CARTESIAN if present.issuperset(CARTESIAN) else SPHERICAL
+    if not present.issuperset(coordinates):
+        raise file.unreadable("the scan has neither Cartesian nor spherical coordinates", f"{place}, prototype")
+    bits = sum(_bits(prototype[name]) for name in present)
+    if bits == 0:
+        raise file.unreadable("no field of the scan can vary: all points are equal", f"{place}, prototype")
+    check_count(file, count, bits / 8, limits, place)
+    optional = {name for name in BUFFER_TYPES if INVALID.get(name, coordinates) == coordinates}
+    fields = [*coordinates, *sorted(present & optional)]
+    columns = _Columns(count, fields, _largest_color(node, prototype) if present.issuperset(COLOR) else None)
+    filled = _fill(image_file, points_node, fields, columns)
+    if filled != count:
+        raise file.unreadable(f"the point data end after {filled} of {count} records", f"{place}, record {filled}")
+    points = columns.points if coordinates == CARTESIAN else _cartesian(columns.points)
+    pose = _pose(node)
+    structured = columns.row is not None and columns.column is not None
+    return ScanRecords(
+        index=index,
+        points=points,
+        name=str(node["name"].value()) if node.isDefined("name") else "",
+        valid=columns.valid,
+        row=columns.row,
+        column=columns.column,
+        intensity=columns.intensity,
+        color=columns.color,
+        # An identity pose says nothing: writers put it on any cloud. A grid, angles or a real pose speak of a set-up.
+        sensor_in_scan_m=np.zeros(3) if structured or coordinates == SPHERICAL or _moves(pose) else None,
+        world_from_scan=pose,
+    )
+
+
+class _Columns:
+    """The arrays of one scan, filled piece by piece from small buffers."""
+
+    def __init__(self, count: int, fields: list[str], largest_color: float | None) -> None:
+        self.points = np.empty((count, 3))
+        self.intensity = np.empty(count, dtype=np.float32) if "intensity" in fields else None
+        self.color = np.empty((count, 3), dtype=np.uint8) if largest_color is not None else None
+        self.row = np.empty(count, dtype=np.int32) if "rowIndex" in fields else None
+        self.column = np.empty(count, dtype=np.int32) if "columnIndex" in fields else None
+        self.valid = np.empty(count, dtype=np.bool_) if any(name in fields for name in INVALID) else None
+        self._largest_color = largest_color
+
+    def take(self, piece: dict[str, Array], start: int, stop: int) -> None:
+        """Copy what the buffers hold into records start … stop."""
+        length = stop - start
+        for axis, name in enumerate(CARTESIAN if "cartesianX" in piece else SPHERICAL):
+            self.points[start:stop, axis] = piece[name][:length]
+        if self.intensity is not None:
+            self.intensity[start:stop] = piece["intensity"][:length]
+        if self.color is not None and self._largest_color is not None:
+            channels = np.stack([piece[name][:length] for name in COLOR], axis=1)
+            self.color[start:stop] = colors_8bit(channels, self._largest_color)
+        for name, target in zip(CELL, (self.row, self.column), strict=True):
+            if target is not None:
+                number = piece[name][:length]
+                if np.abs(number).max() >= 1 << 30:
+                    raise ValueError(f"{name} of {np.abs(number).max()} is absurd")
+                target[start:stop] = number
+        if self.valid is not None:
+            state = next(piece[name] for name in INVALID if name in piece)
+            self.valid[start:stop] = state[:length] == 0
+
+
+def _fill(image_file: Any, points_node: Any, fields: list[str], columns: _Columns) -> int:
+    from pye57 import libe57
+
+    total = len(columns.points)
+    capacity = min(RECORDS_AT_ONCE, total)
+    piece = {name: np.empty(capacity, dtype=BUFFER_TYPES.get(name, "d")) for name in fields}
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, array in piece.items():
+        buffers.append(libe57.SourceDestBuffer(image_file, name, array, capacity, True, True))
+    reader = points_node.reader(buffers)
+    filled = 0
+    while filled < total and (got := int(reader.read())) > 0:
+        columns.take(piece, filled, min(filled + got, total))
+        filled += got
+    reader.close()
+    return filled
+
+
+def _bits(node: Any) -> int:
+    """Bits a record spends on this field."""
+    from pye57 import libe57
+
+    if isinstance(node, libe57.FloatNode):
+        return 32 if node.precision() == libe57.E57_SINGLE else 64
+    if isinstance(node, libe57.IntegerNode | libe57.ScaledIntegerNode):
+        return int(node.maximum() - node.minimum()).bit_length()
+    return 0
+
+
+def _number(node: Any) -> float:
+    from pye57 import libe57
+
+    return float(node.scaledValue() if isinstance(node, libe57.ScaledIntegerNode) else node.value())
+
+
+def _largest_color(node: Any, prototype: Any) -> float:
+    from pye57 import libe57
+
+    field = prototype["colorRed"]
+    if isinstance(field, libe57.IntegerNode) and 0 < field.maximum() <= 65535:
+        return float(field.maximum())
+    if node.isDefined("colorLimits") and node["colorLimits"].isDefined("colorRedMaximum"):
+        largest = _number(node["colorLimits"]["colorRedMaximum"])
+        if math.isfinite(largest) and largest > 0:
+            return largest
+    return 255.0
+
+
+def _cartesian(polar: Points) -> Points:
+    """Turn (range, azimuth, elevation) into (x, y, z) as E57 defines them (ASTM E2807, 8.4.4)."""
+    distance, azimuth, elevation = polar.T
+    horizontal = distance * np.cos(elevation)
+    return np.column_stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), distance * np.sin(elevation)])
+
+
+def _pose(node: Any) -> RigidTransform | None:
+    if not node.isDefined("pose"):
+        return None
+    pose = node["pose"]
+    quaternion, translation_m = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    if pose.isDefined("rotation"):
+        quaternion = np.array([_number(pose["rotation"][axis]) for axis in "wxyz"])
+    if pose.isDefined("translation"):
+        translation_m = np.array([_number(pose["translation"][axis]) for axis in "xyz"])
+    if not (np.isfinite(quaternion).all() and np.isfinite(translation_m).all()):
+        raise ValueError("the pose is not finite")
+    if abs(np.linalg.norm(quaternion) - 1.0) > 1e-2:
+        raise ValueError(f"the pose's quaternion has length {np.linalg.norm(quaternion):.6g}, not 1")
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    return RigidTransform.from_components(translation_m, rotation)
+
+
+def _moves(pose: RigidTransform | None) -> bool:
+    return pose is not None and not np.allclose(pose.as_matrix(), np.eye(4), atol=1e-9)

@@ -1,0 +1,162 @@
+"""From the records of any format to a `Scan`: what every reader must promise is checked once, here."""
+
+import numpy as np
+
+from algorithms.arrays import Array, Colors, Flags, Points, Vector3
+from algorithms.scans.scan import Scan, ScanGrid
+from service.errors import FileTooLargeError
+from service.formats.base import ReadLimits, ScanFile, ScanInfo, ScanRecords
+
+LARGEST_COORDINATE_M = 1e8
+NEAR_M = 1_000.0
+"""Centres nearer than this keep the file's own origin."""
+LONGEST_RANGE_M = 10_000.0
+"""No terrestrial scanner measures farther: a nearest point beyond it shows that the file's origin is no instrument."""
+SPARSEST_GRID = 1 / 50
+"""A grid with fewer points per cell tells no neighbourhoods and costs memory."""
+
+
+def finish(file: ScanFile, records: ScanRecords) -> Scan:
+    """Check the records of one scan and bring them into the reduced scan frame.
+
+    Records without a return or with a coordinate that is not finite are dropped, and the grid is renumbered.
+
+    Raises
+    ------
+    UnreadableFileError
+        No usable point, fewer than four distinct points, no extent, or a coordinate beyond 1e8 m.
+    """
+    place = f"scan {records.index}"
+    points = records.points
+    if len(points) == 0:
+        raise file.unreadable("the scan holds no points", place)
+    keep = np.isfinite(points).all(axis=1)
+    if not keep.any():
+        raise file.unreadable("no point of the scan has finite coordinates", place)
+    if records.valid is not None:
+        keep &= records.valid
+        if not keep.any():
+            raise file.unreadable("every record of the scan is marked as without a return", place)
+    if keep.all():
+        chosen: Flags | slice = slice(None)
+    else:
+        chosen = keep
+        points = points[keep]
+    base_m = np.zeros(3) if records.base_m is None else records.base_m
+    low_m, high_m = points.min(axis=0), points.max(axis=0)
+    _refuse_absurd(file, place, points, low_m, high_m, base_m, keep)
+    origin_m = _local_origin(low_m + base_m, high_m + base_m)
+    shift_m = base_m - origin_m
+    if shift_m.any():
+        points += shift_m
+    return Scan(
+        points=np.ascontiguousarray(points, dtype=np.float64),
+        origin_m=origin_m,
+        name=records.name,
+        grid=_grid(records, keep),
+        intensity=None if records.intensity is None else records.intensity[chosen],
+        color=None if records.color is None else records.color[chosen],
+        sensor_m=_sensor(records, points, origin_m),
+        world_from_scan=records.world_from_scan,
+    )
+
+
+def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
+    """Describe a scan for its file document."""
+    return ScanInfo(
+        index=index,
+        name=scan.name,
+        points=len(scan),
+        dropped=dropped,
+        structured=scan.grid is not None,
+        rows=None if scan.grid is None else scan.grid.rows,
+        columns=None if scan.grid is None else scan.grid.columns,
+        bounds_m=scan.bounds_m,
+        has_intensity=scan.intensity is not None,
+        has_color=scan.color is not None,
+        scan_pose=None if scan.world_from_scan is None else scan.world_from_scan.as_matrix(),
+    )
+
+
+def check_count(
+    file: ScanFile, count: int, smallest_record_bytes: float, limits: ReadLimits, place: str, *, spare: int = 0
+) -> None:
+    """Refuse a declared number of records before anything is allocated for it.
+
+    Parameters
+    ----------
+    count
+        What the header declares.
+    smallest_record_bytes
+        The least a record can occupy in this file.
+    spare
+        Bytes by which the end may be short of the rule (a last line without its newline).
+
+    Raises
+    ------
+    UnreadableFileError
+        The count is negative, or the file is too short for it.
+    FileTooLargeError
+        More records than `limits` allow.
+    """
+    if count < 0:
+        raise file.unreadable(f"the header declares {count} points", place)
+    if count * smallest_record_bytes > file.size + spare:
+        raise file.unreadable(
+            f"the header declares {count} points, which need at least {int(count * smallest_record_bytes)} bytes; "
+            f"the file has {file.size}",
+            place,
+        )
+    if count > limits.max_points:
+        raise FileTooLargeError(f"{file.filename}, {place},", count, limits.max_points, "points")
+
+
+def colors_8bit(channels: Array, largest: float) -> Colors:
+    """Bring (n, 3) colour channels of the range 0 … `largest` to 0 … 255."""
+    if channels.dtype == np.uint8 and largest == 255:
+        return np.ascontiguousarray(channels)
+    scaled = np.nan_to_num(np.asarray(channels, dtype=np.float32)) * np.float32(255.0 / largest)
+    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+
+
+def _refuse_absurd(
+    file: ScanFile, place: str, points: Points, low_m: Vector3, high_m: Vector3, base_m: Vector3, keep: Flags
+) -> None:
+    largest_m = float(np.maximum(np.abs(low_m + base_m), np.abs(high_m + base_m)).max())
+    if largest_m > LARGEST_COORDINATE_M:
+        worst = int(np.flatnonzero(keep)[np.argmax(np.abs(points + base_m).max(axis=1))])
+        raise file.unreadable(
+            f"a coordinate of {largest_m:.6g} m is beyond {LARGEST_COORDINATE_M:.0e} m", f"{place}, point {worst}"
+        )
+    if not (high_m > low_m).any():
+        raise file.unreadable(f"all {len(points)} points of the scan are equal", place)
+    if len(np.unique(points[:1000], axis=0)) < 4 and (found := len(np.unique(points, axis=0))) < 4:
+        raise file.unreadable(f"the scan has {found} distinct points, at least 4 are needed", place)
+
+
+def _local_origin(low_m: Vector3, high_m: Vector3) -> Vector3:
+    centre_m = 0.5 * (low_m + high_m)
+    return np.zeros(3) if np.linalg.norm(centre_m) < NEAR_M else np.round(centre_m)
+
+
+def _sensor(records: ScanRecords, points: Points, origin_m: Vector3) -> Vector3 | None:
+    if records.sensor_in_scan_m is None:
+        return None
+    sensor_m = np.asarray(records.sensor_in_scan_m - origin_m, dtype=np.float64)
+    beyond = np.maximum(0.0, np.maximum(points.min(axis=0) - sensor_m, sensor_m - points.max(axis=0)))
+    return sensor_m if np.linalg.norm(beyond) < LONGEST_RANGE_M else None
+
+
+def _grid(records: ScanRecords, keep: Flags) -> ScanGrid | None:
+    if records.row is None or records.column is None:
+        return None
+    row_0, column_0 = int(records.row.min()), int(records.column.min())
+    rows, columns = int(records.row.max()) - row_0 + 1, int(records.column.max()) - column_0 + 1
+    used = int(np.count_nonzero(keep))
+    if rows < 2 or columns < 2 or used < SPARSEST_GRID * rows * columns:
+        return None
+    row, column = records.row[keep] - row_0, records.column[keep] - column_0
+    index = np.full((rows, columns), -1, dtype=np.int32)
+    # backwards, so that of several returns in one direction the first stays
+    index[row[::-1], column[::-1]] = np.arange(used - 1, -1, -1, dtype=np.int32)
+    return ScanGrid(index=index) if 2 * np.count_nonzero(index >= 0) > used else None

@@ -1,0 +1,123 @@
+"""ASPRS LAS, LAZ and COPC through laspy and lazrs."""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from algorithms.arrays import Array
+from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.finishing import check_count, colors_8bit
+
+POINTS_AT_ONCE = 1_000_000
+
+
+@final
+@dataclass(frozen=True)
+class LasReader:
+    """Read LAS 1.0–1.4. LAS knows no scanner frame, so the scan has neither sensor nor pose."""
+
+    name: str = "LAS"
+    extensions: tuple[str, ...] = (".las", ".laz")
+    signed: bool = True
+
+    def sniff(self, head: bytes) -> bool:
+        """Tell whether the file carries the LAS signature."""
+        return head.startswith(b"LASF")
+
+    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
+        """Yield the one cloud of a file."""
+        import laspy
+        import lazrs
+
+        if wanted not in {None, 0}:
+            return
+        _check_header(file)
+        place = "header"
+        try:
+            with laspy.open(file.path) as reader:
+                header = reader.header
+                count = int(header.point_count)
+                if count == 0:
+                    return
+                scales, offsets_m = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
+                if not (np.isfinite(scales).all() and (scales != 0).all() and np.isfinite(offsets_m).all()):
+                    raise file.unreadable("scale or offset is zero or not finite", place)
+                smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
+                check_count(file, count, smallest, limits, place)
+                pieces = []
+                for chunk in reader.chunk_iterator(POINTS_AT_ONCE):
+                    pieces.append(_Piece.of(chunk))
+                    place = f"point {sum(len(piece.raw) for piece in pieces)}"
+        except (laspy.LaspyException, lazrs.LazrsError, struct.error) as fault:
+            raise file.unreadable(f"damaged LAS: {fault}", place) from fault
+        except (
+            RuntimeError,
+            ValueError,
+            KeyError,
+            TypeError,
+            IndexError,
+            OverflowError,
+            OSError,
+            MemoryError,
+        ) as fault:
+            raise file.unreadable(f"damaged LAS: {fault}", place) from fault
+        yield _joined(file, pieces, count, scales, offsets_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    raw: Array
+    """(n, 3) int32 as stored: the offset is added once, in float64, after the origin is known."""
+    intensity: Array
+    color: Array | None
+
+    @staticmethod
+    def of(chunk: Any) -> "_Piece":
+        names = set(chunk.point_format.dimension_names)
+        return _Piece(
+            raw=np.column_stack([np.asarray(chunk[axis]) for axis in "XYZ"]),
+            intensity=np.asarray(chunk["intensity"], dtype=np.float32),
+            color=np.column_stack([chunk["red"], chunk["green"], chunk["blue"]]) if "red" in names else None,
+        )
+
+
+def _check_header(file: ScanFile) -> None:
+    """Refuse header fields that would send the library far beyond the end of the file (LAS 1.4 R15, table 3)."""
+    with file.path.open("rb") as stream:
+        head = stream.read(227)
+    if len(head) < 227:
+        raise file.unreadable("the header is cut off", f"byte {len(head)}, header")
+    header_bytes, data_offset, records = struct.unpack_from("<HII", head, 94)
+    if not 227 <= header_bytes <= data_offset <= file.size:
+        raise file.unreadable(
+            f"header of {header_bytes} bytes and points from byte {data_offset} do not fit a file of {file.size} bytes",
+            "byte 94, header",
+        )
+    if records * 54 > data_offset - header_bytes:
+        raise file.unreadable(f"{records} variable-length records do not fit before the points", "byte 100, header")
+
+
+def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, offsets_m: Array) -> ScanRecords:
+    found = sum(len(piece.raw) for piece in pieces)
+    if found != count:
+        raise file.unreadable(f"the points end after {found} of {count}", f"point {found}")
+    points = np.empty((count, 3))
+    start = 0
+    for piece in pieces:
+        np.multiply(piece.raw, scales, out=points[start : start + len(piece.raw)])
+        start += len(piece.raw)
+    color = None
+    if pieces[0].color is not None:
+        channels = np.concatenate([piece.color for piece in pieces if piece.color is not None])
+        # the standard wants 16 bits; many writers store 8
+        color = colors_8bit(channels, 65535.0 if channels.max() > 255 else 255.0) if channels.any() else None
+    return ScanRecords(
+        index=0,
+        points=points,
+        base_m=offsets_m,
+        intensity=np.concatenate([piece.intensity for piece in pieces]),
+        color=color,
+    )

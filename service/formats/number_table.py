@@ -1,0 +1,60 @@
+"""Lines of numbers, as ascii formats share them."""
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from algorithms.arrays import Array
+from service.formats.base import ScanFile
+
+
+def read_table(
+    file: ScanFile,
+    lines: Iterable[bytes] | Iterable[str],
+    first_line: int,
+    *,
+    dtype: Any = np.float64,
+    delimiter: str | None = None,
+    columns: list[int] | None = None,
+    max_rows: int | None = None,
+    comment: str | None = None,
+) -> Array:
+    """Read lines of numbers strictly: a word that is no number, or a line of another length, is an error.
+
+    Parameters
+    ----------
+    lines
+        An open file, or an iterator over some of its lines.
+    first_line
+        Line number of the first of them in the file, from 1; for messages.
+    dtype
+        float64 gives (n, columns); a structured type gives (n,) records.
+    columns
+        Columns to take, when not all.
+
+    Raises
+    ------
+    UnreadableFileError
+        With the line where reading stopped, as far as it is known.
+    """
+    structured = np.dtype(dtype).names is not None
+    try:
+        return np.loadtxt(
+            lines,
+            dtype=dtype,
+            comments=comment,
+            delimiter=delimiter,
+            usecols=columns,
+            max_rows=max_rows,
+            encoding="latin-1",
+            ndmin=1 if structured else 2,
+        )
+    except (ValueError, OverflowError) as fault:
+        reason = str(fault).split(";")[0].rstrip(".")
+        row = re.search(r" at row (\d+)", reason)
+        place = f"line {first_line + int(row[1])}" if row else f"after line {first_line - 1}"
+        raise file.unreadable(
+            f"not a table of numbers: {reason.replace(row[0], '') if row else reason}", place
+        ) from fault
