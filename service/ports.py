@@ -250,9 +250,7 @@ class StepLedger(Protocol):
     def begin_step(self, job_id: str, label: str, now: datetime) -> bool:
         """Mark the job as running if it was waiting; False when it is gone or final (the step must not run)."""
 
-    def report_step(
-        self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime
-    ) -> bool:
+    def report_step(self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime) -> bool:
         """Record how far a step is; False when the job is gone or final."""
 
 

@@ -1,0 +1,248 @@
+"""Jobs and files in the metadata database (SQLite or PostgreSQL)."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, fields
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import alembic.command
+import alembic.config
+import sqlalchemy as sa
+
+from service.adapters.database_tables import connect, files, job_files, job_steps, jobs
+from service.ports import Job, JobFilter, JobStatus, Json, StoredFile
+from service.settings import Settings
+
+UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
+Enqueue = Callable[[sa.Connection, Job], None]
+
+
+def migrate(settings: Settings) -> None:
+    """Bring the tables up to date; run once before any process of the service starts."""
+    engine = connect(settings)
+    configuration = alembic.config.Config()
+    folder = Path(__file__).parent / "migrations"
+    configuration.set_main_option("script_location", str(folder).replace("%", "%%"))
+    try:
+        with engine.begin() as connection:
+            if engine.dialect.name == "postgresql":
+                # two machines may start at the same time; SQLite's BEGIN IMMEDIATE already excludes the other
+                connection.execute(sa.select(sa.func.pg_advisory_xact_lock(7_166_201)))
+            configuration.attributes["connection"] = connection
+            alembic.command.upgrade(configuration, "head")
+    finally:
+        engine.dispose()
+
+
+def _reading(engine: sa.Engine) -> Any:
+    return engine.execution_options(reads_only=True).begin()
+
+
+class DatabaseJobStore:
+    """Keep jobs and how far their steps are.
+
+    Parameters
+    ----------
+    engine
+        From `connect`.
+    enqueue
+        Puts a job on the queue within the transaction of the given connection.
+    """
+
+    def __init__(self, engine: sa.Engine, enqueue: Enqueue) -> None:
+        self._engine = engine
+        self._enqueue = enqueue
+
+    def create_and_enqueue(self, job: Job) -> None:
+        """Insert the job and put it on the queue in one transaction: both or neither."""
+        row = asdict(job)
+        row.pop("file_ids")
+        row["status"] = job.status.value
+        with self._engine.begin() as connection:
+            connection.execute(sa.insert(jobs).values(row))
+            if job.file_ids:
+                connection.execute(
+                    sa.insert(job_files),
+                    [{"job_id": job.id, "position": i, "file_id": f} for i, f in enumerate(job.file_ids)],
+                )
+            self._enqueue(connection, job)
+
+    def get(self, job_id: str) -> Job | None:
+        """Fetch a job."""
+        with _reading(self._engine) as connection:
+            return self._job(connection, job_id)
+
+    def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
+        """List jobs, newest first, and the number of all that match."""
+        condition: sa.ColumnElement[bool] = sa.true()
+        if which.statuses:
+            condition = sa.and_(condition, jobs.c.status.in_([status.value for status in which.statuses]))
+        if which.process_ids:
+            condition = sa.and_(condition, jobs.c.process_id.in_(which.process_ids))
+        query = sa.select(jobs).where(condition).order_by(jobs.c.created.desc(), jobs.c.id.desc())
+        with _reading(self._engine) as connection:
+            number = connection.execute(sa.select(sa.func.count()).select_from(jobs).where(condition)).scalar_one()
+            rows = connection.execute(query.limit(which.limit).offset(which.offset)).mappings().all()
+            return self._with_files(connection, rows), number
+
+    def start(self, job_id: str, now: datetime) -> Job | None:
+        """Mark as running and count the attempt; None when the job is gone or final."""
+        return self._change(
+            job_id,
+            status=JobStatus.RUNNING.value,
+            attempts=jobs.c.attempts + 1,
+            started=sa.func.coalesce(jobs.c.started, sa.literal(now, jobs.c.started.type)),
+            updated=now,
+        )
+
+    def report(self, job_id: str, progress: int, message: str, now: datetime) -> bool:
+        """Record progress, which never goes back; False when the job is gone or final."""
+        return self._change(job_id, progress=_at_least(progress), message=message, updated=now) is not None
+
+    def succeed(self, job_id: str, now: datetime) -> bool:
+        """Mark as successful; False when it was final or gone."""
+        final = {"status": JobStatus.SUCCESSFUL.value, "progress": 100, "message": "done"}
+        return self._change(job_id, **final, updated=now, finished=now) is not None
+
+    def fail(self, job_id: str, problem: Json, now: datetime) -> bool:
+        """Mark as failed with its problem document."""
+        message = str(problem.get("detail") or problem.get("title") or "failed")
+        final = {"status": JobStatus.FAILED.value, "problem": problem, "message": message}
+        return self._change(job_id, **final, updated=now, finished=now) is not None
+
+    def dismiss(self, job_id: str, now: datetime) -> Job | None:
+        """Mark a waiting or running job as dismissed; return the job as it is then."""
+        final = {"status": JobStatus.DISMISSED.value, "message": "dismissed on request"}
+        return self._change(job_id, **final, updated=now, finished=now) or self.get(job_id)
+
+    def delete(self, job_id: str) -> None:
+        """Forget a finished job; an unfinished one stays."""
+        with self._engine.begin() as connection:
+            connection.execute(sa.delete(jobs).where(jobs.c.id == job_id, jobs.c.status.not_in(UNFINISHED)))
+
+    def unfinished_using(self, file_id: str) -> Job | None:
+        """Find an unfinished job that reads a file."""
+        query = (
+            sa.select(jobs.c.id)
+            .join(job_files, job_files.c.job_id == jobs.c.id)
+            .where(job_files.c.file_id == file_id, jobs.c.status.in_(UNFINISHED))
+            .limit(1)
+        )
+        with _reading(self._engine) as connection:
+            job_id = connection.execute(query).scalar()
+            return None if job_id is None else self._job(connection, job_id)
+
+    def plan_stage(self, job_id: str, stage: int, weights: Sequence[float], total_weight: float) -> None:
+        """Note the steps of a stage; noting them again changes nothing."""
+        of_stage = sa.and_(job_steps.c.job_id == job_id, job_steps.c.stage == stage)
+        with self._engine.begin() as connection:
+            changed = connection.execute(sa.update(jobs).where(jobs.c.id == job_id).values(total_weight=total_weight))
+            known = connection.execute(sa.select(sa.func.count()).select_from(job_steps).where(of_stage)).scalar_one()
+            if changed.rowcount and weights and not known:
+                connection.execute(
+                    sa.insert(job_steps),
+                    [
+                        {"job_id": job_id, "stage": stage, "position": i, "weight": weight, "fraction": 0.0}
+                        for i, weight in enumerate(weights)
+                    ],
+                )
+
+    def begin_step(self, job_id: str, label: str, now: datetime) -> bool:
+        """Mark the job as running if it was waiting; False when it is gone or final (the step must not run)."""
+        first = {
+            "status": JobStatus.RUNNING.value,
+            "attempts": sa.case((jobs.c.attempts < 1, 1), else_=jobs.c.attempts),
+            "started": sa.func.coalesce(jobs.c.started, sa.literal(now, jobs.c.started.type)),
+        }
+        return self._change(job_id, **first, message=label, updated=now) is not None
+
+    def report_step(self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime) -> bool:
+        """Record how far a step is; False when the job is gone or final."""
+        this = sa.and_(job_steps.c.job_id == job_id, job_steps.c.stage == stage, job_steps.c.position == index)
+        done = sa.func.coalesce(sa.func.sum(job_steps.c.weight * job_steps.c.fraction), 0.0)
+        known = sa.func.coalesce(sa.func.sum(job_steps.c.weight), 0.0)
+        with self._engine.begin() as connection:
+            connection.execute(
+                sa.update(job_steps).where(this, job_steps.c.fraction < fraction).values(fraction=fraction)
+            )
+            sums = connection.execute(sa.select(done, known).where(job_steps.c.job_id == job_id)).one()
+            total = connection.execute(sa.select(jobs.c.total_weight).where(jobs.c.id == job_id)).scalar() or 0.0
+            share = float(sums[0]) / max(float(sums[1]), total, 1e-12)
+            # 100 is for the job that has succeeded
+            values = {"progress": _at_least(min(99, int(100 * share))), "message": message, "updated": now}
+            changed = connection.execute(
+                sa.update(jobs).where(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED)).values(values)
+            )
+            return bool(changed.rowcount)
+
+    def _change(self, job_id: str, **values: Any) -> Job | None:
+        """Change an unfinished job; None when it is gone or final. The one place where status moves."""
+        unfinished = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED))
+        with self._engine.begin() as connection:
+            if not connection.execute(sa.update(jobs).where(unfinished).values(values)).rowcount:
+                return None
+            return self._job(connection, job_id)
+
+    def _job(self, connection: sa.Connection, job_id: str) -> Job | None:
+        rows = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).mappings().all()
+        found = self._with_files(connection, rows)
+        return found[0] if found else None
+
+    @staticmethod
+    def _with_files(connection: sa.Connection, rows: Sequence[sa.RowMapping]) -> list[Job]:
+        wanted = [row["id"] for row in rows]
+        query = sa.select(job_files).where(job_files.c.job_id.in_(wanted)).order_by(job_files.c.position)
+        file_ids: dict[str, list[str]] = {job_id: [] for job_id in wanted}
+        for row in connection.execute(query).mappings() if wanted else ():
+            file_ids[row["job_id"]].append(row["file_id"])
+        names = {each.name for each in fields(Job)} - {"file_ids", "status"}
+        return [
+            Job(
+                **{name: row[name] for name in names},
+                status=JobStatus(row["status"]),
+                file_ids=tuple(file_ids[row["id"]]),
+            )
+            for row in rows
+        ]
+
+
+def _at_least(progress: int) -> sa.ColumnElement[int]:
+    """Let progress only grow."""
+    return sa.case((jobs.c.progress < progress, progress), else_=jobs.c.progress)
+
+
+class DatabaseFileStore:
+    """Keep the metadata of files."""
+
+    def __init__(self, engine: sa.Engine) -> None:
+        self._engine = engine
+
+    def add(self, file: StoredFile) -> None:
+        """Insert."""
+        row = {**asdict(file), "scans": list(file.scans), "photos": list(file.photos)}
+        with self._engine.begin() as connection:
+            connection.execute(sa.insert(files).values(row))
+
+    def get(self, file_id: str) -> StoredFile | None:
+        """Fetch."""
+        with _reading(self._engine) as connection:
+            row = connection.execute(sa.select(files).where(files.c.id == file_id)).mappings().one_or_none()
+        return None if row is None else _file(row)
+
+    def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
+        """List, newest first, with the number of all."""
+        query = sa.select(files).order_by(files.c.created.desc(), files.c.id.desc()).limit(limit).offset(offset)
+        with _reading(self._engine) as connection:
+            number = connection.execute(sa.select(sa.func.count()).select_from(files)).scalar_one()
+            rows = connection.execute(query).mappings().all()
+        return [_file(row) for row in rows], number
+
+    def delete(self, file_id: str) -> bool:
+        """Forget; False when it was unknown."""
+        with self._engine.begin() as connection:
+            return bool(connection.execute(sa.delete(files).where(files.c.id == file_id)).rowcount)
+
+
+def _file(row: sa.RowMapping) -> StoredFile:
+    return StoredFile(**{**row, "scans": tuple(row["scans"]), "photos": tuple(row["photos"])})

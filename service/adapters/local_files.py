@@ -1,0 +1,159 @@
+"""Blobs in a local directory: whole or not at all, in constant memory."""
+
+import asyncio
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+
+from service.errors import FileTooLargeError, StorageError
+
+KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*/?")
+BLOCK_BYTES = 1 << 20
+
+
+def checked_key(key: str) -> str:
+    """Refuse keys that could leave the store (absolute, ``..``, hidden names, odd characters).
+
+    Raises
+    ------
+    StorageError
+        Keys are made by the service, so a bad one is its own fault.
+    """
+    if not KEY.fullmatch(key):
+        raise StorageError(f"'{key}' is not a key of the blob store")
+    return key
+
+
+class LocalFiles:
+    """Keep blobs below ``<directory>/blobs``; unfinished ones stay in ``<directory>/scratch``."""
+
+    def __init__(self, directory: Path) -> None:
+        self._blobs = directory.resolve() / "blobs"
+        self._scratch = directory.resolve() / "scratch"
+        for each in (self._blobs, self._scratch):
+            each.mkdir(parents=True, exist_ok=True)
+
+    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
+        """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
+        partial = _PartialFile(self._scratch)
+        block = bytearray()
+        try:
+            async for chunk in chunks:
+                block += chunk
+                if partial.size + len(block) > max_bytes:
+                    raise FileTooLargeError("the upload", partial.size + len(block), max_bytes)
+                if len(block) >= BLOCK_BYTES:
+                    # disk and hash keep their hands off the event loop
+                    await asyncio.to_thread(partial.write, bytes(block))
+                    block.clear()
+            await asyncio.to_thread(partial.write, bytes(block))
+            await asyncio.to_thread(partial.finish, self._path(key))
+        finally:
+            partial.discard()
+        return partial.size, partial.digest.hexdigest()
+
+    def write_bytes(self, key: str, data: bytes) -> None:
+        """Store small content."""
+        partial = _PartialFile(self._scratch)
+        try:
+            partial.write(data)
+            partial.finish(self._path(key))
+        finally:
+            partial.discard()
+
+    def put_file(self, key: str, path: Path) -> None:
+        """Move a finished local file into the store; a file from another file system is copied first."""
+        target = self._path(key)
+        if path.stat().st_dev != self._blobs.stat().st_dev:
+            descriptor, name = tempfile.mkstemp(dir=self._scratch, prefix="copy-")
+            os.close(descriptor)
+            try:
+                shutil.copyfile(path, name)
+                self._adopt(Path(name), target)
+            finally:
+                Path(name).unlink(missing_ok=True)
+            path.unlink()
+        else:
+            self._adopt(path, target)
+
+    def local_path(self, key: str) -> Path:
+        """Give the blob itself. FileNotFoundError when absent."""
+        path = self._path(key)
+        if not path.is_file():
+            raise FileNotFoundError(key)
+        return path
+
+    def exists(self, key: str) -> bool:
+        """Tell whether the key is stored."""
+        return self._path(key).is_file()
+
+    def keys(self, prefix: str) -> Sequence[str]:
+        """List the keys under a prefix, which is a folder or the beginning of a name."""
+        if prefix:
+            checked_key(prefix)
+        folder = self._blobs / (prefix.rpartition("/")[0])
+        found = (path.relative_to(self._blobs).as_posix() for path in folder.rglob("*") if path.is_file())
+        return sorted(key for key in found if key.startswith(prefix))
+
+    def delete_prefix(self, prefix: str) -> None:
+        """Remove everything under a prefix; nothing happens when there is nothing."""
+        checked_key(prefix)
+        for key in self.keys(prefix):
+            (self._blobs / key).unlink(missing_ok=True)
+        folder = self._blobs / prefix
+        if folder.is_dir():
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def scratch(self) -> Path:
+        """Give a new empty directory on the same file system; the caller removes it."""
+        return Path(tempfile.mkdtemp(dir=self._scratch, prefix="work-"))
+
+    def _path(self, key: str) -> Path:
+        return self._blobs / checked_key(key).rstrip("/")
+
+    def _adopt(self, path: Path, target: Path) -> None:
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
+        _move(path, target)
+
+
+class _PartialFile:
+    """A blob in the making: a temporary file that is renamed when it is complete."""
+
+    def __init__(self, directory: Path) -> None:
+        descriptor, name = tempfile.mkstemp(dir=directory, prefix="partial-")
+        self._file = os.fdopen(descriptor, "wb")
+        self._path = Path(name)
+        self.digest = hashlib.sha256()
+        self.size = 0
+
+    def write(self, data: bytes) -> None:
+        self._file.write(data)
+        self.digest.update(data)
+        self.size += len(data)
+
+    def finish(self, target: Path) -> None:
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        _move(self._path, target)
+
+    def discard(self) -> None:
+        """Remove what was not finished."""
+        self._file.close()
+        self._path.unlink(missing_ok=True)
+
+
+def _move(source: Path, target: Path) -> None:
+    """Rename and make the new name durable."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    source.replace(target)
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -1,0 +1,79 @@
+"""The local blob store: whole or not at all, and nothing outside its directory."""
+
+import asyncio
+import hashlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from service.adapters.local_files import LocalFiles
+from service.adapters.memory import MemoryBlobStore
+from service.errors import FileTooLargeError, StorageError
+from service.ports import BlobStore
+
+
+@pytest.fixture(params=["local", "memory"])
+def blobs(request: pytest.FixtureRequest, tmp_path: Path) -> BlobStore:
+    return LocalFiles(tmp_path) if request.param == "local" else MemoryBlobStore()
+
+
+async def chunks(*parts: bytes, then: Exception | None = None) -> AsyncIterator[bytes]:
+    for part in parts:
+        yield part
+    if then is not None:
+        raise then
+
+
+def leftovers(directory: Path) -> list[Path]:
+    return [path for path in directory.rglob("*") if path.is_file()]
+
+
+def test_a_stream_is_stored_with_its_size_and_hash(blobs: BlobStore) -> None:
+    size, digest = asyncio.run(blobs.write_stream("files/a", chunks(b"x" * 700_000, b"y" * 700_000), 2_000_000))
+    data = blobs.local_path("files/a").read_bytes()
+    assert (size, digest) == (len(data), hashlib.sha256(data).hexdigest())
+
+
+def test_a_broken_stream_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ConnectionError):
+        asyncio.run(LocalFiles(tmp_path).write_stream("files/a", chunks(b"abc", then=ConnectionError()), 100))
+    assert leftovers(tmp_path) == []
+
+
+def test_a_stream_above_the_limit_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(FileTooLargeError):
+        asyncio.run(LocalFiles(tmp_path).write_stream("files/a", chunks(b"x" * 60, b"x" * 60), 100))
+    assert leftovers(tmp_path) == []
+
+
+@pytest.mark.parametrize("key", ["../a", "/etc/passwd", "a/../../b", "a//b", "", "a\x00b", ".hidden", "a/.."])
+def test_keys_that_could_leave_the_store_are_refused(blobs: BlobStore, key: str) -> None:
+    with pytest.raises(StorageError):
+        blobs.write_bytes(key, b"")
+
+
+def test_keys_are_listed_by_prefix(blobs: BlobStore) -> None:
+    for key in ("jobs/1/result.json", "jobs/1/lines.ply", "jobs/12/result.json"):
+        blobs.write_bytes(key, b"{}")
+    assert blobs.keys("jobs/1/") == ["jobs/1/lines.ply", "jobs/1/result.json"]
+
+
+def test_deleting_a_prefix_spares_its_neighbours(blobs: BlobStore) -> None:
+    for key in ("jobs/1/result.json", "jobs/12/result.json"):
+        blobs.write_bytes(key, b"{}")
+    blobs.delete_prefix("jobs/1/")
+    blobs.delete_prefix("jobs/nothing/")
+    assert blobs.keys("jobs/") == ["jobs/12/result.json"]
+
+
+def test_a_missing_blob_is_not_found(blobs: BlobStore) -> None:
+    with pytest.raises(FileNotFoundError):
+        blobs.local_path("files/none")
+
+
+def test_a_finished_file_is_moved_into_the_store(blobs: BlobStore) -> None:
+    path = blobs.scratch() / "made"
+    path.write_bytes(b"made")
+    blobs.put_file("features/made.npz", path)
+    assert (blobs.local_path("features/made.npz").read_bytes(), path.exists()) == (b"made", False)

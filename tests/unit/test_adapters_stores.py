@@ -1,0 +1,188 @@
+"""Jobs and files: the memory and the database adapters keep the same promises."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from service.adapters.database import DatabaseFileStore, DatabaseJobStore, migrate
+from service.adapters.database_tables import connect, metadata
+from service.adapters.memory import MemoryFileStore, MemoryJobStore
+from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, StoredFile
+from service.settings import Settings
+
+NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+JOB = Job("j1", "register", {"a": [1, 2]}, JobStatus.ACCEPTED, NOW, file_ids=("f2", "f1"))
+FILE = StoredFile("f1", "a.e57", 5_000_000_000, "0" * 64, "e57", "scan", NOW, scans=({"index": 0},))
+MakeJobs = Callable[[Callable[[Job], None]], JobStore]
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Iterator[sa.Engine]:
+    settings = Settings(data_dir=tmp_path)
+    migrate(settings)
+    engine = connect(settings)
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture(params=["memory", "database"])
+def make_jobs(request: pytest.FixtureRequest) -> MakeJobs:
+    if request.param == "memory":
+        return MemoryJobStore
+    engine = request.getfixturevalue("engine")
+    return lambda enqueue: DatabaseJobStore(engine, lambda _connection, job: enqueue(job))
+
+
+@pytest.fixture
+def jobs(make_jobs: MakeJobs) -> JobStore:
+    return make_jobs(lambda _job: None)
+
+
+@pytest.fixture(params=["memory", "database"])
+def files(request: pytest.FixtureRequest) -> FileStore:
+    return MemoryFileStore() if request.param == "memory" else DatabaseFileStore(request.getfixturevalue("engine"))
+
+
+def test_a_job_comes_back_as_it_was_stored(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    assert jobs.get("j1") == JOB
+
+
+def test_a_job_that_cannot_be_enqueued_is_not_kept(make_jobs: MakeJobs) -> None:
+    def refuse(_job: Job) -> None:
+        raise ConnectionError
+
+    jobs = make_jobs(refuse)
+    with pytest.raises(ConnectionError):
+        jobs.create_and_enqueue(JOB)
+    assert jobs.get("j1") is None
+
+
+def test_jobs_are_listed_newest_first_in_pages(jobs: JobStore) -> None:
+    for i in range(5):
+        jobs.create_and_enqueue(replace(JOB, id=f"j{i}", created=NOW + timedelta(seconds=i)))
+    found, number = jobs.find(JobFilter(limit=2, offset=1))
+    assert ([job.id for job in found], number) == (["j3", "j2"], 5)
+
+
+def test_jobs_are_filtered_by_status_and_process(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    jobs.create_and_enqueue(replace(JOB, id="j2", process_id="echo"))
+    jobs.start("j2", NOW)
+    found, number = jobs.find(JobFilter(statuses=(JobStatus.RUNNING,), process_ids=("echo",)))
+    assert ([job.id for job in found], number) == (["j2"], 1)
+
+
+def test_each_start_counts_an_attempt_and_keeps_the_first_time(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    jobs.start("j1", NOW)
+    job = jobs.start("j1", NOW + timedelta(seconds=9))
+    assert job is not None
+    assert (job.attempts, job.started, job.status) == (2, NOW, JobStatus.RUNNING)
+
+
+def test_progress_never_goes_back(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    jobs.report("j1", 40, "half", NOW)
+    jobs.report("j1", 30, "again", NOW)
+    job = jobs.get("j1")
+    assert job is not None
+    assert (job.progress, job.message) == (40, "again")
+
+
+@pytest.mark.parametrize("end", ["succeed", "fail", "dismiss"])
+def test_a_final_status_never_changes(jobs: JobStore, end: str) -> None:
+    jobs.create_and_enqueue(JOB)
+    ends = {
+        "succeed": lambda: jobs.succeed("j1", NOW),
+        "fail": lambda: jobs.fail("j1", {"title": "broken"}, NOW),
+        "dismiss": lambda: jobs.dismiss("j1", NOW),
+    }
+    ends.pop(end)()
+    final = jobs.get("j1")
+    later = NOW + timedelta(seconds=1)
+    answers = (
+        jobs.succeed("j1", later),
+        jobs.fail("j1", {"title": "other"}, later),
+        jobs.report("j1", 99, "no", later),
+        jobs.start("j1", later),
+        jobs.dismiss("j1", later),
+    )
+    assert (answers, jobs.get("j1")) == ((False, False, False, None, final), final)
+
+
+def test_a_failed_job_keeps_its_problem_and_says_why(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    jobs.fail("j1", {"title": "broken", "detail": "no lines"}, NOW)
+    job = jobs.get("j1")
+    assert job is not None
+    assert (job.problem, job.message, job.finished) == ({"title": "broken", "detail": "no lines"}, "no lines", NOW)
+
+
+def test_an_unfinished_job_is_not_forgotten(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    jobs.delete("j1")
+    assert jobs.get("j1") == JOB
+
+
+def test_a_finished_job_is_forgotten(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    jobs.dismiss("j1", NOW)
+    jobs.delete("j1")
+    assert jobs.get("j1") is None
+
+
+def test_a_file_is_in_use_only_while_its_job_is_unfinished(jobs: JobStore) -> None:
+    jobs.create_and_enqueue(JOB)
+    before = jobs.unfinished_using("f1")
+    jobs.dismiss("j1", NOW)
+    assert (before, jobs.unfinished_using("f1")) == (JOB, None)
+
+
+def test_a_file_comes_back_as_it_was_stored(files: FileStore) -> None:
+    files.add(FILE)
+    assert (files.get("f1"), files.find(10, 0)) == (FILE, ([FILE], 1))
+
+
+def test_a_file_is_deleted_once(files: FileStore) -> None:
+    files.add(FILE)
+    assert (files.delete("f1"), files.delete("f1"), files.get("f1")) == (True, False, None)
+
+
+def test_the_migrations_make_the_tables_that_the_code_uses(engine: sa.Engine) -> None:
+    found = sa.MetaData()
+    found.reflect(engine)
+    columns = {
+        (table.name, column.name, column.nullable) for table in metadata.tables.values() for column in table.columns
+    }
+    made = {(table.name, column.name, column.nullable) for table in found.tables.values() for column in table.columns}
+    assert made - columns == {("alembic_version", "version_num", False)}
+
+
+def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    migrate(settings)
+    migrate(settings)
+
+
+def test_progress_is_the_weighted_mean_over_all_stages(engine: sa.Engine) -> None:
+    jobs = DatabaseJobStore(engine, lambda _connection, _job: None)
+    jobs.create_and_enqueue(JOB)
+    jobs.plan_stage("j1", 0, [1.0, 1.0], 4.0)
+    jobs.report_step("j1", 0, 0, 1.0, "one of two", NOW)
+    jobs.plan_stage("j1", 0, [1.0, 1.0], 4.0)
+    jobs.report_step("j1", 0, 1, 0.5, "half of the other", NOW)
+    job = jobs.get("j1")
+    assert job is not None
+    assert (job.progress, job.message) == (37, "half of the other")
+
+
+def test_a_step_of_a_dismissed_job_does_not_begin(engine: sa.Engine) -> None:
+    jobs = DatabaseJobStore(engine, lambda _connection, _job: None)
+    jobs.create_and_enqueue(JOB)
+    jobs.dismiss("j1", NOW)
+    assert not jobs.begin_step("j1", "features of S1", NOW)
