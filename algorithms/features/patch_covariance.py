@@ -1,0 +1,87 @@
+"""Honest covariance of a fitted surface, from patches instead of points.
+
+Neighbouring points share errors (waviness of the surface, range offsets of the instrument), so the white-noise
+covariance sigma^2 / n is far too small on real scans. The mean residuals of patches tell how much: a patch mean is taken
+as an observation with variance w^2 + s^2 / n, and w^2 is the value for which the weighted squared residuals of the
+patches are as large as their redundancy says (the estimator of Paule and Mandel, 1982, doi:10.6028/jres.087.022).
+On an ideal surface w vanishes and the formal covariance is left.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from algorithms.arrays import Array, Matrix, Scalars
+
+
+@dataclass(frozen=True, eq=False)
+class PatchFit:
+    """Least-squares adjustment of patch means."""
+
+    corrections: Array
+    """(u,) corrections of the parameters."""
+    covariance: Matrix
+    """(u, u) covariance of the parameters."""
+    waviness_variance: float
+    """Variance of patch means beyond the noise of their points [m2]."""
+    redundancy: int
+    """Patches minus parameters."""
+
+
+def fit_patches(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, waviness_variance: float) -> PatchFit:
+    """Adjust u parameters to p patch means with a given waviness.
+
+    Parameters
+    ----------
+    jacobian
+        (p, u) derivatives of the surface's offset at each patch by the parameters.
+    misfits
+        (p,) mean signed distances of the patches from the surface [m].
+    noise_variances
+        (p,) variance of each mean from the noise of its points [m2].
+    waviness_variance
+        Variance added to each [m2].
+    """
+    weights = 1.0 / (noise_variances + waviness_variance)
+    scale = np.maximum(np.sqrt(np.mean(jacobian**2, axis=0)), 1e-12)
+    scaled = jacobian / scale
+    covariance = np.linalg.pinv((scaled * weights[:, None]).T @ scaled, hermitian=True)
+    corrections = covariance @ (scaled.T @ (weights * misfits))
+    return PatchFit(
+        corrections / scale, covariance / np.outer(scale, scale), waviness_variance, len(misfits) - len(scale)
+    )
+
+
+def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars) -> float:
+    """Estimate the variance of patch means beyond the noise of their points [m2]; zero if the noise explains them."""
+    redundancy = len(misfits) - jacobian.shape[1]
+    if redundancy < 1:
+        return 0.0
+
+    def excess(waviness: float) -> float:
+        fit = fit_patches(jacobian, misfits, noise_variances, waviness)
+        left = misfits - jacobian @ fit.corrections
+        return float(np.sum(left**2 / (noise_variances + waviness))) - redundancy
+
+    low, high = 0.0, float(np.mean(misfits**2))
+    if excess(low) <= 0:
+        return 0.0
+    while excess(high) > 0:
+        low, high = high, 4.0 * high
+    while high - low > 0.02 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def shrink_variances(variances: Scalars, redundancies: Scalars, prior_redundancy: float = 6.0) -> Scalars:
+    """Pull variances of few degrees of freedom towards the median of the well-determined ones.
+
+    A surface with four patches cannot tell its own waviness; others of the same scan can.
+    """
+    if len(variances) == 0:
+        return variances
+    known = redundancies >= prior_redundancy
+    prior = float(np.median(variances[known])) if known.any() else float(np.median(variances))
+    redundancy = np.maximum(redundancies, 0.0)
+    return np.asarray((redundancy * variances + prior_redundancy * prior) / (redundancy + prior_redundancy))

@@ -1,0 +1,133 @@
+"""The extent of planes: rasters of occupied cells and their outlines."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from algorithms.arrays import Array, Indices, Labels, Points, Scalars, Vectors2
+from algorithms.features.plane_fitting import FittedPlanes, renumber
+from algorithms.features.plane_segmentation_kernels import fill_rasters
+from algorithms.geometry.planes import Planes
+
+LARGEST_RASTER = 400
+"""Cells along the longer side."""
+BORDER = 4
+"""Free cells around every raster, room for dilation."""
+SMALLEST_RING = 12
+"""Pieces and holes below three raster cells (in quarter cells) are left out of the outline."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneRasters:
+    """Which cells of each plane hold points; raster p is flat[starts[p]:starts[p + 1]], row by row."""
+
+    flat: Array
+    """(sum,) uint8."""
+    starts: Indices
+    rows: Indices
+    columns: Indices
+    origins: Vectors2
+    """(k, 2) corner (u, v) of cell (0, 0) [m]."""
+    cell_sizes: Scalars
+    """(k,) [m]."""
+
+    def __len__(self) -> int:
+        return len(self.cell_sizes)
+
+    def of(self, p: int) -> Array:
+        """Give the raster of plane p, (rows, columns)."""
+        return self.flat[self.starts[p] : self.starts[p + 1]].reshape(self.rows[p], self.columns[p])
+
+    def select(self, which: Indices) -> "PlaneRasters":
+        """Keep some of the planes."""
+        parts = [self.flat[self.starts[p] : self.starts[p + 1]] for p in which]
+        return PlaneRasters(
+            np.concatenate([np.empty(0, dtype=np.uint8), *parts]),
+            np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64),
+            self.rows[which],
+            self.columns[which],
+            self.origins[which],
+            self.cell_sizes[which],
+        )
+
+
+def bound_planes(
+    points: Points,
+    fitted: FittedPlanes,
+    least_cell_m: float,
+    *,
+    min_area_m2: float,
+    max_planes: int,
+) -> tuple[Planes, PlaneRasters, Indices]:
+    """Outline fitted planes and keep the large ones, those of most points first.
+
+    Returns
+    -------
+    The planes, their rasters, and which of the fitted planes they were.
+    """
+    order = np.argsort(-fitted.point_counts, kind="stable")
+    order = order[:max_planes].astype(np.int64)
+    selected = fitted.select(order)
+    rasters = rasterise_planes(points, selected, least_cell_m)
+    polygons, areas = boundaries_of(rasters)
+    large = np.flatnonzero(areas >= min_area_m2)
+    kept = selected.select(large)
+    polygons = [polygons[p] for p in large]
+    planes = Planes(
+        normals=kept.normals,
+        centroids=kept.centroids,
+        bases=kept.bases,
+        covariances=kept.covariances,
+        noise_std_m=kept.noise_std_m,
+        point_counts=kept.point_counts,
+        areas_m2=areas[large],
+        boundary=np.concatenate([np.empty((0, 2)), *polygons]),
+        boundary_splits=np.concatenate([[0], np.cumsum([len(p) for p in polygons])]).astype(np.int64),
+    )
+    return planes, rasters.select(large), order[large]
+
+
+def rasterise_planes(points: Points, planes: FittedPlanes, least_cell_m: float) -> PlaneRasters:
+    """Mark the occupied cells of every plane, with cells of about four points, and close the pores between them."""
+    spans = np.maximum(planes.extents[:, 2:] - planes.extents[:, :2], 1e-6)
+    spacing = np.sqrt(spans[:, 0] * spans[:, 1] / np.maximum(planes.point_counts, 1))
+    sizes = np.maximum(np.maximum(2.0 * spacing, least_cell_m), spans.max(axis=1, initial=0.0) / LARGEST_RASTER)
+    columns = (spans[:, 0] / sizes).astype(np.int64) + 1 + 2 * BORDER
+    rows = (spans[:, 1] / sizes).astype(np.int64) + 1 + 2 * BORDER
+    starts = np.concatenate([[0], np.cumsum(rows * columns)]).astype(np.int64)
+    origins = planes.extents[:, :2] - BORDER * sizes[:, None]
+    flat = fill_rasters(points, planes.point_labels, planes.centroids, planes.bases, origins, sizes, starts, columns)
+    rasters = PlaneRasters(flat, starts, rows, columns, origins, sizes)
+    kernel = np.ones((3, 3), dtype=np.uint8)
+    for p in range(len(rasters)):
+        rasters.of(p)[:] = cv2.morphologyEx(rasters.of(p), cv2.MORPH_CLOSE, kernel)
+    return rasters
+
+
+def outline(raster: Array) -> Vectors2:
+    """Trace the occupied cells of a raster as one polygon, (n, 2) of (column, row), cell (0, 0) spanning 0..1.
+
+    Several pieces and holes are joined by seams that are walked to and fro, so that area (holes taken off) and the
+    even-odd rule stay right. The outline runs a quarter of a cell inside the cells' outer borders.
+    """
+    enlarged = np.kron(raster, np.ones((2, 2), dtype=np.uint8))
+    rings, _ = cv2.findContours(enlarged, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    areas = [cv2.contourArea(ring) for ring in rings]
+    order = sorted(range(len(rings)), key=lambda i: -areas[i])
+    kept = [rings[i] for i in order if areas[i] >= SMALLEST_RING] or [rings[order[0]]]
+    simplified = [cv2.approxPolyDP(ring, 1.0, closed=True)[:, 0] for ring in kept]
+    closed = [np.concatenate([ring, ring[:1]]) for ring in simplified]
+    return (np.concatenate([*closed, closed[0][:1]] if len(closed) > 1 else simplified) + 0.5) / 2.0
+
+
+def polygon_area(polygon: Vectors2) -> float:
+    """Give the area inside a polygon (shoelace formula)."""
+    x, y = polygon.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def boundaries_of(rasters: PlaneRasters) -> tuple[list[Vectors2], Scalars]:
+    """Give the outline of every plane in plane coordinates [m], and its area [m2]."""
+    polygons = [outline(rasters.of(p)) * rasters.cell_sizes[p] + rasters.origins[p] for p in range(len(rasters))]
+    return polygons, np.array([polygon_area(polygon) for polygon in polygons], dtype=np.float64)

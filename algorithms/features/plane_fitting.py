@@ -1,0 +1,194 @@
+"""Planes refined from single points, with covariance from patches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from algorithms.arrays import Array, Bases, Flags, Indices, Labels, Matrices3, Points, Scalars
+from algorithms.features.patch_covariance import estimate_waviness, fit_patches, shrink_variances
+from algorithms.features.plane_segmentation_kernels import label_moments, label_points, patch_sums, plane_extents
+
+PATCHES = 32
+"""Aimed number of patches per plane: enough to estimate a variance, large enough to carry long waves."""
+POINTS_PER_PATCH = 4.0
+"""Least mean number of points in a patch."""
+TRIM = 3.5
+"""Points farther than that many standard deviations do not belong to a plane."""
+LEAST_WIDTH = 2.5
+"""Least ratio of the deviations along the narrow side and across a plane."""
+NUMERICAL_STD_M = 1e-9
+"""Rounding of coordinates: keeps weights finite on exact data."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPlanes:
+    """Unbounded planes with covariance, and which point belongs to which."""
+
+    normals: Points
+    centroids: Points
+    bases: Bases
+    """(k, 3, 2) columns E1 (longest extent), E2."""
+    covariances: Matrices3
+    """(k, 3, 3) of (a1, a2, b)."""
+    noise_std_m: Scalars
+    point_counts: Indices
+    extents: Float64[Array, "k 4"]
+    """(k, 4) bounding rectangles u_min, v_min, u_max, v_max in plane coordinates [m]."""
+    point_labels: Labels
+    """(n,) plane of each point, -1 for none."""
+
+    def __len__(self) -> int:
+        return self.normals.shape[0]
+
+    def select(self, which: Indices) -> "FittedPlanes":
+        """Keep some of the planes."""
+        return FittedPlanes(
+            self.normals[which],
+            self.centroids[which],
+            self.bases[which],
+            self.covariances[which],
+            self.noise_std_m[which],
+            self.point_counts[which],
+            self.extents[which],
+            renumber(self.point_labels, which),
+        )
+
+
+def renumber(labels: Labels, kept: Indices) -> Labels:
+    """Give labels new numbers: kept[i] becomes i, all others -1."""
+    numbers = np.full(max(int(labels.max(initial=-1)), int(kept.max(initial=-1))) + 2, -1, dtype=np.int32)
+    numbers[kept] = np.arange(len(kept))
+    return np.asarray(numbers[labels])  # label -1 takes the last entry, which stays -1
+
+
+def frames_of_moments(moments: Float64[Array, "k 10"]) -> tuple[Bases, Points, Float64[Array, "k 3"]]:
+    """Give basis (E1 longest), normal and the standard deviations along E1, E2, n of every row of moments."""
+    k = len(moments)
+    counts = np.maximum(moments[:, 0], 1.0)
+    scatter = moments[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(k, 3, 3) / counts[:, None, None]
+    values, vectors = np.linalg.eigh(scatter)
+    normals = np.ascontiguousarray(vectors[:, :, 0])
+    e1 = vectors[:, :, 2]
+    bases = np.stack([e1, np.cross(normals, e1)], axis=2)
+    return bases, normals, np.sqrt(np.maximum(values[:, ::-1], 0.0))
+
+
+def fit_planes(
+    points: Points,
+    cell_of_point: Labels,
+    candidates: Array,
+    normals: Points,
+    centroids: Points,
+    noise_std_m: float,
+    *,
+    min_points: int,
+    rounds: int = 2,
+) -> tuple[FittedPlanes, Indices]:
+    """Assign points to approximate planes and fit each from its points.
+
+    Parameters
+    ----------
+    points
+        (n, 3) points.
+    cell_of_point
+        (n,) cell of each point.
+    candidates
+        (m, c) planes that may hold points of each cell, -1 padded.
+    normals, centroids
+        Approximate planes; the fitted normals keep their side.
+    noise_std_m
+        Approximate standard deviation of points from planes [m].
+    min_points
+        Planes of fewer points are dropped, and those that are hardly wider than their noise.
+    rounds
+        How often points are assigned and planes fitted.
+
+    Returns
+    -------
+    The fitted planes, and which of the approximate planes they were.
+    """
+    tolerances = np.full(len(normals), TRIM * noise_std_m)
+    sides = normals
+    for _ in range(rounds):
+        labels, shared = label_points(points, cell_of_point, candidates, normals, centroids, tolerances)
+        moments = label_moments(points, labels, shared, centroids)
+        bases, fitted, deviations = frames_of_moments(moments)
+        enough = moments[:, 0] >= 4
+        flip = np.einsum("ij,ij->i", fitted, sides) < 0
+        fitted[flip] *= -1.0
+        bases[flip, :, 1] *= -1.0
+        normals = np.where(enough[:, None], fitted, normals)
+        centroids = np.where(enough[:, None], moments[:, 1:4], centroids)
+        noise = deviations[:, 2] * np.sqrt(moments[:, 0] / np.maximum(moments[:, 0] - 3.0, 1.0))
+        tolerances = np.clip(TRIM * noise, 0.5 * TRIM * noise_std_m, 2.0 * TRIM * noise_std_m)
+    kept = np.flatnonzero((moments[:, 0] >= min_points) & (deviations[:, 1] > LEAST_WIDTH * deviations[:, 2]))
+    normals, centroids, bases, noise = normals[kept], centroids[kept], bases[kept], noise[kept]
+    labels = renumber(labels, kept)
+    extents = plane_extents(points, labels, centroids, bases)
+    sums, starts = _sum_patches(points, labels, shared, normals, centroids, bases, extents)
+    normals, centroids, bases, covariances = _adjust_patches(sums, starts, normals, centroids, bases, noise)
+    fitted_planes = FittedPlanes(
+        normals=normals,
+        centroids=centroids,
+        bases=bases,
+        covariances=covariances,
+        noise_std_m=noise,
+        point_counts=np.bincount(labels[labels >= 0], minlength=len(normals)).astype(np.int64),
+        extents=plane_extents(points, labels, centroids, bases),
+        point_labels=labels,
+    )
+    return fitted_planes, kept
+
+
+def _sum_patches(
+    points: Points,
+    labels: Labels,
+    shared: Flags,
+    normals: Points,
+    centroids: Points,
+    bases: Bases,
+    extents: Float64[Array, "k 4"],
+) -> tuple[Float64[Array, "p 5"], Indices]:
+    """Sum the points of every plane per patch: sums and the first patch of every plane."""
+    counts = np.bincount(labels[labels >= 0], minlength=len(normals))
+    spans = np.where(np.isfinite(extents[:, 2:]), extents[:, 2:] - extents[:, :2], 0.0)
+    patches = np.clip(counts / POINTS_PER_PATCH, 4.0, PATCHES)
+    # a long narrow plane still needs as many patches as a square one, hence the second term
+    sizes = np.maximum(np.sqrt(spans[:, 0] * spans[:, 1] / patches), spans[:, 0] / patches) + 1e-6
+    columns = (spans[:, 0] / sizes).astype(np.int64) + 1
+    rows = (spans[:, 1] / sizes).astype(np.int64) + 1
+    starts = np.concatenate([[0], np.cumsum(columns * rows)]).astype(np.int64)
+    return patch_sums(points, labels, shared, centroids, normals, bases, extents, sizes, starts, columns), starts
+
+
+def _adjust_patches(
+    sums: Float64[Array, "p 5"], starts: Indices, normals: Points, centroids: Points, bases: Bases, noise: Scalars
+) -> tuple[Points, Points, Bases, Matrices3]:
+    """Refine every plane from its patch means and give its covariance."""
+    k = len(normals)
+    systems = []
+    for p in range(k):
+        part = sums[starts[p] : starts[p + 1]]
+        part = part[part[:, 0] > 0]
+        n = part[:, 0]
+        u, v, r = part[:, 1] / n, part[:, 2] / n, part[:, 3] / n
+        within = part[:, 4] - n * r**2
+        # the patch's own scatter, steadied by that of the plane, which counts as ten points
+        variances = (within + 10.0 * noise[p] ** 2) / (n + 9.0) / n + NUMERICAL_STD_M**2
+        systems.append((np.stack([-u, -v, np.ones_like(u)], axis=1), r, variances))
+    waviness = shrink_variances(
+        np.array([estimate_waviness(*system) for system in systems]),
+        np.array([len(system[1]) - 3.0 for system in systems]),
+    )
+    covariances = np.empty((k, 3, 3))
+    corrections = np.empty((k, 3))
+    for p, system in enumerate(systems):
+        fit = fit_patches(*system, float(waviness[p]))
+        covariances[p] = fit.covariance
+        corrections[p] = fit.corrections
+    turned = normals + np.einsum("kij,kj->ki", bases, corrections[:, :2])
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    e1 = bases[:, :, 0] - turned * np.einsum("ki,ki->k", bases[:, :, 0], turned)[:, None]
+    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
+    return turned, centroids + normals * corrections[:, 2:], np.stack([e1, np.cross(turned, e1)], axis=2), covariances

@@ -1,0 +1,211 @@
+"""Planes as connected groups of cells: region growing, rejection of curved groups, merging."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.features.plane_fitting import frames_of_moments
+from algorithms.features.plane_segmentation_kernels import (
+    candidate_labels,
+    dilate_labels,
+    grow_regions,
+    touching_labels,
+)
+from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
+
+NORMAL_LIMIT = float(np.cos(np.deg2rad(15.0)))
+"""Cosine of the largest angle between a cell's normal and its region's."""
+FLATNESS = 0.4
+"""Largest ratio of the deviations across and along a neighbourhood for its normal to be used."""
+BEND_LIMIT_RAD = float(np.deg2rad(5.0))
+"""A region whose normals turn by more from end to end is curved."""
+CANDIDATES = 6
+"""Planes remembered per cell for its points to choose from."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneRegions:
+    """k groups of cells, each on one plane."""
+
+    cell_labels: Labels
+    """(m,) region of each cell, -1 for none."""
+    normals: Points
+    """(k, 3) unit normals; towards the sensor when the cells' normals are."""
+    centroids: Points
+    """(k, 3) [m]."""
+
+    def __len__(self) -> int:
+        return self.normals.shape[0]
+
+
+def typical_noise(surfaces: CellSurfaces) -> float:
+    """Give the median deviation of points across well-shaped tangent planes [m]."""
+    flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
+    return float(np.median(surfaces.residual_std_m[flat])) if flat.any() else 0.0
+
+
+def segment_planes(
+    cells: SurfaceCells, surfaces: CellSurfaces, *, noise_std_m: float, cap: float, min_cells: int
+) -> PlaneRegions:
+    """Group cells into planes.
+
+    Parameters
+    ----------
+    cells, surfaces
+        The cells and their tangent planes.
+    noise_std_m
+        Typical deviation of points from their surface [m]: sets how far a cell may lie off a plane.
+    cap
+        Largest weight of one cell in points.
+    min_cells
+        Smallest region kept.
+    """
+    flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
+    normals = np.where(flat[:, None], surfaces.normals, 0.0)
+    seeds = np.flatnonzero(flat)
+    quality = surfaces.residual_std_m[seeds] / surfaces.width_std_m[seeds]
+    order = seeds[np.argsort(quality, kind="stable")].astype(np.int32)
+    distance_limit = max(3.0 * noise_std_m, 1e-4 * cells.size_m)
+    labels, count = grow_regions(
+        order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, distance_limit, min_cells
+    )
+    labels = _drop(labels, _curved(cells, normals, labels, count))
+    labels = _merge(cells, labels, noise_std_m, cap)
+    moments = region_moments(cells.moments, labels, int(labels.max(initial=-1)) + 1, cap)
+    _, region_normals, deviations = frames_of_moments(moments)
+    region_normals = _orient(region_normals, normals, labels)
+    tolerances = 3.0 * np.maximum(deviations[:, 2], noise_std_m)
+    for _ in range(2):
+        labels = dilate_labels(
+            labels, cells.moments, cells.neighbours, region_normals, np.ascontiguousarray(moments[:, 1:4]), tolerances
+        )
+    return PlaneRegions(labels, region_normals, np.ascontiguousarray(moments[:, 1:4]))
+
+
+def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> Array:
+    """List the planes each cell's points may belong to, (m, CANDIDATES) int32, -1 padded."""
+    return candidate_labels(regions.cell_labels, cells.neighbours, CANDIDATES)
+
+
+def region_moments(moments: Float64[Array, "m 10"], labels: Labels, count: int, cap: float) -> Float64[Array, "k 10"]:
+    """Add the cells of every region, each with at most `cap` points: count, mean, central sums of products."""
+    member = np.flatnonzero(labels >= 0)
+    which = labels[member]
+    weights = np.minimum(moments[member, 0], cap)
+    share = weights / moments[member, 0]
+
+    def add(values: Array) -> Array:
+        return np.bincount(which, values, minlength=count)
+
+    total = add(weights)
+    mean = np.stack([add(weights * moments[member, a]) for a in (1, 2, 3)], axis=1) / total[:, None]
+    offset = moments[member, 1:4] - mean[which]
+    out = np.empty((count, 10))
+    out[:, 0] = total
+    out[:, 1:4] = mean
+    for column, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), start=4):
+        out[:, column] = add(share * moments[member, column] + weights * offset[:, a] * offset[:, b])
+    return out
+
+
+def _drop(labels: Labels, dropped: Flags) -> Labels:
+    """Remove regions and number the rest anew."""
+    numbers = np.where(dropped, -1, np.cumsum(~dropped) - 1).astype(np.int32)
+    return np.asarray(np.where(labels >= 0, numbers[labels] if len(numbers) else -1, -1), dtype=np.int32)
+
+
+def _orient(region_normals: Points, normals: Points, labels: Labels) -> Points:
+    """Turn region normals to the side most of their cells' normals point to."""
+    member = labels >= 0
+    agreement = np.einsum("ij,ij->i", normals[member], region_normals[labels[member]])
+    side = np.bincount(labels[member], agreement, minlength=len(region_normals))
+    return np.asarray(np.where(side[:, None] < 0, -region_normals, region_normals))
+
+
+def _curved(cells: SurfaceCells, normals: Points, labels: Labels, count: int) -> Flags:
+    """Find regions whose normals turn steadily across them: strips of pipes, tanks, vaults.
+
+    The turn per metre is the regression of the normals' deviation on position; times the region's width
+    (sqrt(12) standard deviations) it is the bend, compared with a fixed limit and with its own uncertainty.
+    """
+    moments = region_moments(np.column_stack([np.ones(len(cells)), cells.moments[:, 1:]]), labels, count, 1.0)
+    bases, region_normals, deviations = frames_of_moments(moments)
+    member = np.flatnonzero(labels >= 0)
+    which = labels[member]
+    own = normals[member]
+    region = region_normals[which]
+    own = own * np.sign(np.einsum("ij,ij->i", own, region))[:, None]
+    used = np.einsum("ij,ij->i", own, own) > 0.5
+    offset = cells.means[member] - moments[which, 1:4]
+    curved = np.zeros(count, dtype=np.bool_)
+    for axis in (0, 1):
+        along = bases[which, :, axis]
+        s = np.where(used, np.einsum("ij,ij->i", offset, along), 0.0)
+        turn = np.where(used, np.einsum("ij,ij->i", own, along), 0.0)
+        square = np.maximum(np.bincount(which, s * s, minlength=count), 1e-12)
+        slope = np.bincount(which, s * turn, minlength=count) / square
+        left = np.bincount(which, (turn - slope[which] * s) ** 2, minlength=count)
+        # normals are pooled over about nine cells, so only a ninth of them is independent
+        independent = np.maximum(np.bincount(which, used, minlength=count) / 9.0 - 1.0, 1.0)
+        width = np.sqrt(12.0) * deviations[:, axis]
+        bend = np.abs(slope) * width
+        uncertainty = np.sqrt(12.0 * left / (9.0 * independent**2))
+        curved |= (bend > BEND_LIMIT_RAD) & (bend > 3.0 * uncertainty)
+    return curved
+
+
+def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) -> Labels:
+    """Unite touching regions that are one plane within the noise, the largest first."""
+    for _ in range(5):
+        count = int(labels.max(initial=-1)) + 1
+        if count < 2:
+            return labels
+        moments = region_moments(cells.moments, labels, count, cap)
+        _, normals, deviations = frames_of_moments(moments)
+        touch = np.triu(touching_labels(labels, cells.neighbours, count), 1)
+        pairs = np.argwhere(touch)
+        joined = np.array(
+            [_is_one_plane(moments[i], normals[i], moments[j], normals[j], noise_std_m) for i, j in pairs],
+            dtype=np.bool_,
+        )
+        if not joined.any():
+            return labels
+        parent = np.arange(count)
+        size = moments[:, 0].copy()
+        for i, j in pairs[joined]:
+            a, b = _root(parent, int(i)), _root(parent, int(j))
+            if a != b:
+                large, small = (a, b) if size[a] >= size[b] else (b, a)
+                parent[small] = large
+                size[large] += size[small]
+        roots = np.array([_root(parent, i) for i in range(count)])
+        _, numbers = np.unique(roots, return_inverse=True)
+        labels = np.where(labels >= 0, numbers[labels], -1).astype(np.int32)
+    return labels
+
+
+def _root(parent: Array, i: int) -> int:
+    """Find the root of a union-find tree, halving the path."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = int(parent[i])
+    return i
+
+
+def _is_one_plane(moments_i: Scalars, normal_i: Array, moments_j: Scalars, normal_j: Array, noise_std_m: float) -> bool:
+    """Test whether the smaller region continues the plane of the larger one.
+
+    Its mean distance from the larger plane and its mean square distance must be explained by the noise: the distance
+    by 1.5 standard deviations of a point, the tilt by what raises the smaller region's deviation by half.
+    """
+    if moments_i[0] < moments_j[0]:
+        moments_i, normal_i, moments_j, normal_j = moments_j, normal_j, moments_i, normal_i
+    if abs(float(normal_i @ normal_j)) < NORMAL_LIMIT:
+        return False
+    scatter = moments_j[[4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(3, 3) / moments_j[0]
+    distance = abs(float(normal_i @ (moments_j[1:4] - moments_i[1:4])))
+    own = max(float(np.sqrt(max(normal_j @ scatter @ normal_j, 0.0))), noise_std_m)
+    across = float(np.sqrt(max(normal_i @ scatter @ normal_i, 0.0)))
+    return distance < 1.5 * noise_std_m and across < 1.5 * own

@@ -1,0 +1,40 @@
+"""A scan thinned to one oriented point per voxel."""
+
+import numpy as np
+
+from algorithms.arrays import Labels, Points
+from algorithms.features.scan_features import SurfaceSample
+from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
+from algorithms.scans.voxel_grid import voxel_cells
+
+LARGEST_SAMPLE = 60_000
+"""Points kept at most."""
+LEAST_COUNT = 3.0
+"""Cells of fewer points are no surface."""
+
+
+def sample_surface(
+    cells: SurfaceCells, surfaces: CellSurfaces, cell_labels: Labels, plane_normals: Points
+) -> SurfaceSample:
+    """Keep one cell per voxel, with the normal of its plane where it has one.
+
+    The voxels are as large as the cells, or larger until no more than `LARGEST_SAMPLE` are occupied; of the cells in
+    one voxel the one of most points is kept.
+    """
+    used = np.flatnonzero((cell_labels >= 0) | (cells.counts >= LEAST_COUNT))
+    size = cells.size_m
+    if len(used) > LARGEST_SAMPLE:
+        means = np.ascontiguousarray(cells.means[used])
+        while True:
+            size *= 1.25
+            voxels = voxel_cells(means, size)
+            if len(voxels) <= LARGEST_SAMPLE:
+                break
+        order = np.lexsort((-cells.counts[used], voxels.cell_of_point))
+        _, first = np.unique(voxels.cell_of_point[order], return_index=True)
+        used = np.sort(used[order[first]])
+    labels = cell_labels[used]
+    normals = surfaces.normals[used]
+    on_plane = labels >= 0
+    normals[on_plane] = plane_normals[labels[on_plane]]
+    return SurfaceSample(np.ascontiguousarray(cells.means[used]), normals, labels, size)

@@ -1,0 +1,81 @@
+"""Small pieces of surface with their moments and neighbours: the common ground of structured and unstructured scans."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int32
+
+from algorithms.arrays import Array, Labels, Points, Scalars, Vector3
+from algorithms.scans.normals_kernels import pool_moments, surface_of_moments
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceCells:
+    """m cells (voxels, or blocks of grid pixels) that partition the points of a scan."""
+
+    cell_of_point: Labels
+    """(n,) cell of each point, -1 for points left out."""
+    moments: Float64[Array, "m 10"]
+    """(m, 10) count, mean (3), central sums of products xx, xy, xz, yy, yz, zz."""
+    neighbours: Int32[Array, "m k"]
+    """(m, k) touching cells, -1 where there is none."""
+    size_m: float
+    """Typical distance of neighbouring cells [m]."""
+
+    def __len__(self) -> int:
+        return self.moments.shape[0]
+
+    @property
+    def counts(self) -> Scalars:
+        """(m,) points per cell."""
+        return self.moments[:, 0]
+
+    @property
+    def means(self) -> Points:
+        """(m, 3) centroids of the cells [m]."""
+        return self.moments[:, 1:4]
+
+
+@dataclass(frozen=True, eq=False)
+class CellSurfaces:
+    """The local tangent plane at each of m cells, from the moments of its neighbourhood."""
+
+    normals: Points
+    """(m, 3) unit normals, zero where no surface could be fitted."""
+    residual_std_m: Scalars
+    """(m,) standard deviation of points across the tangent plane [m], inf where there is none."""
+    width_std_m: Scalars
+    """(m,) standard deviation of points along the narrower direction of the neighbourhood [m]."""
+
+
+def cell_surfaces(
+    cells: SurfaceCells, *, sensor_m: Vector3 | None, cap: float, min_count: float, min_width_m: float = 0.0
+) -> CellSurfaces:
+    """Fit a tangent plane to the pooled neighbourhood of every cell.
+
+    Parameters
+    ----------
+    cells
+        The cells.
+    sensor_m
+        Normals are turned to this position when given.
+    cap
+        Largest weight of one cell in points, so that near, dense cells do not dominate their neighbours.
+    min_count
+        Least (capped) number of points in a neighbourhood.
+    min_width_m
+        Neighbourhoods whose narrower standard deviation is below this are pooled once more: where points are closer
+        together than their noise, a wider window is needed for a useful normal.
+    """
+    pooled = pool_moments(cells.moments, cells.neighbours, cap, np.ones(len(cells), dtype=np.bool_))
+    normals, residual, width = surface_of_moments(pooled, min_count)
+    if min_width_m > 0:
+        narrow = (width < min_width_m) & np.isfinite(residual)
+        if narrow.any():
+            wider = pool_moments(pooled, cells.neighbours, np.inf, narrow)
+            which = np.flatnonzero(narrow)
+            normals[which], residual[which], width[which] = surface_of_moments(wider[which], min_count)
+    if sensor_m is not None:
+        away = np.einsum("ij,ij->i", normals, cells.means - sensor_m) > 0
+        normals[away] *= -1.0
+    return CellSurfaces(normals, residual, width)
