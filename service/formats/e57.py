@@ -18,7 +18,7 @@ SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 COLOR = ("colorRed", "colorGreen", "colorBlue")
 CELL = ("rowIndex", "columnIndex")
 INVALID = {"cartesianInvalidState": CARTESIAN, "sphericalInvalidState": SPHERICAL}
-# pye57 reads and writes buffers of type 'l' (numpy's int64 on Linux) with a wrong stride; 'q' has the same width and works.
+# pye57 fills buffers of type 'l' (numpy's int64 on Linux) with a wrong stride; 'q' is as wide and works.
 BUFFER_TYPES = {
     "intensity": "f",
     **dict.fromkeys(COLOR, "f"),

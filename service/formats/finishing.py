@@ -116,7 +116,7 @@ def colors_8bit(channels: Array, largest: float) -> Colors:
     if channels.dtype == np.uint8 and largest == 255:
         return np.ascontiguousarray(channels)
     scaled = np.nan_to_num(np.asarray(channels, dtype=np.float32)) * np.float32(255.0 / largest)
-    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(scaled), 0, 255), dtype=np.uint8)
 
 
 def _refuse_absurd(

@@ -30,7 +30,6 @@ class LasReader:
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
         import laspy
-        import lazrs
 
         if wanted not in {None, 0}:
             return
@@ -51,7 +50,7 @@ class LasReader:
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE):
                     pieces.append(_Piece.of(chunk))
                     place = f"point {sum(len(piece.raw) for piece in pieces)}"
-        except (laspy.LaspyException, lazrs.LazrsError, struct.error) as fault:
+        except (laspy.LaspyException, struct.error) as fault:
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
         except (
             RuntimeError,
@@ -63,6 +62,7 @@ class LasReader:
             OSError,
             MemoryError,
         ) as fault:
+            # lazrs' own error is a RuntimeError
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
         yield _joined(file, pieces, count, scales, offsets_m)
 

@@ -128,7 +128,7 @@ def _read_points(file: ScanFile, stream: BinaryIO, header: _Header, index: int, 
     return ScanRecords(
         index=index,
         points=points,
-        valid=points.any(axis=1),
+        valid=np.asarray(points.any(axis=1)),
         # column after column
         row=number % header.rows,
         column=number // header.rows,
