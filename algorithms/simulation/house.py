@@ -4,7 +4,7 @@ import numpy as np
 
 from algorithms.simulation.curved_parts import bush, tube
 from algorithms.simulation.materials import BRICK, CONCRETE, FOLIAGE, LAWN, PLASTER, ROOF_TILES, STEEL, WOOD
-from algorithms.simulation.parts import Part, box, hexahedron, path_of_boxes, polygons, slab
+from algorithms.simulation.parts import Part, box, hexahedron, moved, path_of_boxes, polygons, slab
 from algorithms.simulation.scene import Scene, scene_from_parts
 from algorithms.simulation.stations import station_pose
 from algorithms.simulation.walls import Opening, wall, wall_frame
@@ -51,11 +51,11 @@ def house_scene() -> Scene:
     parts = [*_main_body(), *_roof(), *_dormer(), *_chimney(), *_porch(), *_garage(), *_pipes(), *_garden()]
     degree = np.pi / 180.0
     stations = (
-        station_pose((0.5, -8.5, 1.62), 37.0 * degree, 0.6 * degree, -0.9 * degree),
-        station_pose((10.5, -9.5, 1.71), 205.0 * degree, -1.4 * degree, 0.3 * degree),
-        station_pose((20.0, -2.0, 1.55), 111.0 * degree, 0.8 * degree, 1.1 * degree),
+        station_pose((0.5, -6.8, 1.62), 37.0 * degree, 0.6 * degree, -0.9 * degree),
+        station_pose((10.6, -7.2, 1.71), 205.0 * degree, -1.4 * degree, 0.3 * degree),
+        station_pose((18.6, -1.6, 1.55), 111.0 * degree, 0.8 * degree, 1.1 * degree),
         station_pose((18.5, 9.5, 1.68), 292.0 * degree, -0.5 * degree, 0.7 * degree),
-        station_pose((8.5, 17.0, 1.60), 64.0 * degree, 28.0 * degree, -11.0 * degree),
+        station_pose((8.3, 15.2, 1.60), 64.0 * degree, 28.0 * degree, -11.0 * degree),
         station_pose((-3.6, 9.5, 1.66), 158.0 * degree, 0.4 * degree, -1.7 * degree),
         station_pose((-3.0, -4.5, 1.59), 333.0 * degree, 1.2 * degree, 0.2 * degree),
     )
@@ -183,13 +183,11 @@ def _garden() -> list[Part]:
     rng = np.random.default_rng(20240311)
     degree = np.pi / 180.0
     ground = np.array([(-30.0, -28.0, 0.0), (38.0, -28.0, 0.0), (38.0, 32.0, 0.0), (-30.0, 32.0, 0.0)])
-    shed_roof = np.array([(12.6, 12.6, 2.35), (16.4, 14.4, 2.35), (15.3, 16.8, 1.95), (11.5, 15.0, 1.95)])
     return [
         polygons([ground], LAWN, with_edges=False),
         *path_of_boxes(((-7.0, -12.0), (-6.2, 3.0), (-10.0, 14.0)), 0.24, 1.45, BRICK),
         *path_of_boxes(((22.0, 16.0), (24.5, 2.0)), 0.1, 1.8, WOOD),
-        box((12.5, 13.5, 0.0), (15.4, 15.9, 1.95), WOOD, turn_rad=25.0 * degree, omit=("top",)),
-        slab(shed_roof, 0.1 * UP, ROOF_TILES),
+        *_shed(),
         box((3.2, 8.05, 0.0), (7.6, 11.2, 0.16), CONCRETE),
         box((4.6, 9.0, 0.82), (6.3, 9.9, 0.88), WOOD, turn_rad=14.0 * degree),
         box((5.2, 9.3, 0.16), (5.6, 9.6, 0.82), WOOD, turn_rad=14.0 * degree),
@@ -207,3 +205,15 @@ def _garden() -> list[Part]:
         bush((18.3, 1.0, 0.5), (0.7, 0.9, 0.6), FOLIAGE, rng),
         bush((6.2, -6.4, 0.4), (0.7, 0.6, 0.5), FOLIAGE, rng),
     ]
+
+
+def _shed() -> list[Part]:
+    """Build a shed with a pent roof, in its own coordinates, and set it up turned by 25 degrees."""
+    ring = ((0.0, 0.0), (2.9, 0.0), (2.9, 2.4), (0.0, 2.4))
+    tops = (2.3, 2.3, 1.95, 1.95)
+    corners = [(x, y, 0.0) for x, y in ring] + [(x, y, z) for (x, y), z in zip(ring, tops, strict=True)]
+    slope = (tops[2] - tops[0]) / ring[2][1]
+    low, high = tops[0] + slope * 2.65, tops[0] - slope * 0.25
+    roof = np.array([(-0.2, -0.25, high), (3.1, -0.25, high), (3.1, 2.65, low), (-0.2, 2.65, low)])
+    parts = [hexahedron(np.array(corners), WOOD, omit=("top",)), slab(roof, 0.1 * UP, ROOF_TILES)]
+    return moved(parts, station_pose((12.6, 13.0, 0.0), np.deg2rad(25.0)))

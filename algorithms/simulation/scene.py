@@ -60,12 +60,12 @@ class Scene:
     @cached_property
     def reflectances(self) -> Scalars:
         """(t,) diffuse reflectances of the triangles, 0..1."""
-        return np.array([m.reflectance for m in self.materials])[self.material_ids]
+        return np.asarray(np.array([m.reflectance for m in self.materials])[self.material_ids])
 
     @cached_property
     def is_glass(self) -> Array:
         """(t,) bool, True for panes."""
-        return np.array([m.glass for m in self.materials], dtype=bool)[self.material_ids]
+        return np.asarray(np.array([m.glass for m in self.materials], dtype=bool)[self.material_ids])
 
 
 def scene_from_parts(name: str, parts: Sequence[Part], stations: Sequence[RigidTransform]) -> Scene:

@@ -1,7 +1,7 @@
 """Walls with openings: reveals, frames and panes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +9,9 @@ import numpy as np
 from algorithms.arrays import Array, Matrix3, Vector3
 from algorithms.simulation.materials import GLASS, WOOD, Material
 from algorithms.simulation.parts import Part, polygons
+
+SIDES = ((0, 1), (1, 2), (2, 3), (3, 0))
+"""Corner numbers of a quadrangle's sides."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ def wall(
     low_m
         Height of the lower rim above the frame's origin [m].
     reveal_m
-        Depth of the reveals [m].
+        Depth of the reveals [m]; 0 for none.
     """
     top = np.asarray(top, dtype=np.float64)
     cells = sheet_cells(top, low_m, [o.rectangle for o in openings])
@@ -126,17 +129,43 @@ def wall(
     rim = frame.at(outline)
     parts = [Part(face.vertices, face.triangles, np.stack([rim, np.roll(rim, -1, axis=0)], axis=1), material)]
     for opening in openings:
-        ring = _rectangle(*opening.rectangle)
-        front, back = frame.at(ring), frame.at(ring, -reveal_m)
-        parts.append(
-            polygons(
-                [np.stack([front[i], front[j], back[j], back[i]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))],
-                material,
-            )
-        )
+        if reveal_m > 0.0:
+            ring = _rectangle(*opening.rectangle)
+            front, back = frame.at(ring), frame.at(ring, -reveal_m)
+            parts.append(polygons([np.stack([front[i], front[j], back[j], back[i]]) for i, j in SIDES], material))
         if opening.frame_depth_m is not None:
             parts += _filling(frame, opening, opening.frame_depth_m)
     return parts
+
+
+def partition(
+    start_m: tuple[float, float],
+    end_m: tuple[float, float],
+    height_m: float,
+    thickness_m: float,
+    openings: Sequence[Opening],
+    material: Material,
+) -> list[Part]:
+    """Build a wall between two rooms, centred on the ground line start -> end, open at both ends.
+
+    Openings count from `start_m`; they are passages unless filled from the right side of that direction.
+    """
+    start, end = np.array(start_m, dtype=np.float64), np.array(end_m, dtype=np.float64)
+    along = (end - start) / np.linalg.norm(end - start)
+    right = 0.5 * thickness_m * np.array([along[1], -along[0]])
+    length = float(np.linalg.norm(end - start))
+    top = np.array([[0.0, height_m], [length, height_m]])
+    mirrored = [replace(o, left_m=length - o.right_m, right_m=length - o.left_m, frame_depth_m=None) for o in openings]
+    right_face = wall_frame(_pair(start + right), _pair(end + right))
+    left_face = wall_frame(_pair(end - right), _pair(start - right))
+    return [
+        *wall(right_face, top, openings, material, reveal_m=thickness_m),
+        *wall(left_face, top, mirrored, material, reveal_m=0.0),
+    ]
+
+
+def _pair(point: Array) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
 
 
 def _filling(frame: WallFrame, opening: Opening, depth_m: float) -> list[Part]:
@@ -147,9 +176,8 @@ def _filling(frame: WallFrame, opening: Opening, depth_m: float) -> list[Part]:
     w, thickness = opening.frame_width_m, 0.06
     inner = (left + w, right - w, low + w, high - w)
     ring, hole = _rectangle(left, right, low, high), _rectangle(*inner)
-    sides = ((0, 1), (1, 2), (2, 3), (3, 0))
     outer_face, inner_face = frame.at(ring, -depth_m), frame.at(hole, -depth_m)
     deep = frame.at(hole, -depth_m - thickness)
-    rings = [np.stack([outer_face[i], outer_face[j], inner_face[j], inner_face[i]]) for i, j in sides]
-    rings += [np.stack([inner_face[i], inner_face[j], deep[j], deep[i]]) for i, j in sides]
+    rings = [np.stack([outer_face[i], outer_face[j], inner_face[j], inner_face[i]]) for i, j in SIDES]
+    rings += [np.stack([inner_face[i], inner_face[j], deep[j], deep[i]]) for i, j in SIDES]
     return [polygons(rings, WOOD), polygons([deep], GLASS)]
