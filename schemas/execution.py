@@ -1,0 +1,40 @@
+"""The body of an execution request, whatever the process."""
+
+from typing import Any, Generic, Literal, TypeVar
+
+from pydantic import Field
+
+from schemas.base import NotYet, RequestModel
+
+InputsT = TypeVar("InputsT", bound=RequestModel)
+
+
+class OutputFormat(RequestModel):
+    """Format of one output."""
+
+    media_type: Literal["application/json"] = Field(default="application/json", alias="mediaType")
+    """Outputs are JSON."""
+    encoding: Literal["utf-8", "UTF-8"] | None = None
+    json_schema: Any = Field(default=None, alias="schema")
+    """Schema that the client expects; only noted."""
+
+
+class OutputRequest(RequestModel):
+    """How one output is wanted."""
+
+    transmission_mode: Literal["value"] = Field(default="value", alias="transmissionMode")
+    """Only by value."""
+    format: OutputFormat | None = None
+
+
+class ExecuteRequest(RequestModel, Generic[InputsT]):
+    """Inputs of a process and how its outputs are wanted."""
+
+    inputs: InputsT
+    """Inputs by name."""
+    outputs: dict[str, OutputRequest] | None = None
+    """Wanted outputs of a synchronous run; left out: all. The result of a job is always whole."""
+    response: Literal["document", "raw"] = "document"
+    """`raw`: a single wanted output of a synchronous run comes without the enclosing document."""
+    subscriber: NotYet = None
+    """Callbacks; not supported yet."""

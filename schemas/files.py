@@ -1,0 +1,79 @@
+"""Uploaded files and what was found in them."""
+
+from datetime import datetime
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from schemas.base import ResponseModel
+from schemas.links import Link
+
+
+class ScanDocument(BaseModel):
+    """One scan of a file."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, use_attribute_docstrings=True)
+
+    index: int
+    """Number of the scan in its file, from 0."""
+    name: str
+    points: int
+    """Usable points."""
+    structured: bool
+    """Whether the points are ordered in rows and columns."""
+    rows: int | None = None
+    columns: int | None = None
+    bounds_m: list[list[float]]
+    """Minimum and maximum of the coordinates in the scan frame [m]."""
+    has_intensity: bool
+    has_color: bool
+    scan_pose: list[list[float]] | None = None
+    """world_from_scan as stored in the file, 4×4 row-major; null when the file has none."""
+
+
+class PhotoDocument(BaseModel):
+    """One photo of a file."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, use_attribute_docstrings=True)
+
+    index: int
+    """Number of the photo in its file, from 0."""
+    name: str
+    width: int
+    height: int
+
+
+class FileDocument(ResponseModel):
+    """One uploaded file."""
+
+    id: str
+    name: str
+    """As its owner called it."""
+    bytes: int
+    sha256: str
+    format: str
+    """Format that was recognised."""
+    kind: Literal["scan", "photo", "project", "other"]
+    scans: list[ScanDocument]
+    photos: list[PhotoDocument]
+    created: datetime
+    expires: datetime | None
+    """When the service may remove it; null: never by itself."""
+    links: list[Link]
+
+
+class FileDocuments(ResponseModel):
+    """The files of one request."""
+
+    files: list[FileDocument]
+
+
+class FileList(ResponseModel):
+    """One page of files, newest first."""
+
+    files: list[FileDocument]
+    number_matched: int = Field(serialization_alias="numberMatched")
+    """Files on all pages."""
+    number_returned: int = Field(serialization_alias="numberReturned")
+    """Files on this page."""
+    links: list[Link]

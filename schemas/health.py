@@ -1,0 +1,27 @@
+"""Liveness and readiness."""
+
+from typing import Literal
+
+from schemas.base import ResponseModel
+
+
+class Liveness(ResponseModel):
+    """The process answers."""
+
+    status: Literal["ok"] = "ok"
+
+
+class Check(ResponseModel):
+    """One thing the service needs."""
+
+    ok: bool
+    detail: str
+    """What was found."""
+
+
+class Readiness(ResponseModel):
+    """Whether the service can take and run jobs now."""
+
+    status: Literal["ready", "not-ready"]
+    checks: dict[str, Check]
+    """database, storage and workers."""

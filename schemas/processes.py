@@ -1,0 +1,59 @@
+"""Descriptions of processes in the words of OGC API - Processes 1.0."""
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from schemas.base import ResponseModel
+from schemas.links import Link
+
+JobControlOption = Literal["sync-execute", "async-execute", "dismiss"]
+
+
+class ProcessSummary(ResponseModel):
+    """What a process is."""
+
+    id: str
+    title: str
+    description: str
+    version: str
+    job_control_options: list[JobControlOption] = Field(serialization_alias="jobControlOptions")
+    """How it may be run."""
+    output_transmission: list[Literal["value"]] = Field(default=["value"], serialization_alias="outputTransmission")
+    """How outputs are handed over."""
+    links: list[Link]
+
+
+class ProcessList(ResponseModel):
+    """Every process of this service."""
+
+    processes: list[ProcessSummary]
+    links: list[Link]
+
+
+class InputDescription(ResponseModel):
+    """One input of a process."""
+
+    title: str
+    description: str
+    min_occurs: int = Field(default=1, serialization_alias="minOccurs")
+    """0 when it may be left out."""
+    max_occurs: int = Field(default=1, serialization_alias="maxOccurs")
+    json_schema: dict[str, Any] = Field(serialization_alias="schema")
+    """JSON Schema of its value."""
+
+
+class OutputDescription(ResponseModel):
+    """One output of a process."""
+
+    title: str
+    description: str
+    json_schema: dict[str, Any] = Field(serialization_alias="schema")
+    """JSON Schema of its value."""
+
+
+class ProcessDescription(ProcessSummary):
+    """A process with its inputs and outputs."""
+
+    inputs: dict[str, InputDescription]
+    outputs: dict[str, OutputDescription]

@@ -1,0 +1,62 @@
+"""Inputs of the process `register` (section 3 of the interface)."""
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Discriminator, Field, Tag
+
+from schemas.base import NotYet, NotYetList, RequestModel
+from schemas.registration_methods import AutoMethod, MethodRequest
+from schemas.rigid_matrix import RigidMatrix
+
+StationName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^\w[\w .()+-]*$")]
+"""Letters, digits, `_`, blank, `.`, `(`, `)`, `+`, `-`; it names stations in results and downloads."""
+
+
+PairChoice: TypeAlias = Annotated[
+    Annotated[Literal["auto"], Tag("auto")]
+    | Annotated[list[tuple[StationName, StationName]], Field(min_length=1), Tag("list")],
+    Discriminator(lambda value: "list" if isinstance(value, list) else "auto"),
+]
+
+
+class ScanReference(RequestModel):
+    """One scan of an uploaded file."""
+
+    file: str = Field(min_length=1, max_length=64)
+    """Identifier of the file, as `POST /files` gave it."""
+    index: int = Field(default=0, ge=0, le=1_000_000)
+    """Number of the scan in the file, from 0."""
+
+
+class Station(RequestModel):
+    """One set-up of the scanner."""
+
+    name: StationName
+    """Name of the station, unique in the job."""
+    scan: ScanReference
+    """What was measured there."""
+    photos: NotYetList = Field(default=[])
+    """Photos; not supported yet."""
+    levelled_std_gon: NotYet = None
+    """Standard deviation of the levelling; not supported yet."""
+    approximate_pose: NotYet = None
+    """A first guess; none is needed, and none is supported yet."""
+    point_std_m: float | None = Field(default=None, gt=0.0, le=1.0)
+    """Standard deviation of single points [m]; null: estimated from the scan."""
+
+
+class RegisterInputs(RequestModel):
+    """What is to be registered, and how."""
+
+    stations: list[Station] = Field(min_length=2, title="Stations")
+    """Two stations or more."""
+    pairs: PairChoice = Field(default="auto", title="Pairs")
+    """`auto`, or the list of [target, source] names to try."""
+    method: MethodRequest = Field(default_factory=AutoMethod, title="Method")
+    """Method of registration with its options."""
+    fix: Literal["first-station"] = Field(default="first-station", title="Datum")
+    """Whose frame becomes the world frame."""
+    control: NotYetList = Field(default=[], title="Control")
+    """Control points; not supported yet."""
+    reference: dict[StationName, RigidMatrix] | None = Field(default=None, title="Reference poses")
+    """Known poses (world_from_scan, 4×4 row-major) by station name, to compare the answer with."""

@@ -1,0 +1,49 @@
+"""What request handlers are given: the adapters, the settings, the base of links."""
+
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from service.ports import BlobStore, FileStore, JobStore, Queue, StepRunner
+from service.settings import Settings
+
+
+@dataclass(frozen=True)
+class Adapters:
+    """Everything outside the web process."""
+
+    jobs: JobStore
+    files: FileStore
+    blobs: BlobStore
+    queue: Queue
+    steps: StepRunner
+
+
+@dataclass(frozen=True)
+class BaseUrl:
+    """Beginning of all links of one answer, without a slash at its end."""
+
+    url: str
+
+    def __call__(self, path: str) -> str:
+        """Give the full address of a path of this service."""
+        return self.url + path
+
+
+def _adapters(request: Request) -> Adapters:
+    return cast("Adapters", request.app.state.adapters)
+
+
+def _settings(request: Request) -> Settings:
+    return cast("Settings", request.app.state.settings)
+
+
+def _base_url(request: Request) -> BaseUrl:
+    public = _settings(request).public_url
+    return BaseUrl((public or str(request.base_url)).rstrip("/"))
+
+
+AdaptersDependency = Annotated[Adapters, Depends(_adapters)]
+SettingsDependency = Annotated[Settings, Depends(_settings)]
+BaseUrlDependency = Annotated[BaseUrl, Depends(_base_url)]

@@ -1,0 +1,53 @@
+"""The composition root of the web process."""
+
+from importlib.metadata import version
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from service.dependencies import Adapters
+from service.routes import files, health, jobs, landing, processes, registrations
+from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
+from service.settings import Settings
+from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
+
+
+def create_app(settings: Settings, adapters: Adapters) -> FastAPI:
+    """Build the web application from its settings and adapters."""
+    app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"))
+    app.state.settings = settings
+    app.state.adapters = adapters
+    for resource in (landing, processes, jobs, files, registrations, health):
+        app.include_router(resource.router)
+    install_error_handlers(app)
+    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
+    return app
+
+
+def _openapi(app: FastAPI) -> dict[str, Any]:
+    """Describe the interface; bodies that are validated per process are added to what the framework knows."""
+    if app.openapi_schema is None:
+        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+        components = document.setdefault("components", {}).setdefault("schemas", {})
+        definitions = PROBLEM_SCHEMA.get("$defs", {})
+        components.update(definitions)
+        components["ProblemDocument"] = {key: value for key, value in PROBLEM_SCHEMA.items() if key != "$defs"}
+        components["Execute"] = {
+            "anyOf": [
+                {**inlined(process.request_model.model_json_schema()), "title": process.title}
+                for process in OFFERED_PROCESSES.values()
+            ]
+        }
+        _drop_422(document)
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+def _drop_422(document: dict[str, Any]) -> None:
+    """Remove the framework's own validation answer: bad input is always 400 here."""
+    for path in document["paths"].values():
+        for operation in path.values():
+            operation["responses"].pop("422", None)
+    for name in ("HTTPValidationError", "ValidationError"):
+        document["components"]["schemas"].pop(name, None)

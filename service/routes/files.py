@@ -1,0 +1,148 @@
+"""Files: upload, list, metadata, content, removal."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse, JSONResponse
+
+from schemas.files import FileDocument, FileDocuments, FileList
+from service.dependencies import Adapters, AdaptersDependency, BaseUrlDependency, SettingsDependency
+from service.errors import (
+    FieldFault,
+    FileTooLargeError,
+    InvalidRequestError,
+    StorageError,
+    UnsupportedMediaTypeError,
+)
+from service.routes.documents import file_document, page_links
+from service.routes.paging import LimitParameter, OffsetParameter, page_size
+from service.routes.problems import PROBLEM_RESPONSES
+from service.routes.request_bodies import FormReader, declared_length, media_type, raw_filename, require_filename
+from service.settings import Settings
+from service.use_cases.store_files import FileIntake, Upload, blob_key, delete_file, find_file
+from service.use_cases.validate_request import pointer_to
+
+router = APIRouter(tags=["files"], responses=PROBLEM_RESPONSES)
+
+UPLOAD_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {
+                        "file": {
+                            "type": "array",
+                            "items": {"type": "string", "contentMediaType": "application/octet-stream"},
+                        }
+                    },
+                }
+            },
+            "application/octet-stream": {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}},
+        },
+    }
+}
+
+
+def file_intake(adapters: Adapters, settings: Settings) -> FileIntake:
+    """Give the place where uploads go."""
+    return FileIntake(adapters.files, adapters.blobs, adapters.steps, settings)
+
+
+@router.post(
+    "/files",
+    status_code=201,
+    summary="Upload scans",
+    response_model=FileDocument | FileDocuments,
+    openapi_extra=UPLOAD_BODY,
+)
+async def upload_files(
+    request: Request, adapters: AdaptersDependency, settings: SettingsDependency, url: BaseUrlDependency
+) -> Response:
+    """Store one file or several (all or none): multipart fields `file`, or a raw body with Content-Disposition."""
+    intake = file_intake(adapters, settings)
+    stored = await intake.store(_uploads(request, intake), datetime.now(UTC))
+    documents = [file_document(file, url) for file in stored]
+    if len(documents) == 1:
+        location = url(f"/files/{documents[0].id}")
+        content = documents[0].model_dump(mode="json", by_alias=True)
+    else:
+        location = url("/files")
+        content = FileDocuments(files=documents).model_dump(mode="json", by_alias=True)
+    return JSONResponse(content, status_code=201, headers={"Location": location})
+
+
+@router.get("/files", summary="List files, newest first")
+def list_files(
+    adapters: AdaptersDependency, url: BaseUrlDependency, limit: LimitParameter = 100, offset: OffsetParameter = 0
+) -> FileList:
+    """List the files of this service, newest first, page by page."""
+    limit = page_size(limit)
+    found, total = adapters.files.find(limit, offset)
+    return FileList(
+        files=[file_document(file, url) for file in found],
+        number_matched=total,
+        number_returned=len(found),
+        links=page_links(url, "/files", {}, limit, offset, total),
+    )
+
+
+@router.get("/files/{file_id}", summary="Metadata of a file")
+def get_file(file_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> FileDocument:
+    """Tell what a file is and which scans it holds."""
+    return file_document(find_file(file_id, adapters.files), url)
+
+
+@router.get("/files/{file_id}/content", summary="Content of a file")
+def get_content(file_id: str, adapters: AdaptersDependency) -> Response:
+    """Send a file as it was uploaded, or the range of it that was asked for."""
+    file = find_file(file_id, adapters.files)
+    try:
+        path = adapters.blobs.local_path(blob_key(file.id))
+    except FileNotFoundError:
+        raise StorageError(f"the content of file '{file_id}' is missing from the storage") from None
+    return FileResponse(
+        path,
+        media_type="application/octet-stream",
+        filename=file.name,
+        headers={"X-Content-Type-Options": "nosniff"},
+    )
+
+
+@router.delete("/files/{file_id}", status_code=204, summary="Remove a file")
+def remove_file(file_id: str, adapters: AdaptersDependency) -> None:
+    """Remove a file, unless a job that has not finished reads it."""
+    delete_file(file_id, adapters.files, adapters.jobs, adapters.blobs)
+
+
+async def _uploads(request: Request, intake: FileIntake) -> AsyncIterator[Upload]:
+    length = declared_length(request) or 0
+    await asyncio.to_thread(intake.require_room, length)
+    kind = media_type(request)
+    if kind == "multipart/form-data":
+        async for upload in _form_uploads(request):
+            yield upload
+    elif kind.startswith("multipart/"):
+        raise UnsupportedMediaTypeError(f"{kind} is not taken; send multipart/form-data or a raw body")
+    else:
+        filename = raw_filename(request)
+        if length > intake.settings.max_file_bytes:
+            raise FileTooLargeError(filename, length, intake.settings.max_file_bytes)
+        yield Upload(filename, request.stream())
+
+
+async def _form_uploads(request: Request) -> AsyncIterator[Upload]:
+    found = False
+    async for part in FormReader(request).parts():
+        if part.name != "file":
+            detail = "unknown field; files are sent in fields called `file`"
+            raise InvalidRequestError(detail, [FieldFault(pointer_to(part.name), detail)])
+        found = True
+        yield Upload(require_filename(part.name, part.filename), part.chunks)
+    if not found:
+        detail = "the form holds no field `file`"
+        raise InvalidRequestError(detail, [FieldFault("/file", detail)])

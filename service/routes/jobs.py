@@ -1,0 +1,118 @@
+"""Jobs: list, status, result, downloads, dismissal."""
+
+from datetime import UTC, datetime
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse
+
+from schemas.jobs import Artifact, ArtifactList, JobList, StatusInfo
+from schemas.links import Link
+from service.dependencies import AdaptersDependency, BaseUrlDependency
+from service.errors import FieldFault, InvalidRequestError
+from service.ports import JobFilter, JobStatus
+from service.routes.documents import page_links, status_info
+from service.routes.paging import LimitParameter, OffsetParameter, page_size
+from service.routes.problems import PROBLEM_RESPONSES, problem_response
+from service.use_cases.dismiss_job import dismiss_job
+from service.use_cases.find_job import find_artifact, find_artifacts, find_job, find_result
+from service.use_cases.identifiers import is_identifier
+
+router = APIRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
+
+StatusParameter = Annotated[
+    list[str], Query(description="Only jobs of this status; several, also separated by commas.")
+]
+ProcessParameter = Annotated[
+    list[str], Query(alias="processID", description="Only jobs of this process; several, also separated by commas.")
+]
+
+
+@router.get("/jobs", summary="List jobs, newest first", response_model_exclude_none=True)
+def list_jobs(
+    adapters: AdaptersDependency,
+    url: BaseUrlDependency,
+    limit: LimitParameter = 100,
+    offset: OffsetParameter = 0,
+    status: StatusParameter = [],  # noqa: B006 - the framework copies it
+    process_id: ProcessParameter = [],  # noqa: B006
+) -> JobList:
+    """List the jobs of this service, newest first, page by page."""
+    statuses, processes = _statuses(status), _separated(process_id)
+    limit = page_size(limit)
+    known = tuple(process for process in processes if is_identifier(process))
+    which = JobFilter(statuses, known, limit, offset)
+    found, total = ([], 0) if processes and not known else adapters.jobs.find(which)
+    query = {"status": [each.value for each in statuses], "processID": list(known)}
+    return JobList(
+        jobs=[status_info(job, url) for job in found],
+        number_matched=total,
+        number_returned=len(found),
+        links=page_links(url, "/jobs", query, limit, offset, total),
+    )
+
+
+@router.get("/jobs/{job_id}", summary="Status of a job", response_model_exclude_none=True)
+def get_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> StatusInfo:
+    """Tell where a job stands: status, progress in percent, what is being done."""
+    return status_info(find_job(job_id, adapters.jobs), url)
+
+
+@router.delete("/jobs/{job_id}", summary="Dismiss or remove a job", response_model_exclude_none=True)
+def delete_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> StatusInfo:
+    """Dismiss a waiting or running job; remove a finished one with its result and downloads."""
+    job = dismiss_job(job_id, adapters.jobs, adapters.blobs, adapters.queue, datetime.now(UTC))
+    return status_info(job, url)
+
+
+@router.get("/jobs/{job_id}/results", summary="Result of a job")
+def get_results(job_id: str, request: Request, adapters: AdaptersDependency) -> Response:
+    """Give the result document; a failed job answers with its problem and that problem's status."""
+    result = find_result(job_id, adapters.jobs, adapters.blobs)
+    if isinstance(result, dict):
+        return problem_response(result, request)
+    return FileResponse(result, media_type="application/json")
+
+
+@router.get("/jobs/{job_id}/artifacts", summary="Downloads of a job")
+def list_artifacts(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> ArtifactList:
+    """List the downloads of a job."""
+    here = f"/jobs/{job_id}/artifacts"
+    artifacts = [
+        Artifact(
+            name=found.name,
+            type=found.media_type,
+            bytes=found.path.stat().st_size,
+            href=url(f"{here}/{quote(found.name)}"),
+        )
+        for found in find_artifacts(job_id, adapters.jobs, adapters.blobs)
+    ]
+    return ArtifactList(artifacts=artifacts, links=[Link(href=url(here), rel="self", title="These downloads")])
+
+
+@router.get("/jobs/{job_id}/artifacts/{name}", summary="One download of a job")
+def get_artifact(job_id: str, name: str, adapters: AdaptersDependency) -> Response:
+    """Send a download, or the range of it that was asked for."""
+    found = find_artifact(job_id, name, adapters.jobs, adapters.blobs)
+    inline = found.media_type in {"text/html", "application/json", "text/plain"}
+    return FileResponse(
+        found.path,
+        media_type=found.media_type,
+        filename=found.name,
+        content_disposition_type="inline" if inline else "attachment",
+        headers={"X-Content-Type-Options": "nosniff"},
+    )
+
+
+def _separated(values: list[str]) -> list[str]:
+    return [piece for value in values for piece in value.split(",") if piece]
+
+
+def _statuses(values: list[str]) -> tuple[JobStatus, ...]:
+    known = {status.value for status in JobStatus}
+    wanted = _separated(values)
+    if not known.issuperset(wanted):
+        detail = f"a status is one of {', '.join(sorted(known))}"
+        raise InvalidRequestError(detail, [FieldFault("/query/status", detail)])
+    return tuple(JobStatus(value) for value in wanted)

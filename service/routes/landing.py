@@ -1,0 +1,64 @@
+"""The landing page and what the service conforms to."""
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse, JSONResponse
+
+from schemas.landing import Conformance, LandingPage
+from schemas.links import Link
+from service.dependencies import BaseUrl, BaseUrlDependency
+from service.routes.accepted_types import prefers_html
+from service.web.landing_page import landing_html
+
+OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
+CLASS = "http://www.opengis.net/spec/ogcapi-processes-1/1.0/conf/"
+TITLE = "Tieline"
+DESCRIPTION = (
+    "Registers terrestrial laser scans by the straight lines, planes and cylinders of the built world, without a first "
+    "guess and with honest standard deviations."
+)
+CONFORMANCE = tuple(CLASS + name for name in ("core", "ogc-process-description", "json", "job-list", "dismiss"))
+
+router = APIRouter(tags=["service"])
+
+
+@router.get(
+    "/",
+    summary="Landing page",
+    response_model=LandingPage,
+    responses={200: {"content": {"text/html": {"schema": {"type": "string"}}}}},
+)
+async def landing(request: Request, url: BaseUrlDependency) -> Response:
+    """Link to everything else; a page for browsers."""
+    page = _page(url, request.app.version)
+    headers = {"Vary": "Accept"}
+    if prefers_html(request.headers.get("accept", "")):
+        return HTMLResponse(landing_html(page), headers=headers)
+    return JSONResponse(page.model_dump(mode="json"), headers=headers)
+
+
+@router.get("/conformance", summary="Conformance classes")
+async def conformance() -> Conformance:
+    """List the conformance classes of OGC API - Processes 1.0 that the service declares."""
+    return Conformance(conforms_to=list(CONFORMANCE))
+
+
+def _page(url: BaseUrl, version: str) -> LandingPage:
+    return LandingPage(
+        title=TITLE,
+        description=DESCRIPTION,
+        version=version,
+        links=[
+            Link(href=url("/"), rel="self", title="This page"),
+            Link(
+                href=url("/openapi.json"),
+                rel="service-desc",
+                type="application/vnd.oai.openapi+json;version=3.1",
+                title="OpenAPI description",
+            ),
+            Link(href=url("/docs"), rel="service-doc", type="text/html", title="Interactive documentation"),
+            Link(href=url("/conformance"), rel=OGC + "conformance", title="Conformance classes"),
+            Link(href=url("/processes"), rel=OGC + "processes", title="Processes"),
+            Link(href=url("/jobs"), rel=OGC + "job-list", title="Jobs"),
+            Link(href=url("/files"), rel="related", title="Uploaded files"),
+        ],
+    )

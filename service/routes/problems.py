@@ -1,0 +1,83 @@
+"""Every error of a request as a problem document."""
+
+from http import HTTPStatus
+from typing import Any, cast
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+from algorithms.errors import AlgorithmError
+from schemas.problem import ProblemDocument
+from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, to_problem
+from service.routes.accepted_types import accepts_plain_json_only
+from service.use_cases.validate_request import pointer_to
+
+PROBLEM_JSON = "application/problem+json"
+PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
+    "4XX": {
+        "description": "What is wrong with the request",
+        "content": {PROBLEM_JSON: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}},
+    },
+    "5XX": {
+        "description": "What is wrong with the service",
+        "content": {PROBLEM_JSON: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}},
+    },
+}
+"""Declared for every route; `ProblemDocument` itself is added to the components by the composition root."""
+PROBLEM_SCHEMA = ProblemDocument.model_json_schema(ref_template="#/components/schemas/{model}")
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Answer every error with a problem document."""
+    app.add_exception_handler(ServiceError, _known_error)
+    app.add_exception_handler(AlgorithmError, _known_error)
+    app.add_exception_handler(RequestValidationError, _bad_parameters)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(ClientDisconnect, _client_left)
+    app.add_exception_handler(Exception, _known_error)
+
+
+def problem_response(problem: Problem, request: Request, headers: dict[str, str] | None = None) -> Response:
+    """Answer with a problem document, as plain JSON for clients that accept nothing else."""
+    plain = accepts_plain_json_only(request.headers.get("accept", ""))
+    return JSONResponse(
+        {**problem, "instance": problem.get("instance", request.url.path)},
+        status_code=problem["status"],
+        headers=headers,
+        media_type="application/json" if plain else PROBLEM_JSON,
+    )
+
+
+def _known_error(request: Request, error: Exception) -> Response:
+    """Answer any error; the details of unexpected ones go to the log only."""
+    return problem_response(to_problem(error), request)
+
+
+def _bad_parameters(request: Request, error: Exception) -> Response:
+    """Answer bad path or query parameters; bodies are validated by the use cases."""
+    faults = [
+        FieldFault(pointer_to(*fault["loc"]), fault["msg"]) for fault in cast("RequestValidationError", error).errors()
+    ]
+    detail = "; ".join(f"{fault.pointer}: {fault.detail}" for fault in faults)
+    return problem_response(to_problem(InvalidRequestError(detail, faults)), request)
+
+
+def _http_error(request: Request, error: Exception) -> Response:
+    """Answer what the framework refuses: unknown paths, methods that a resource does not have."""
+    http = cast("HTTPException", error)
+    title = HTTPStatus(http.status_code).phrase
+    details = {
+        404: f"there is nothing at {request.url.path}; GET / lists what there is",
+        405: f"{request.url.path} does not take {request.method}",
+    }
+    detail = details.get(http.status_code, str(http.detail))
+    problem = {"type": "about:blank", "title": title, "status": http.status_code, "detail": detail}
+    return problem_response(problem, request, dict(http.headers or {}))
+
+
+def _client_left(request: Request, _error: Exception) -> Response:
+    """Nobody will read this answer: the connection broke in the middle of an upload."""
+    return problem_response(to_problem(InvalidRequestError("the connection broke before the body ended")), request)

@@ -1,0 +1,110 @@
+"""Processes: list, description, execution."""
+
+import asyncio
+from datetime import UTC, datetime
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import JSONResponse, PlainTextResponse
+
+from schemas.jobs import StatusInfo
+from schemas.links import Link
+from schemas.processes import ProcessDescription, ProcessList, ProcessSummary
+from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency, SettingsDependency
+from service.ports import Job
+from service.routes.documents import status_info
+from service.routes.problems import PROBLEM_RESPONSES
+from service.routes.request_bodies import read_json_body
+from service.use_cases.describe_processes import (
+    OFFERED_PROCESSES,
+    OfferedProcess,
+    input_descriptions,
+    offered_process,
+    output_descriptions,
+)
+from service.use_cases.submit_job import answer_at_once, check_execution, submit_job
+from service.use_cases.validate_request import parse_json
+
+EXECUTE = "http://www.opengis.net/def/rel/ogc/1.0/execute"
+
+router = APIRouter(tags=["processes"], responses=PROBLEM_RESPONSES)
+
+
+@router.get("/processes", summary="List processes")
+def list_processes(url: BaseUrlDependency) -> ProcessList:
+    """List what this service can do."""
+    return ProcessList(
+        processes=[_summary(process, url) for process in OFFERED_PROCESSES.values()],
+        links=[Link(href=url("/processes"), rel="self", title="All processes")],
+    )
+
+
+@router.get("/processes/{process_id}", summary="Describe a process")
+def get_process(process_id: str, url: BaseUrlDependency) -> ProcessDescription:
+    """Describe a process with the JSON Schemas of its inputs and outputs."""
+    process = offered_process(process_id)
+    return ProcessDescription(
+        **dict(_summary(process, url)),
+        inputs=input_descriptions(process),
+        outputs=output_descriptions(process),
+    )
+
+
+@router.post(
+    "/processes/{process_id}/execution",
+    status_code=201,
+    summary="Run a process",
+    response_model=StatusInfo,
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Execute"}}},
+        }
+    },
+)
+async def execute(
+    process_id: str,
+    request: Request,
+    adapters: AdaptersDependency,
+    settings: SettingsDependency,
+    url: BaseUrlDependency,
+) -> Response:
+    """Run a process in the background: 201 with the job. `echo` answers at once (200) unless asked otherwise."""
+    process = offered_process(process_id)
+    body = parse_json(await read_json_body(request))
+    execution = await asyncio.to_thread(check_execution, process, body, adapters.files, settings)
+    asynchronous = _prefers_async(request)
+    if process.synchronous and not asynchronous:
+        answer = answer_at_once(execution)
+        return PlainTextResponse(answer) if execution.raw and isinstance(answer, str) else JSONResponse(answer)
+    job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, datetime.now(UTC))
+    return created_job(job, url, applied="respond-async" if asynchronous else None)
+
+
+def created_job(job: Job, url: BaseUrl, applied: str | None = None) -> Response:
+    """Answer that a job was made, and where it is."""
+    headers = {"Location": url(f"/jobs/{job.id}")}
+    if applied:
+        headers["Preference-Applied"] = applied
+    document: dict[str, Any] = status_info(job, url).model_dump(mode="json", by_alias=True, exclude_none=True)
+    return JSONResponse(document, status_code=201, headers=headers)
+
+
+def _summary(process: OfferedProcess, url: BaseUrl) -> ProcessSummary:
+    here = url(f"/processes/{process.id}")
+    return ProcessSummary(
+        id=process.id,
+        title=process.title,
+        description=process.description,
+        version=process.version,
+        job_control_options=list(process.job_control),
+        links=[
+            Link(href=here, rel="self", title="Description of the process"),
+            Link(href=f"{here}/execution", rel=EXECUTE, title="POST to run it"),
+        ],
+    )
+
+
+def _prefers_async(request: Request) -> bool:
+    preferences = ",".join(request.headers.getlist("prefer")).lower().split(",")
+    return any(preference.partition(";")[0].strip() == "respond-async" for preference in preferences)

@@ -1,0 +1,97 @@
+"""Registration in one request."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+
+from schemas.jobs import StatusInfo
+from service.dependencies import AdaptersDependency, BaseUrlDependency, SettingsDependency
+from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
+from service.routes.files import file_intake
+from service.routes.problems import PROBLEM_RESPONSES
+from service.routes.processes import created_job
+from service.routes.request_bodies import FormReader, declared_length, media_type, read_within, require_filename
+from service.use_cases.register_uploads import register_uploads
+from service.use_cases.store_files import FileIntake, Upload
+from service.use_cases.validate_request import parse_json, pointer_to
+
+MAX_OPTIONS_BYTES = 1_000_000
+
+router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
+
+
+@router.post(
+    "/registrations",
+    status_code=201,
+    summary="Upload scans and register them",
+    response_model=StatusInfo,
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {
+                "multipart/form-data": {
+                    "schema": {
+                        "type": "object",
+                        "required": ["scan"],
+                        "properties": {
+                            "scan": {
+                                "type": "array",
+                                "items": {"type": "string", "contentMediaType": "application/octet-stream"},
+                                "description": "Scan files; every scan in them becomes a station: S1, S2, …",
+                            },
+                            "options": {
+                                "type": "string",
+                                "contentMediaType": "application/json",
+                                "description": "Inputs of the process `register` but `stations`.",
+                            },
+                        },
+                    }
+                }
+            },
+        }
+    },
+)
+async def register(
+    request: Request, adapters: AdaptersDependency, settings: SettingsDependency, url: BaseUrlDependency
+) -> Response:
+    """Store the scans (all or none) and start the process `register`."""
+    if media_type(request) != "multipart/form-data":
+        raise UnsupportedMediaTypeError("send multipart/form-data with fields `scan` and, if wanted, `options`")
+    intake = file_intake(adapters, settings)
+    form = _RegistrationForm(request, intake)
+    job = await register_uploads(intake, adapters.jobs, form.scans(), form.parsed_options, datetime.now(UTC))
+    return created_job(job, url)
+
+
+class _RegistrationForm:
+    """Hand out the scans as they arrive and keep the options, wherever in the form they stand."""
+
+    def __init__(self, request: Request, intake: FileIntake) -> None:
+        self._request = request
+        self._intake = intake
+        self._options: bytes | None = None
+
+    async def scans(self) -> AsyncIterator[Upload]:
+        await asyncio.to_thread(self._intake.require_room, declared_length(self._request) or 0)
+        async for part in FormReader(self._request).parts():
+            if part.name == "scan":
+                yield Upload(require_filename(part.name, part.filename), part.chunks)
+            elif part.name == "options" and self._options is None:
+                self._options = await read_within("the field `options`", part.chunks, MAX_OPTIONS_BYTES)
+            else:
+                raise _refused(part.name)
+
+    def parsed_options(self) -> Any:
+        return {} if self._options is None else parse_json(self._options, "/options")
+
+
+def _refused(name: str) -> InvalidRequestError:
+    details = {
+        "photo": "photos are not supported yet by this version; leave them out",
+        "options": "the field `options` may stand in the form only once",
+    }
+    detail = details.get(name, "unknown field; the form takes `scan` (several) and `options`")
+    return InvalidRequestError(detail, [FieldFault(pointer_to(name), detail)])

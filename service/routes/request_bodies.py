@@ -1,0 +1,232 @@
+"""Read request bodies: JSON within a limit, forms part by part in constant memory."""
+
+import re
+from collections import deque
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from email.message import Message
+from typing import Any
+
+from fastapi import Request
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser
+
+from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, UnsupportedMediaTypeError
+from service.use_cases.validate_request import pointer_to
+
+MAX_JSON_BYTES = 10_000_000
+MAX_FILENAME = 255
+
+
+def declared_length(request: Request) -> int | None:
+    """Give the length of the body when the client declares it."""
+    text = request.headers.get("content-length", "")
+    return int(text) if text.isascii() and text.isdigit() else None
+
+
+def media_type(request: Request) -> str:
+    """Give the media type of the body without its parameters, lower case; empty when there is none."""
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+async def read_json_body(request: Request) -> bytes:
+    """Read a JSON body; its Content-Type does not matter, many clients send none.
+
+    Raises
+    ------
+    FileTooLargeError
+        It is longer than a request may be.
+    """
+    length = declared_length(request)
+    if length is not None and length > MAX_JSON_BYTES:
+        raise FileTooLargeError("the request body", length, MAX_JSON_BYTES)
+    return await read_within("the request body", request.stream(), MAX_JSON_BYTES)
+
+
+async def read_within(what: str, chunks: AsyncIterator[bytes], limit: int) -> bytes:
+    """Collect a short stream.
+
+    Raises
+    ------
+    FileTooLargeError
+        It is longer than the limit.
+    """
+    body = bytearray()
+    async for chunk in chunks:
+        body += chunk
+        if len(body) > limit:
+            raise FileTooLargeError(what, len(body), limit)
+    return bytes(body)
+
+
+def clean_filename(name: str) -> str:
+    """Reduce a client's file name to its last part, without control characters; empty when nothing remains."""
+    last = re.split(r"[/\\]", name)[-1]
+    # surrogates stand for bytes that were no UTF-8 and cannot be stored
+    kept = "".join(c for c in last if c.isprintable() and not "\ud800" <= c <= "\udfff").strip()
+    return "" if kept in {".", ".."} else kept[-MAX_FILENAME:]
+
+
+def disposition(header: str) -> tuple[str, str | None]:
+    """Give `name` and `filename` (also RFC 5987 `filename*`) of a Content-Disposition header."""
+    message = Message()
+    message["content-disposition"] = re.sub(r"[\r\n]", " ", header)
+    name = message.get_param("name", "", "content-disposition")
+    return _text(name), message.get_filename()
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else str(value[2])
+
+
+@dataclass
+class FormPart:
+    """One field of a form, its content still on its way."""
+
+    name: str
+    filename: str | None
+    chunks: AsyncIterator[bytes]
+
+
+@dataclass
+class _PartStart:
+    headers: dict[str, str] = field(default_factory=dict)
+
+
+class _PartEnd:
+    pass
+
+
+class FormReader:
+    """Read a multipart form as it arrives; each part must be read before the next is asked for.
+
+    Unlike the framework's own parser nothing is spooled to a temporary file, so a scan is written to disk once.
+    """
+
+    def __init__(self, request: Request) -> None:
+        self._chunks = request.stream()
+        self._events: deque[_PartStart | bytes | _PartEnd] = deque()
+        self._finished = False
+        self._header_name = b""
+        self._header_value = b""
+        self._headers: dict[str, str] = {}
+        self._parser = MultipartParser(
+            _boundary(request),
+            {
+                "on_part_begin": self._on_part_begin,
+                "on_header_field": self._on_header_field,
+                "on_header_value": self._on_header_value,
+                "on_header_end": self._on_header_end,
+                "on_headers_finished": self._on_headers_finished,
+                "on_part_data": self._on_part_data,
+                "on_part_end": self._on_part_end,
+                "on_end": self._on_end,
+            },
+        )
+
+    async def parts(self) -> AsyncIterator[FormPart]:
+        """Yield the fields of the form in their order.
+
+        Raises
+        ------
+        InvalidRequestError
+            The form is malformed or ends too early.
+        """
+        while (event := await self._next_event()) is not None:
+            if isinstance(event, _PartStart):
+                name, filename = disposition(event.headers.get("content-disposition", ""))
+                yield FormPart(name, filename, self._content())
+
+    async def _content(self) -> AsyncIterator[bytes]:
+        while True:
+            event = await self._next_event()
+            if not isinstance(event, bytes):
+                return
+            yield event
+
+    async def _next_event(self) -> _PartStart | bytes | _PartEnd | None:
+        while not self._events:
+            try:
+                chunk = await anext(self._chunks)
+                if chunk:
+                    self._parser.write(chunk)
+            except StopAsyncIteration:
+                if not self._finished:
+                    raise InvalidRequestError("the multipart form ends before its closing boundary") from None
+                return None
+            except FormParserError as error:
+                raise InvalidRequestError(f"this is no valid multipart form: {error}") from None
+        return self._events.popleft()
+
+    def _on_part_begin(self) -> None:
+        self._headers = {}
+
+    def _on_header_field(self, data: bytes, start: int, end: int) -> None:
+        self._header_name += data[start:end]
+
+    def _on_header_value(self, data: bytes, start: int, end: int) -> None:
+        self._header_value += data[start:end]
+
+    def _on_header_end(self) -> None:
+        name = self._header_name.decode("latin-1").lower()
+        self._headers[name] = self._header_value.decode("utf-8", "surrogateescape")
+        self._header_name = self._header_value = b""
+
+    def _on_headers_finished(self) -> None:
+        self._events.append(_PartStart(self._headers))
+
+    def _on_part_data(self, data: bytes, start: int, end: int) -> None:
+        self._events.append(data[start:end])
+
+    def _on_part_end(self) -> None:
+        self._events.append(_PartEnd())
+
+    def _on_end(self) -> None:
+        self._finished = True
+
+
+def _boundary(request: Request) -> str:
+    message = Message()
+    message["content-type"] = request.headers.get("content-type", "")
+    boundary = message.get_boundary()
+    if not boundary:
+        raise InvalidRequestError("the Content-Type of the multipart form names no boundary")
+    return boundary
+
+
+def require_filename(part_name: str, name: str | None) -> str:
+    """Give the cleaned name of an uploaded file.
+
+    Raises
+    ------
+    InvalidRequestError
+        There is none.
+    """
+    cleaned = clean_filename(name or "")
+    if not cleaned:
+        detail = "a file needs a name, whose ending tells the format"
+        raise InvalidRequestError(detail, [FieldFault(pointer_to(part_name), detail)])
+    return cleaned
+
+
+def raw_filename(request: Request) -> str:
+    """Give the file name of a raw body from its Content-Disposition header.
+
+    Raises
+    ------
+    UnsupportedMediaTypeError
+        The header is missing, so the body is no upload.
+    InvalidRequestError
+        It names no file.
+    """
+    header = request.headers.get("content-disposition")
+    if header is None:
+        raise UnsupportedMediaTypeError(
+            "send a multipart form with a field `file`, or a raw body with the header "
+            '`Content-Disposition: attachment; filename="scan.e57"`'
+        )
+    try:
+        readable = header.encode("latin-1").decode("utf-8")
+    except (UnicodeEncodeError, UnicodeDecodeError):
+        readable = header
+    return require_filename("Content-Disposition", disposition(readable)[1])

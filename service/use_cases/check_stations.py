@@ -1,0 +1,91 @@
+"""Check what the schema of a request cannot know: names, files and scans that must exist."""
+
+from collections.abc import Iterable, Sequence
+
+from schemas.register_inputs import RegisterInputs, ScanReference, Station
+from service.errors import FieldFault, InvalidRequestError
+from service.ports import FileStore
+from service.use_cases.identifiers import is_identifier
+from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
+
+
+def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations: int) -> None:
+    """Check names, pairs, reference and files of a registration.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every bad field.
+    """
+    if len(inputs.stations) > max_stations:
+        detail = f"{len(inputs.stations)} stations, the limit of this service is {max_stations}"
+        raise InvalidRequestError(detail, [FieldFault("/inputs/stations", detail)])
+    faults = [
+        *_name_faults(inputs.stations),
+        *_pair_faults(inputs),
+        *_reference_faults(inputs),
+        *(
+            fault
+            for number, station in enumerate(inputs.stations)
+            for fault in _scan_faults(station.scan, files, pointer_to("inputs", "stations", number, "scan"))
+        ),
+    ]
+    if faults:
+        raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+def check_station(station: Station, files: FileStore) -> None:
+    """Check the file of a single station.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every bad field.
+    """
+    faults = list(_scan_faults(station.scan, files, "/inputs/station/scan"))
+    if faults:
+        raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+def _name_faults(stations: Sequence[Station]) -> Iterable[FieldFault]:
+    seen: set[str] = set()
+    for number, station in enumerate(stations):
+        if station.name in seen:
+            yield FieldFault(
+                pointer_to("inputs", "stations", number, "name"), f"the name '{station.name}' is used twice"
+            )
+        seen.add(station.name)
+
+
+def _pair_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    if inputs.pairs == "auto":
+        return
+    names = {station.name for station in inputs.stations}
+    seen: set[frozenset[str]] = set()
+    for number, pair in enumerate(inputs.pairs):
+        where = pointer_to("inputs", "pairs", number)
+        for side, name in enumerate(pair):
+            if name not in names:
+                yield FieldFault(f"{where}/{side}", f"there is no station '{name}'")
+        if pair[0] == pair[1]:
+            yield FieldFault(where, "a pair needs two different stations")
+        elif frozenset(pair) in seen:
+            yield FieldFault(where, "this pair is listed twice")
+        seen.add(frozenset(pair))
+
+
+def _reference_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    names = {station.name for station in inputs.stations}
+    for name in inputs.reference or {}:
+        if name not in names:
+            yield FieldFault(pointer_to("inputs", "reference", name), f"there is no station '{name}'")
+
+
+def _scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[FieldFault]:
+    file = files.get(scan.file) if is_identifier(scan.file) else None
+    if file is None:
+        yield FieldFault(f"{where}/file", f"there is no file '{scan.file}'; POST /files uploads one")
+    elif not file.scans:
+        yield FieldFault(f"{where}/file", f"the file '{file.name}' holds no scan")
+    elif scan.index >= len(file.scans):
+        yield FieldFault(f"{where}/index", f"the file '{file.name}' holds {len(file.scans)} scan(s), numbered from 0")

@@ -1,0 +1,103 @@
+"""Find jobs, their results and their downloads."""
+
+import mimetypes
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.errors import (
+    ArtifactNotFoundError,
+    JobDismissedError,
+    NoSuchJobError,
+    Problem,
+    ResultNotReadyError,
+    StorageError,
+)
+from service.ports import BlobStore, Job, JobStatus, JobStore
+from service.use_cases.identifiers import is_identifier
+
+MEDIA_TYPES = {".e57": "model/e57", ".ply": "application/octet-stream", ".dxf": "image/vnd.dxf"}
+
+
+@dataclass(frozen=True)
+class StoredArtifact:
+    """One download of a job."""
+
+    name: str
+    media_type: str
+    path: Path
+
+
+def find_job(job_id: str, jobs: JobStore) -> Job:
+    """Fetch a job.
+
+    Raises
+    ------
+    NoSuchJobError
+        There is no such job.
+    """
+    job = jobs.get(job_id) if is_identifier(job_id) else None
+    if job is None:
+        raise NoSuchJobError(job_id)
+    return job
+
+
+def find_result(job_id: str, jobs: JobStore, blobs: BlobStore) -> Path | Problem:
+    """Find the result document of a job; a failed job has its problem document instead.
+
+    Raises
+    ------
+    NoSuchJobError
+        There is no such job.
+    ResultNotReadyError
+        The job has not finished.
+    JobDismissedError
+        The job was dismissed.
+    StorageError
+        The job succeeded but its result is gone.
+    """
+    job = find_job(job_id, jobs)
+    if job.status is JobStatus.FAILED:
+        return job.problem or {"type": "about:blank", "title": "Job failed", "status": 500, "detail": job.message}
+    if job.status is JobStatus.DISMISSED:
+        raise JobDismissedError(job_id)
+    if job.status is not JobStatus.SUCCESSFUL:
+        raise ResultNotReadyError(job_id, job.status.value)
+    try:
+        return blobs.local_path(f"jobs/{job_id}/result.json")
+    except FileNotFoundError:
+        raise StorageError(f"the result of job '{job_id}' is missing from the storage") from None
+
+
+def find_artifacts(job_id: str, jobs: JobStore, blobs: BlobStore) -> list[StoredArtifact]:
+    """List the downloads of a job.
+
+    Raises
+    ------
+    NoSuchJobError
+        There is no such job.
+    """
+    find_job(job_id, jobs)
+    prefix = f"jobs/{job_id}/artifacts/"
+    return [
+        StoredArtifact(key.removeprefix(prefix), _media_type(key), blobs.local_path(key)) for key in blobs.keys(prefix)
+    ]
+
+
+def find_artifact(job_id: str, name: str, jobs: JobStore, blobs: BlobStore) -> StoredArtifact:
+    """Find one download of a job.
+
+    Raises
+    ------
+    ArtifactNotFoundError
+        The job has none of that name.
+    """
+    # chosen from what is stored: a name from outside never becomes a key
+    for artifact in find_artifacts(job_id, jobs, blobs):
+        if artifact.name == name:
+            return artifact
+    raise ArtifactNotFoundError(job_id, name)
+
+
+def _media_type(key: str) -> str:
+    suffix = Path(key).suffix.lower()
+    return MEDIA_TYPES.get(suffix) or mimetypes.types_map.get(suffix, "application/octet-stream")

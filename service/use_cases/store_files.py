@@ -1,0 +1,167 @@
+"""Take uploaded files in: all of a request, or nothing."""
+
+import asyncio
+import shutil
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from service.errors import FileNotFoundInStoreError, InsufficientStorageError, JobNotFinishedError, UnreadableFileError
+from service.ports import BlobStore, FileStore, JobStore, StepRunner, StoredFile
+from service.settings import Settings
+from service.use_cases.identifiers import is_identifier, new_identifier
+
+BYTES_BETWEEN_DISK_CHECKS = 64_000_000
+
+
+@dataclass(frozen=True)
+class Upload:
+    """One file on its way in."""
+
+    filename: str
+    chunks: AsyncIterator[bytes]
+
+
+@dataclass(frozen=True)
+class FileIntake:
+    """Where uploaded files go."""
+
+    files: FileStore
+    blobs: BlobStore
+    steps: StepRunner
+    settings: Settings
+
+    async def store(self, uploads: AsyncIterator[Upload], now: datetime) -> Sequence[StoredFile]:
+        """Write each stream to the store, have it inspected in a process of its own, then enter all of them.
+
+        Raises
+        ------
+        UnreadableFileError
+            A file is empty, or no reader understands it.
+        FileTooLargeError, InsufficientStorageError
+            A limit is reached.
+        """
+        received: list[_Received] = []
+        entered: list[StoredFile] = []
+        try:
+            async for upload in uploads:
+                received.append(_Received(new_identifier(), upload.filename))
+                await self._receive(upload, received[-1])
+            inspected = [await self._inspected(each, now) for each in received]
+            for file in inspected:
+                entered.append(file)
+                await asyncio.to_thread(self.files.add, file)
+        except BaseException:  # also when the client leaves or the service stops: nothing may stay behind
+            for file in entered:
+                self.files.delete(file.id)
+            for each in received:
+                self.blobs.delete_prefix(blob_key(each.id))
+            raise
+        return inspected
+
+    def discard(self, files: Sequence[StoredFile]) -> None:
+        """Take back what `store` entered."""
+        for file in files:
+            self.files.delete(file.id)
+            self.blobs.delete_prefix(blob_key(file.id))
+
+    def require_room(self, coming_bytes: int = 0) -> None:
+        """Refuse when the disk would be (nearly) full.
+
+        Raises
+        ------
+        InsufficientStorageError
+            Less than the configured rest would remain free.
+        """
+        free = shutil.disk_usage(_existing(self.settings.data_dir)).free
+        if free - coming_bytes < self.settings.min_free_bytes:
+            raise InsufficientStorageError(
+                f"{free} bytes are free on the disk of this service, {self.settings.min_free_bytes} must remain"
+            )
+
+    async def _receive(self, upload: Upload, received: "_Received") -> None:
+        received.bytes, received.sha256 = await self.blobs.write_stream(
+            blob_key(received.id), self._watched(upload.chunks), self.settings.max_file_bytes
+        )
+        if received.bytes == 0:
+            raise UnreadableFileError(upload.filename, "the file is empty", "byte 0")
+
+    async def _watched(self, chunks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+        unchecked = BYTES_BETWEEN_DISK_CHECKS
+        async for chunk in chunks:
+            unchecked += len(chunk)
+            if unchecked >= BYTES_BETWEEN_DISK_CHECKS:
+                self.require_room()
+                unchecked = 0
+            yield chunk
+
+    async def _inspected(self, received: "_Received", now: datetime) -> StoredFile:
+        found = await self.steps.run(
+            "inspect-file",
+            {"key": blob_key(received.id), "filename": received.filename},
+            timeout_s=self.settings.inspect_timeout_s,
+        )
+        return StoredFile(
+            id=received.id,
+            name=received.filename,
+            bytes=received.bytes,
+            sha256=received.sha256,
+            format=found["format"],
+            kind=found["kind"],
+            created=now,
+            scans=tuple(found["scans"]),
+            photos=tuple(found["photos"]),
+        )
+
+
+@dataclass
+class _Received:
+    id: str
+    filename: str
+    bytes: int = 0
+    sha256: str = ""
+
+
+def blob_key(file_id: str) -> str:
+    """Name the blob of a file."""
+    return f"files/{file_id}"
+
+
+def find_file(file_id: str, files: FileStore) -> StoredFile:
+    """Fetch the metadata of a file.
+
+    Raises
+    ------
+    FileNotFoundInStoreError
+        There is no such file.
+    """
+    file = files.get(file_id) if is_identifier(file_id) else None
+    if file is None:
+        raise FileNotFoundInStoreError(file_id)
+    return file
+
+
+def delete_file(file_id: str, files: FileStore, jobs: JobStore, blobs: BlobStore) -> None:
+    """Remove a file that no unfinished job reads.
+
+    Raises
+    ------
+    FileNotFoundInStoreError
+        There is no such file.
+    JobNotFinishedError
+        A job still reads it.
+    """
+    file = find_file(file_id, files)
+    user = jobs.unfinished_using(file_id)
+    if user is not None:
+        raise JobNotFinishedError(f"file '{file.name}'", user.id)
+    files.delete(file_id)
+    blobs.delete_prefix(blob_key(file_id))
+
+
+def _existing(path: Path) -> Path:
+    path = path.resolve()
+    while not path.exists():
+        path = path.parent
+    return path

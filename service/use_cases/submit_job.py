@@ -1,0 +1,105 @@
+"""Turn an execution request into a job on the queue, or into an answer at once."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from pydantic import BaseModel
+
+from schemas.extract_lines_inputs import ExtractLinesInputs
+from schemas.register_inputs import RegisterInputs
+from service.errors import FieldFault, InvalidRequestError, QuotaExceededError
+from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, Json
+from service.settings import Settings
+from service.use_cases.check_stations import check_register_inputs, check_station
+from service.use_cases.describe_processes import OfferedProcess
+from service.use_cases.identifiers import new_identifier
+from service.use_cases.validate_request import WRONG_FIELDS, pointer_to, validated
+
+
+@dataclass(frozen=True)
+class Execution:
+    """A validated execution request."""
+
+    process: OfferedProcess
+    inputs: Json
+    """As in the request, defaults filled in."""
+    file_ids: tuple[str, ...]
+    outputs: tuple[str, ...] | None
+    """Wanted outputs; None for all."""
+    raw: bool
+
+
+def check_execution(process: OfferedProcess, body: Any, files: FileStore, settings: Settings) -> Execution:
+    """Validate a parsed request body against the process and what is stored.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every bad field.
+    """
+    request = validated(process.request_model, body)
+    unknown = [name for name in request.outputs or {} if name not in _output_names(process)]
+    if unknown:
+        raise InvalidRequestError(
+            WRONG_FIELDS,
+            [FieldFault(pointer_to("outputs", name), f"'{process.id}' has no such output") for name in unknown],
+        )
+    return Execution(
+        process,
+        _as_stored(process, request.inputs),
+        _check_files(request.inputs, files, settings),
+        tuple(request.outputs) if request.outputs else None,
+        request.response == "raw",
+    )
+
+
+def submit_job(execution: Execution, jobs: JobStore, settings: Settings, now: datetime) -> Job:
+    """Write the job and put it on the queue, both or neither.
+
+    Raises
+    ------
+    QuotaExceededError
+        Too many jobs wait already.
+    """
+    _, waiting = jobs.find(JobFilter(statuses=(JobStatus.ACCEPTED, JobStatus.RUNNING), limit=1))
+    if waiting >= settings.max_queued_jobs:
+        raise QuotaExceededError(f"{waiting} jobs wait or run already, the limit is {settings.max_queued_jobs}")
+    job = Job(
+        id=new_identifier(),
+        process_id=execution.process.id,
+        inputs=execution.inputs,
+        status=JobStatus.ACCEPTED,
+        created=now,
+        updated=now,
+        message="waiting for a worker",
+        file_ids=execution.file_ids,
+    )
+    jobs.create_and_enqueue(job)
+    return job
+
+
+def answer_at_once(execution: Execution) -> Any:
+    """Give the outputs of `echo`: its inputs, or the single wanted one bare."""
+    wanted = execution.outputs or tuple(execution.inputs)
+    outputs = {name: execution.inputs[name] for name in wanted if name in execution.inputs}
+    return next(iter(outputs.values())) if execution.raw and len(outputs) == 1 else outputs
+
+
+def _output_names(process: OfferedProcess) -> set[str]:
+    return {field.serialization_alias or name for name, field in process.outputs.model_fields.items()}
+
+
+def _as_stored(process: OfferedProcess, inputs: BaseModel) -> Json:
+    """Give the inputs as JSON; `echo` gives back only what came in, the others are stored with their defaults."""
+    return inputs.model_dump(mode="json", by_alias=True, exclude_unset=process.synchronous)
+
+
+def _check_files(inputs: BaseModel, files: FileStore, settings: Settings) -> tuple[str, ...]:
+    if isinstance(inputs, RegisterInputs):
+        check_register_inputs(inputs, files, settings.max_stations)
+        return tuple(dict.fromkeys(station.scan.file for station in inputs.stations))
+    if isinstance(inputs, ExtractLinesInputs):
+        check_station(inputs.station, files)
+        return (inputs.station.scan.file,)
+    return ()

@@ -1,0 +1,87 @@
+"""Read JSON bodies and say which of their fields are wrong, by JSON pointer."""
+
+import json
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails, from_json
+
+from service.errors import FieldFault, InvalidRequestError
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+WRONG_FIELDS = "some fields of the request are wrong; `errors` lists each with its JSON pointer"
+
+
+def parse_json(body: bytes, pointer: str = "") -> Any:
+    """Parse a JSON body.
+
+    Raises
+    ------
+    InvalidRequestError
+        It is empty or no JSON, it holds NaN or a number beyond float64; with line and column.
+    """
+    try:
+        document = from_json(body, allow_inf_nan=False)
+        json.dumps(document, allow_nan=False)  # 1e400 parses as infinity
+    except ValueError as error:
+        what = "the body is empty; a JSON object is expected" if not body.strip() else f"this is no valid JSON: {error}"
+        raise InvalidRequestError(what, [FieldFault(pointer, what)]) from None
+    return document
+
+
+def validated(model: type[ModelT], document: Any, root: str = "") -> ModelT:
+    """Validate a parsed document strictly (no text for numbers).
+
+    Parameters
+    ----------
+    model
+        What the document must be.
+    document
+        Parsed JSON.
+    root
+        Pointer to the document in the request body.
+
+    Raises
+    ------
+    InvalidRequestError
+        With one fault per bad field.
+    """
+    try:
+        return model.model_validate_json(json.dumps(document), strict=True)
+    except ValidationError as error:
+        raise InvalidRequestError(WRONG_FIELDS, _faults(error.errors(include_url=False), document, root)) from None
+
+
+def pointer_to(*parts: str | int) -> str:
+    """Build a JSON pointer (RFC 6901)."""
+    return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in parts)
+
+
+def _faults(errors: Sequence[ErrorDetails], document: Any, root: str) -> list[FieldFault]:
+    details: dict[str, list[str]] = {}
+    for error in errors:
+        where = list(_within(error["loc"], document))
+        if error["type"] in {"union_tag_invalid", "union_tag_not_found"}:
+            where.append(str(error["ctx"]["discriminator"]).strip("'"))
+        message = "unknown field" if error["type"] == "extra_forbidden" else error["msg"]
+        known = details.setdefault(root + pointer_to(*where), [])
+        if message not in known:
+            known.append(message)
+    return [FieldFault(pointer, " or: ".join(messages)) for pointer, messages in details.items()]
+
+
+def _within(location: Sequence[str | int], document: Any) -> Sequence[str | int]:
+    """Keep of a pydantic location what exists in the document; the names of union members do not."""
+    where: list[str | int] = []
+    current = document
+    for number, part in enumerate(location):
+        last = number == len(location) - 1
+        if isinstance(current, dict) and isinstance(part, str) and (part in current or last):
+            current = current.get(part)
+        elif isinstance(current, list) and isinstance(part, int) and (part < len(current) or last):
+            current = current[part] if part < len(current) else None
+        else:
+            continue
+        where.append(part)
+    return where
