@@ -7,6 +7,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
 
+from service.errors import ServiceError
+
 Json = dict[str, Any]
 
 
@@ -222,6 +224,24 @@ class StepContext:
     limits: Mapping[str, int] = field(default_factory=dict)
 
 
+class StepFailedError(ServiceError):
+    """Carry the problem document of a step that failed in another process, unchanged.
+
+    Parameters
+    ----------
+    problem
+        Becomes the answer of `service.errors.to_problem` as it is.
+    """
+
+    def __init__(self, problem: Json) -> None:
+        self.problem = problem
+        super().__init__(str(problem.get("detail") or problem["title"]))
+
+    def extra(self) -> Json:
+        """Give the whole document."""
+        return self.problem
+
+
 class StepRunner(Protocol):
     """Run one step in a process of its own, with limits."""
 
@@ -235,9 +255,9 @@ class StepRunner(Protocol):
         Raises
         ------
         StepFailedError
-            The step itself reported what is wrong; trying again would not help.
+            The step itself reported what is wrong, or took longer than `timeout_s`; trying again would not help.
         ComputationFailedError
-            The process died without a word (signal, limit of memory), or took longer than `timeout_s`.
+            The process died without a report; the message tells how, and its last words.
         """
 
 

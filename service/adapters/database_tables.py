@@ -48,7 +48,7 @@ jobs = sa.Table(
 job_files = sa.Table(
     "job_files",
     metadata,
-    sa.Column("job_id", sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
+    sa.Column("job_id", sa.String(64), sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
     sa.Column("position", sa.Integer, primary_key=True),
     sa.Column("file_id", sa.String(64), nullable=False, index=True),
 )
@@ -56,7 +56,7 @@ job_files = sa.Table(
 job_steps = sa.Table(
     "job_steps",
     metadata,
-    sa.Column("job_id", sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
+    sa.Column("job_id", sa.String(64), sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
     sa.Column("stage", sa.Integer, primary_key=True),
     sa.Column("position", sa.Integer, primary_key=True),
     sa.Column("weight", sa.Float, nullable=False),

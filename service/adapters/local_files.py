@@ -29,11 +29,20 @@ def checked_key(key: str) -> str:
 
 
 class LocalFiles:
-    """Keep blobs below ``<directory>/blobs``; unfinished ones stay in ``<directory>/scratch``."""
+    """Keep blobs below ``<directory>/blobs``.
 
-    def __init__(self, directory: Path) -> None:
+    Parameters
+    ----------
+    directory
+        Where the service keeps its data.
+    scratch
+        Where unfinished blobs and scratch directories lie, on the same file system; by default ``scratch`` beside the
+        blobs. A computation gets a directory of its own, so that all it leaves behind can be removed when it dies.
+    """
+
+    def __init__(self, directory: Path, scratch: Path | None = None) -> None:
         self._blobs = directory.resolve() / "blobs"
-        self._scratch = directory.resolve() / "scratch"
+        self._scratch = scratch or directory.resolve() / "scratch"
         for each in (self._blobs, self._scratch):
             each.mkdir(parents=True, exist_ok=True)
 

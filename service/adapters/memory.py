@@ -1,8 +1,10 @@
 """Jobs, files, blobs and a queue in memory, for tests."""
 
 import hashlib
+import shutil
 import tempfile
 import threading
+import weakref
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -134,8 +136,9 @@ class MemoryBlobStore:
 
     def __init__(self) -> None:
         self._blobs: dict[str, bytes] = {}
-        self._directory = tempfile.TemporaryDirectory(prefix="tieline-memory-")
-        self._files = LocalFiles(Path(self._directory.name))
+        directory = tempfile.mkdtemp(prefix="tieline-memory-")
+        weakref.finalize(self, shutil.rmtree, directory, ignore_errors=True)
+        self._files = LocalFiles(Path(directory))
 
     async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
         """Store a stream; give its size and sha256. Nothing remains when the stream breaks."""

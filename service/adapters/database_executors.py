@@ -1,0 +1,114 @@
+"""Which workers live: one row per worker, touched by its heartbeat."""
+
+import os
+import socket
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import psutil
+import sqlalchemy as sa
+
+from service.adapters.database_tables import executors, leases
+
+DEAD_AFTER_S = 6.0
+"""Three heartbeats missed."""
+
+
+def _this_host() -> str:
+    """Name this machine, boot and process namespace: only within it does a process id mean anything."""
+    boot, namespace = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
+    parts = [socket.gethostname()]
+    if boot.exists():
+        parts.append(boot.read_text().strip())
+    if namespace.exists():
+        parts.append(str(namespace.readlink()))
+    return "/".join(parts)
+
+
+class DatabaseExecutors:
+    """Keep the workers and named leases. Times are those of the database machine."""
+
+    def __init__(self, engine: sa.Engine) -> None:
+        self._engine = engine
+        self._host = _this_host()
+
+    def register(self, executor_id: str) -> None:
+        """Enter a worker."""
+        me = psutil.Process(os.getpid())
+        with self._engine.begin() as connection:
+            connection.execute(
+                sa.insert(executors).values(
+                    id=executor_id,
+                    host=self._host,
+                    pid=me.pid,
+                    process_started=me.create_time(),
+                    heartbeat=_now(connection),
+                )
+            )
+
+    def beat(self, executor_id: str) -> bool:
+        """Say that a worker lives; False when it was taken for dead meanwhile (it must stop at once)."""
+        with self._engine.begin() as connection:
+            change = sa.update(executors).where(executors.c.id == executor_id).values(heartbeat=_now(connection))
+            return bool(connection.execute(change).rowcount)
+
+    def remove(self, executor_id: str) -> None:
+        """Strike out a worker that stops in order."""
+        with self._engine.begin() as connection:
+            connection.execute(sa.delete(executors).where(executors.c.id == executor_id))
+
+    def bury_dead(self, executor_id: str) -> None:
+        """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
+        with self._engine.begin() as connection:
+            overdue = _now(connection) - DEAD_AFTER_S
+            rows = connection.execute(sa.select(executors).where(executors.c.id != executor_id)).all()
+            dead = [row.id for row in rows if row.heartbeat < overdue or self._is_gone(row)]
+            if dead:
+                connection.execute(sa.delete(executors).where(executors.c.id.in_(dead)))
+
+    def live(self) -> Sequence[str]:
+        """List the workers that are entered and not overdue."""
+        with self._engine.begin() as connection:
+            overdue = _now(connection) - DEAD_AFTER_S
+            rows = connection.execute(sa.select(executors).where(executors.c.heartbeat >= overdue)).all()
+        return [row.id for row in rows if not self._is_gone(row)]
+
+    def entered(self) -> Sequence[str]:
+        """List all workers that are entered."""
+        with self._engine.begin() as connection:
+            return list(connection.execute(sa.select(executors.c.id)).scalars())
+
+    def lease(self, name: str, holder: str, seconds: float) -> bool:
+        """Take or keep a named lease; False while someone else holds it."""
+        with self._engine.begin() as connection:
+            now = _now(connection)
+            free = sa.or_(leases.c.holder == holder, leases.c.expires < now)
+            values = {"holder": holder, "expires": now + seconds}
+            if connection.execute(sa.update(leases).where(leases.c.name == name, free).values(values)).rowcount:
+                return True
+            if connection.execute(sa.select(leases.c.name).where(leases.c.name == name)).first() is not None:
+                return False
+            try:
+                with connection.begin_nested():
+                    connection.execute(sa.insert(leases).values(name=name, **values))
+            except sa.exc.IntegrityError:
+                return False  # someone else inserted it in between
+            return True
+
+    def _is_gone(self, row: sa.Row[tuple[object, ...]]) -> bool:
+        """Tell whether a worker of this machine has no process any more, which is known without waiting."""
+        if row.host != self._host:
+            return False
+        try:
+            process = psutil.Process(row.pid)
+            return abs(process.create_time() - row.process_started) > 1.0 or process.status() == psutil.STATUS_ZOMBIE
+        except psutil.NoSuchProcess:
+            return True
+
+
+def _now(connection: sa.Connection) -> float:
+    """Read the clock that all workers share (an embedded database is on this machine)."""
+    if connection.dialect.name == "postgresql":
+        return float(connection.execute(sa.text("SELECT extract(epoch FROM clock_timestamp())")).scalar_one())
+    return time.time()

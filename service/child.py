@@ -1,0 +1,129 @@
+"""One computation in its own limited process: `python -m service.child`, one JSON request on standard input.
+
+Reports go to the file descriptor given, one JSON document per line: ``{"fraction", "message"}`` any number of times,
+then ``{"result"}`` or ``{"problem"}``. What libraries print goes to the standard streams and cannot disturb it.
+"""
+
+import argparse
+import importlib
+import json
+import logging
+import os
+import resource
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from service.adapters.child_process import DEFAULT_STEPS, die_with_parent, threads_per_step
+from service.adapters.local_files import LocalFiles
+from service.errors import ComputationFailedError, to_problem
+from service.ports import Json, StepContext
+from service.settings import GIGABYTE, Settings
+
+REPORT_INTERVAL_S = 0.1
+Steps = Mapping[str, Callable[[StepContext, Json], Json]]
+
+
+class ReportPipe:
+    """Send reports to the parent; progress at most ten times a second."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._next = 0.0
+
+    def report(self, fraction: float, message: str) -> None:
+        """Say that `fraction` (0..1) of the step is done."""
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + REPORT_INTERVAL_S
+            self.send({"fraction": min(max(float(fraction), 0.0), 1.0), "message": message})
+
+    def send(self, document: Json) -> None:
+        """Write one line, whole."""
+        line = json.dumps(document, allow_nan=False).encode() + b"\n"
+        while line:
+            line = line[os.write(self._descriptor, line) :]
+
+
+def limit_resources(settings: Settings) -> None:
+    """Limit memory, computing time, file size and core dumps of this process.
+
+    Memory is limited as data (`RLIMIT_DATA`: heap and private writable maps), not as address space: open3d and numba
+    reserve tens of gigabytes of address space that they never touch.
+    """
+    used = _data_bytes()
+    _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
+    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (threads_per_step(settings) + 1))
+    _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)
+    _limit(resource.RLIMIT_CORE, 0)
+
+
+def _limit(which: int, value: int) -> None:
+    _, hard = resource.getrlimit(which)
+    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(which, (value, value))
+
+
+def _data_bytes() -> int:
+    """Give the data size of this process at the moment, where the kernel tells it."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return 0
+    lines = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
+    return int(lines["VmData"].split()[0]) * 1024
+
+
+def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
+    """Run the step and report its result, or its error as a problem document. The job boundary.
+
+    Returns
+    -------
+    False when the step failed.
+    """
+    settings = Settings(**request["settings"])
+    limit_resources(settings)
+    limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
+    context = StepContext(LocalFiles(settings.data_dir, Path(request["scratch"])), pipe, limits)
+    try:
+        result = steps[request["step"]](context, request["arguments"])
+        pipe.send({"result": result})
+    except MemoryError:
+        traceback.print_exc()
+        limit = settings.step_memory_bytes / GIGABYTE
+        error = ComputationFailedError(f"the computation needs more than the {limit:.3g} GB of memory it may use")
+        pipe.send({"problem": to_problem(error)})
+        return False
+    except Exception as error:  # noqa: BLE001 - the job boundary: every error becomes a problem document
+        traceback.print_exc()
+        pipe.send({"problem": to_problem(error)})
+        return False
+    return True
+
+
+def load(reference: str) -> Any:
+    """Import ``module:attribute``."""
+    module, _, attribute = reference.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def main() -> None:
+    """Read one request from standard input and run it."""
+    parser = argparse.ArgumentParser(prog="service.child", description="Run one computation (started by a worker).")
+    parser.add_argument("--steps", default=DEFAULT_STEPS)
+    parser.add_argument("--parent", type=int, required=True)
+    parser.add_argument("--report-fd", type=int, required=True)
+    options = parser.parse_args()
+    die_with_parent(options.parent)
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
+    request = json.loads(sys.stdin.buffer.readline())
+    done = run_step(cast("Steps", load(options.steps)), request, ReportPipe(options.report_fd))
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # threads of C++ libraries sometimes hang or crash at exit; the result is safe, so nothing is waited for
+    os._exit(0 if done else 1)
+
+
+if __name__ == "__main__":
+    main()
