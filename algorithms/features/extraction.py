@@ -2,22 +2,38 @@
 
 import numpy as np
 
+from algorithms.arrays import Vector3
 from algorithms.features.options import FeatureOptions
 from algorithms.features.plane_boundaries import bound_planes
 from algorithms.features.plane_fitting import fit_planes, renumber
 from algorithms.features.plane_intersections import intersect_planes
 from algorithms.features.plane_segmentation import candidates_of, segment_planes, typical_noise
-from algorithms.features.scan_features import ScanFeatures, SurfaceSample
+from algorithms.features.scan_features import ScanFeatures
 from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines
 from algorithms.progress import Progress
+from algorithms.scans.grid_cells import grid_cells
+from algorithms.scans.range_image import spherical_range_image
 from algorithms.scans.scan import Scan
-from algorithms.scans.surface_cells import cell_surfaces
+from algorithms.scans.sensor_position import estimate_sensor_position
+from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces, orient
 from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
 
+LEAST_VOXEL_M = 0.08
+"""Smallest voxel chosen by itself [m]."""
+LEAST_WIDTH, TYPICAL_WIDTH = 0.45, 0.6
+"""Least standard width of a single and of a typical neighbourhood of voxels, in voxels (a full square of three: 0.87)."""
+FEW_CELLS = 300
+"""Voxels do not grow beyond the size that leaves so few."""
+MIN_CELLS = 6
+"""Smallest plane in cells."""
+WIDTH_IN_NOISE = 5.0
+"""Least standard width of a neighbourhood of grid pixels, in standard deviations of the noise."""
 CAP_POINTS = 20.0
 """Largest weight of a voxel: near, dense voxels must not outweigh the rest of a plane."""
+SEEN_CELL_RAD = float(np.deg2rad(0.5))
+"""Direction cells of the range image."""
 
 
 def extract_features(
@@ -34,7 +50,7 @@ def extract_features(
     progress
         Is told the steps: cells, planes, lines, cylinders, surface.
     rng
-        Source of the random draws of the cylinder search; the same state gives the same features.
+        Source of the random draws; the same state gives the same features.
 
     Raises
     ------
@@ -42,16 +58,17 @@ def extract_features(
         If the scan has no points or is too large for its point spacing.
     """
     progress.report(0.0, "cells")
+    cells, surfaces = cut_into_cells(scan, options)
     sensor = scan.sensor_m
-    cells = (
-        voxel_cells_of_fitting_size(scan.points)
-        if options.voxel_size_m is None
-        else voxel_cells(scan.points, options.voxel_size_m)
-    )
-    surfaces = cell_surfaces(cells, sensor_m=sensor, cap=CAP_POINTS, min_count=8.0)
-    progress.report(0.3, "planes")
+    if sensor is None:
+        flat = np.isfinite(surfaces.residual_std_m)
+        sensor = estimate_sensor_position(
+            np.ascontiguousarray(cells.means[flat]), surfaces.normals[flat], candidate_m=-scan.origin_m, rng=rng
+        ).position_m
+    surfaces = orient(cells, surfaces, sensor)
     noise = typical_noise(surfaces)
-    regions = segment_planes(cells, surfaces, noise_std_m=noise, cap=CAP_POINTS, min_cells=6)
+    progress.report(0.3, "planes")
+    regions = segment_planes(cells, surfaces, noise_std_m=noise, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
         scan.points, cells.cell_of_point, candidates_of(cells, regions), regions.normals, regions.centroids, noise,
         min_points=options.min_plane_points,
@@ -64,12 +81,14 @@ def extract_features(
     lines = intersect_planes(planes, rasters, min_length_m=options.min_line_length_m)
     progress.report(0.9, "surface")
     surface = sample_surface(cells, surfaces, renumber(regions.cell_labels, regions_fitted[kept]), planes.normals)
+    spacing = cells.size_m / float(np.sqrt(np.median(cells.counts)))
+    splat = 0.0 if scan.grid is not None else 0.5 * spacing
     return ScanFeatures(
         lines=lines,
         planes=planes,
         cylinders=no_cylinders(),
         surface=surface,
-        seen=None,
+        seen=None if sensor is None else spherical_range_image(scan.points, sensor, SEEN_CELL_RAD, splat_m=splat),
         origin_m=scan.origin_m,
         sensor_m=sensor,
         point_count=len(scan),
@@ -77,7 +96,31 @@ def extract_features(
     )
 
 
+def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, CellSurfaces]:
+    """Cut a scan into cells and give each its tangent plane."""
+    if scan.grid is not None:
+        sensor: Vector3 = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
+        cells = grid_cells(scan.points, scan.grid, sensor)
+        width = WIDTH_IN_NOISE * typical_noise(cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0))
+        return cells, cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0, wanted_width_m=width)
+    size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
+    while True:
+        if options.voxel_size_m is None:
+            cells = voxel_cells_of_fitting_size(scan.points, least_size_m=size)
+        else:
+            cells = voxel_cells(scan.points, size)
+        surfaces = cell_surfaces(cells, cap=CAP_POINTS, min_count=8.0, least_width_m=LEAST_WIDTH * cells.size_m)
+        widths = surfaces.width_std_m[surfaces.width_std_m > 0]
+        # scan lines far apart: typical neighbourhoods must be wide enough to hold several of them
+        wide = len(widths) > 0 and float(np.median(widths)) > TYPICAL_WIDTH * cells.size_m
+        if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
+            return cells, surfaces
+        size = 1.25 * cells.size_m
+
+
 def no_cylinders() -> Cylinders:
     """Give no cylinders."""
     none = np.empty(0)
-    return Cylinders(Lines.empty(), none, none, np.empty(0, dtype=np.bool_), none, none, np.empty(0, dtype=np.int64))
+    return Cylinders(
+        Lines.empty(), none, none, np.empty(0, dtype=np.bool_), none, none, np.empty(0, dtype=np.int64)
+    )

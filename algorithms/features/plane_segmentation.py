@@ -41,9 +41,9 @@ class PlaneRegions:
 
 
 def typical_noise(surfaces: CellSurfaces) -> float:
-    """Give the median deviation of points across well-shaped tangent planes [m]."""
+    """Give the deviation of points across flat tangent planes [m]: the lower quartile, as relief only adds to noise."""
     flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
-    return float(np.median(surfaces.residual_std_m[flat])) if flat.any() else 0.0
+    return float(np.quantile(surfaces.residual_std_m[flat], 0.25)) if flat.any() else 0.0
 
 
 def segment_planes(
@@ -67,7 +67,7 @@ def segment_planes(
     seeds = np.flatnonzero(flat)
     quality = surfaces.residual_std_m[seeds] / surfaces.width_std_m[seeds]
     order = seeds[np.argsort(quality, kind="stable")].astype(np.int32)
-    distance_limit = max(3.0 * noise_std_m, 1e-4 * cells.size_m)
+    distance_limit = max(4.0 * noise_std_m, 1e-4 * cells.size_m)
     labels, count = grow_regions(
         order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, distance_limit, min_cells
     )

@@ -1,6 +1,6 @@
 """Small pieces of surface with their moments and neighbours: the common ground of structured and unstructured scans."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int32
@@ -49,33 +49,40 @@ class CellSurfaces:
 
 
 def cell_surfaces(
-    cells: SurfaceCells, *, sensor_m: Vector3 | None, cap: float, min_count: float, min_width_m: float = 0.0
+    cells: SurfaceCells, *, cap: float, min_count: float, wanted_width_m: float = 0.0, least_width_m: float = 0.0
 ) -> CellSurfaces:
-    """Fit a tangent plane to the pooled neighbourhood of every cell.
+    """Fit a tangent plane to the pooled neighbourhood of every cell; the sides of the normals are arbitrary.
 
     Parameters
     ----------
     cells
         The cells.
-    sensor_m
-        Normals are turned to this position when given.
     cap
         Largest weight of one cell in points, so that near, dense cells do not dominate their neighbours.
     min_count
         Least (capped) number of points in a neighbourhood.
-    min_width_m
+    wanted_width_m
         Neighbourhoods whose narrower standard deviation is below this are pooled once more: where points are closer
         together than their noise, a wider window is needed for a useful normal.
+    least_width_m
+        Neighbourhoods narrower than this are no surface: a single scan line across a wall does not tell its normal.
     """
     pooled = pool_moments(cells.moments, cells.neighbours, cap, np.ones(len(cells), dtype=np.bool_))
     normals, residual, width = surface_of_moments(pooled, min_count)
-    if min_width_m > 0:
-        narrow = (width < min_width_m) & np.isfinite(residual)
-        if narrow.any():
-            wider = pool_moments(pooled, cells.neighbours, np.inf, narrow)
-            which = np.flatnonzero(narrow)
-            normals[which], residual[which], width[which] = surface_of_moments(wider[which], min_count)
-    if sensor_m is not None:
-        away = np.einsum("ij,ij->i", normals, cells.means - sensor_m) > 0
-        normals[away] *= -1.0
+    narrow = (width < wanted_width_m) & np.isfinite(residual)
+    if narrow.any():
+        wider = pool_moments(pooled, cells.neighbours, np.inf, narrow)
+        which = np.flatnonzero(narrow)
+        normals[which], residual[which], width[which] = surface_of_moments(wider[which], min_count)
+    too_narrow = width < least_width_m
+    normals[too_narrow] = 0.0
+    residual[too_narrow] = np.inf
     return CellSurfaces(normals, residual, width)
+
+
+def orient(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3 | None) -> CellSurfaces:
+    """Turn normals towards the sensor; without one they stay as they are."""
+    if sensor_m is None:
+        return surfaces
+    away = np.einsum("ij,ij->i", surfaces.normals, cells.means - sensor_m) > 0
+    return replace(surfaces, normals=np.where(away[:, None], -surfaces.normals, surfaces.normals))
