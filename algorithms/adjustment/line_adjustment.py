@@ -1,0 +1,191 @@
+"""Fine registration by matched lines: the rigorous pose with everything its reader needs (MATH 3.1, 4, 5, 7)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.observations.line_line import LineLine
+from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.rank import UserOrigins, WeakDirection, centred_frame, weak_directions
+from algorithms.adjustment.reports import LineReport, Removal, line_report, removals_in_words
+from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
+from algorithms.adjustment.testing import (
+    GlobalTest,
+    component_tests,
+    global_test,
+    normal_critical_value,
+    tau_critical_value,
+)
+from algorithms.arrays import IndexPairs, Matrices3, Vector3
+from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
+from algorithms.geometry.lines import Lines
+from algorithms.geometry.poses import OptionalTriple, PoseEstimate
+
+
+@dataclass(frozen=True)
+class AdjustmentOptions:
+    """How to adjust and test."""
+
+    alpha_global: float = 0.05
+    """Probability that the global test rejects a good adjustment."""
+    alpha_single: float = 0.001
+    """Probability that a good correspondence fails its test."""
+    power: float = 0.80
+    """Probability with which an error of the smallest detectable size is found."""
+    max_removed_share: float = 0.5
+    """Largest share of the correspondences that may be removed; 0 tests without removing."""
+    max_iterations: int = 20
+    """Limit of rounds in each adjustment."""
+
+
+DEFAULT_OPTIONS = AdjustmentOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class LineAdjustment:
+    """Result of adjusting one pose to matched lines."""
+
+    pose: PoseEstimate
+    """Pose with its a-priori covariance (sigma0 = 1). Where the rank is below 6 its null space is set, and the pose
+    along it is that of the start value."""
+    rank: int
+    """Determined parameters, of 6."""
+    free_directions: tuple[str, ...]
+    """What is free, in words; empty at rank 6."""
+    advice: str
+    """What to add where the rank is below 6."""
+    ghost_ratio: float
+    """Information on the weakest shift over what noise alone would pretend; below 10 the shift is free (MATH 5.2)."""
+    weak: tuple[WeakDirection, ...]
+    """Determined, but badly."""
+    observation_count: int
+    """Conditions: four for each used line."""
+    independent_condition_count: int
+    """Rank of their covariance: less than the conditions where lines share planes."""
+    redundancy: int
+    """Independent conditions minus determined parameters."""
+    omega: float
+    """Weighted sum of squared residuals."""
+    sigma0: float | None
+    """Standard deviation of unit weight a posteriori; None without redundancy."""
+    global_test: GlobalTest
+    w_critical: float
+    """Limit of |w| with sigma0 = 1 known a priori."""
+    tau_critical: float | None
+    """Limit of |w| / sigma0 where sigma0 is estimated (Pope's tau); None below redundancy 2."""
+    t_critical: float
+    """Limit of the line statistic T with four degrees of freedom."""
+    lines: LineReport
+    removals: tuple[Removal, ...]
+    """Removed and reinstated correspondences in order."""
+    largest_external_effects: dict[str, float]
+    """Largest effect of an error that stays undetected in any used component, on each pose parameter [rad, m]."""
+    centroid_m: Vector3
+    """(3,) centroid of the used target lines' end points [m]."""
+    centroid_std_m: OptionalTriple
+    """Standard deviations of the position at the centroid [m]."""
+    iterations: int
+    """Rounds of the last adjustment."""
+    converged: bool
+
+    @property
+    def variance_factor(self) -> float:
+        """Factor max(1, sigma0²) that keeps the covariance from promising too much when residuals are too large."""
+        return 1.0 if self.sigma0 is None else max(1.0, self.sigma0**2)
+
+    @property
+    def pose_a_posteriori(self) -> PoseEstimate:
+        """Pose with the covariance multiplied by `variance_factor`."""
+        return self.pose.with_covariance_scaled(self.variance_factor)
+
+
+def adjust_lines(
+    target: Lines,
+    source: Lines,
+    correspondences: IndexPairs,
+    start: RigidTransform,
+    *,
+    target_plane_covariances: Matrices3 | None = None,
+    source_plane_covariances: Matrices3 | None = None,
+    options: AdjustmentOptions = DEFAULT_OPTIONS,
+) -> LineAdjustment:
+    """Adjust the pose to matched lines, remove wrong correspondences, and say what is determined and how well.
+
+    Lines that are intersections of planes are correlated where they share a plane. With the plane covariances given,
+    their joint covariance is used; left out, lines count as independent, which promises too much for rooms.
+
+    Parameters
+    ----------
+    target, source
+        Lines of both scans in their frames.
+    correspondences
+        (n, 2) numbers of target line and source line, one to one.
+    start
+        Target from source, within the convergence region of the linearisation (a few degrees are ample).
+    target_plane_covariances, source_plane_covariances
+        (p, 3, 3) of the planes that `Lines.parents` counts, (a1, a2, b) of `Planes.covariances`.
+    options
+        Significance levels and limits.
+
+    Raises
+    ------
+    TooFewCorrespondencesError
+        Below two correspondences.
+    InvalidInputError
+        When a line occurs twice, a number does not exist, or a covariance is not positive definite.
+    """
+    _check_correspondences(correspondences, len(target), len(source))
+    matches = LineLine(target, source, correspondences)
+    origins = UserOrigins(matches.target_points().mean(axis=0), matches.source_points().mean(axis=0))
+    reduced = matches.about(origins.target_m, origins.source_m)
+    problem = Problem((reduced,), target_plane_covariances, source_plane_covariances)
+    reduced_start = RigidTransform.from_components(
+        np.asarray(start.translation) - (origins.target_m - start.rotation.apply(origins.source_m)), start.rotation
+    )
+    rules = SnoopingRules(options.alpha_single, options.max_removed_share, options.max_iterations)
+    result = adjust_and_snoop(problem, reduced_start, rules, origins)
+    solution, used = result.solution, problem.selected(result.used)
+    reduced_pose = PoseEstimate(solution.pose, solution.cofactors, result.rank.null_space)
+    centroid = centred_frame(used).centroid
+    components = component_tests(solution, options.alpha_single, options.power)
+    effects = np.abs(components.external).max(axis=0)
+    names = ("rotation_x_rad", "rotation_y_rad", "rotation_z_rad", "x_m", "y_m", "z_m")
+    return LineAdjustment(
+        pose=reduced_pose.moved_to_origins(origins.target_m, origins.source_m),
+        rank=result.rank.rank,
+        free_directions=result.rank.free_directions,
+        advice=result.rank.advice,
+        ghost_ratio=result.rank.ratio,
+        weak=weak_directions(used, solution.pose, solution.cofactors, result.rank),
+        observation_count=len(solution.system.residuals),
+        independent_condition_count=solution.whitening.rank,
+        redundancy=solution.redundancy,
+        omega=solution.omega,
+        sigma0=solution.sigma0,
+        global_test=global_test(solution.omega, solution.redundancy, options.alpha_global),
+        w_critical=normal_critical_value(options.alpha_single),
+        tau_critical=tau_critical_value(options.alpha_single, solution.redundancy),
+        t_critical=float(stats.chi2.isf(options.alpha_single, 4)),
+        lines=line_report(reduced, result, components),
+        removals=removals_in_words(reduced, result, options.alpha_single),
+        largest_external_effects={name: float(effect) for name, effect in zip(names, effects, strict=True)},
+        centroid_m=centroid + origins.target_m,
+        centroid_std_m=reduced_pose.position_std_m(centroid),
+        iterations=solution.iterations,
+        converged=solution.converged,
+    )
+
+
+def _check_correspondences(correspondences: IndexPairs, target_count: int, source_count: int) -> None:
+    if len(correspondences) < 2:
+        raise TooFewCorrespondencesError(len(correspondences), 2)
+    for column, count, name in ((0, target_count, "target"), (1, source_count, "source")):
+        numbers = correspondences[:, column]
+        if numbers.min() < 0 or numbers.max() >= count:
+            raise InvalidInputError("correspondences", f"a {name} line number is not in 0..{count - 1}")
+        values, counts = np.unique(numbers, return_counts=True)
+        if (counts > 1).any():
+            twice = ", ".join(str(value) for value in values[counts > 1])
+            raise InvalidInputError("correspondences", f"{name} line {twice} occurs more than once", "match one to one")

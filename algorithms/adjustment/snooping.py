@@ -1,0 +1,199 @@
+"""Finding wrong correspondences: one at a time, adjusted anew, re-tested and put back (MATH 4.5)."""
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+import numpy as np
+from scipy import stats
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.rank import RankReport, UserOrigins, analyse_rank
+from algorithms.adjustment.solver import Solution, solve
+from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
+from algorithms.adjustment.weights import whitening_of
+from algorithms.arrays import Array, Flags
+
+FEWEST_BLOCKS = 2
+"""Correspondences that must remain."""
+
+INSEPARABLE = 0.9
+"""Above this correlation of two test values either could be the wrong one (MATH 4.5)."""
+
+
+class CorrespondenceState(IntEnum):
+    """What became of a correspondence."""
+
+    USED = 0
+    REMOVED = 1
+    REINSTATED = 2
+    """Removed in between, found good in the end, and used."""
+    NOT_CONTROLLED = 3
+    """Used, but nothing checks it."""
+
+
+class Change(StrEnum):
+    """Direction of a change of the set of used correspondences."""
+
+    REMOVED = "removed"
+    REINSTATED = "reinstated"
+
+
+@dataclass(frozen=True)
+class SnoopingStep:
+    """One change of the set of used correspondences."""
+
+    step: int
+    """Number of the adjustment after which it happened, from 1."""
+    change: Change
+    block: int
+    """Number of the correspondence."""
+    statistic: float
+    """Its test value T."""
+    critical: float
+    """Limit of T."""
+    inseparable_from: tuple[int, ...]
+    """Correspondences whose test values are correlated with this one's by more than 0.9: any may be the wrong one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SnoopingResult:
+    """Solution without the correspondences that failed the test."""
+
+    solution: Solution
+    rank: RankReport
+    used: Flags
+    """(n,) True for correspondences in the solution."""
+    reinstated: Flags
+    """(n,) True for those that had been out and came back."""
+    tests: BlockTests
+    """Tests of all correspondences, of unused ones against their prediction."""
+    steps: tuple[SnoopingStep, ...]
+
+
+@dataclass(frozen=True)
+class SnoopingRules:
+    """When to remove and when to stop."""
+
+    alpha: float
+    """Probability that a good correspondence fails its test."""
+    max_removed_share: float
+    """No more than this share of the correspondences is removed; 0 tests without removing."""
+    max_iterations: int
+    """Rounds of each adjustment."""
+
+
+def adjust_and_snoop(
+    problem: Problem, start: RigidTransform, rules: SnoopingRules, origins: UserOrigins
+) -> SnoopingResult:
+    """Adjust, remove the worst correspondence while one fails, re-test the removed ones and put back the good.
+
+    Parameters
+    ----------
+    problem
+        Correspondences between reduced frames.
+    start
+        Start pose between the reduced frames.
+    rules
+        Significance level and limits.
+    origins
+        Where the origins of the reduced frames lie in the user's frames.
+    """
+    n = len(problem)
+    used, reinstated = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+    most_removed = min(int(rules.max_removed_share * n), n - FEWEST_BLOCKS)
+    steps: list[SnoopingStep] = []
+    pose, adjustments = start, 0
+    while True:
+        part = problem if used.all() else problem.selected(used)
+        solution, rank = _adjusted(part, pose, rules.max_iterations, origins)
+        adjustments += 1
+        pose = solution.pose
+        tests = _all_tests(problem, used, solution)
+        removed_before = ~used
+        candidates = np.where(used, tests.p_values, np.inf)
+        worst = _worst(candidates, tests)
+        if candidates[worst] < rules.alpha and removed_before.sum() < most_removed and not reinstated[worst]:
+            partners = _inseparable(solution, int(used[:worst].sum()), np.flatnonzero(used))
+            steps.append(_step(adjustments, Change.REMOVED, worst, tests, rules.alpha, partners))
+            used[worst] = False
+            continue
+        best = int(np.argmax(np.where(used, -1.0, tests.p_values)))
+        if not used[best] and tests.degrees[best] > 0 and tests.p_values[best] >= rules.alpha:
+            steps.append(_step(adjustments, Change.REINSTATED, best, tests, rules.alpha, ()))
+            used[best] = reinstated[best] = True
+            continue
+        return SnoopingResult(solution, rank, used, reinstated, tests, tuple(steps))
+
+
+def _adjusted(
+    problem: Problem, start: RigidTransform, max_iterations: int, origins: UserOrigins
+) -> tuple[Solution, RankReport]:
+    """Adjust with what is free held; decided at the start pose and checked at the solution."""
+    system = problem.linearised(start)
+    whitened = whitening_of(system).apply(system.jacobian)
+    report = analyse_rank(problem, system, whitened.T @ whitened, start, origins)
+    solution = solve(problem, start, report.held, max_iterations)
+    checked = analyse_rank(problem, solution.system, solution.normal_matrix, solution.pose, origins)
+    if checked.rank == report.rank:
+        return solution, report
+    return solve(problem, solution.pose, checked.held, max_iterations), checked
+
+
+def _all_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
+    """Put the tests of used and the predictions of unused correspondences into one."""
+    inside = block_tests(solution)
+    if used.all():
+        return inside
+    outside = predicted_block_tests(problem, used, solution)
+    merged = [np.array(values) for values in (outside.statistics, outside.degrees, outside.p_values)]
+    for values, of_used in zip(merged, (inside.statistics, inside.degrees, inside.p_values), strict=True):
+        values[used] = of_used
+    return BlockTests(*merged)
+
+
+def _worst(p_values: Array, tests: BlockTests) -> int:
+    """Find the smallest p-value; among those too small for a number, the largest statistic per degree of freedom."""
+    smallest = p_values.min()
+    ties = np.flatnonzero(p_values <= max(smallest, np.finfo(np.float64).tiny))
+    ratio = tests.statistics[ties] / np.maximum(tests.degrees[ties], 1.0)
+    return int(ties[np.argmax(ratio)])
+
+
+def _step(
+    number: int, change: Change, block: int, tests: BlockTests, alpha: float, partners: tuple[int, ...]
+) -> SnoopingStep:
+    critical = float(stats.chi2.isf(alpha, max(tests.degrees[block], 1.0)))
+    return SnoopingStep(number, change, block, float(tests.statistics[block]), critical, partners)
+
+
+def _inseparable(solution: Solution, block: int, numbers: Array) -> tuple[int, ...]:
+    """Find blocks whose residuals are bound to those of one block (largest canonical correlation)."""
+    system = solution.system
+    rows_of = system.block_of_row
+    mine = np.flatnonzero(rows_of == block)
+    crossed = -system.jacobian[mine] @ solution.cofactors @ system.jacobian.T
+    if system.joint_covariance is not None:
+        crossed = crossed + system.joint_covariance[mine]
+    roots = _residual_roots(solution)
+    found = []
+    for other in range(len(numbers)):
+        if other == block:
+            continue
+        rows = np.flatnonzero(rows_of == other)
+        correlation = roots[block] @ crossed[:, rows] @ roots[other].T
+        if np.linalg.norm(correlation, ord=2) > INSEPARABLE:
+            found.append(int(numbers[other]))
+    return tuple(found)
+
+
+def _residual_roots(solution: Solution) -> list[Array]:
+    """Give for each block a matrix that whitens its residuals after adjustment, uncontrolled parts left out."""
+    system, roots = solution.system, []
+    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian), strict=True):
+        left = blocks - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2)
+        values, vectors = np.linalg.eigh(left)
+        relative = values / np.maximum(values[:, -1:], np.finfo(np.float64).tiny)
+        inverse = np.where(relative > 1e-10, 1.0 / np.sqrt(np.where(relative > 1e-10, values, 1.0)), 0.0)
+        roots.extend(inverse[:, :, None] * np.swapaxes(vectors, 1, 2))
+    return roots

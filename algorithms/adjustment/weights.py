@@ -1,0 +1,92 @@
+"""Weights of correlated and possibly dependent residuals: a matrix that makes them independent with unit variance."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy import linalg, sparse
+
+from algorithms.adjustment.problem import LinearSystem
+from algorithms.arrays import Array
+from algorithms.errors import InvalidInputError
+
+DEPENDENT_SHARE = 1e-4
+"""Combinations of residuals whose variance, relative to the blocks' own, is below this share are left out.
+
+Lines of shared planes are bound to each other by conditions that hold exactly for error-free planes. Both scans' planes
+are noisy, so the conditions of the two sides differ by about the tilt errors (1e-3 to 1e-2), which gives such
+combinations a variance share of tilt² that means nothing: weighting by it would pretend information. Leaving a
+combination out is always honest; it only spends what little the combination could tell."""
+
+Rows: TypeAlias = "sparse.csr_array | Array"
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """A matrix F with F C Fᵀ = I, so that P = Fᵀ F is the weight matrix (pseudo-inverse of C)."""
+
+    matrix: Rows
+    """(rank, m) F; sparse when the blocks are independent."""
+
+    @property
+    def rank(self) -> int:
+        """Number of independent conditions."""
+        return int(self.matrix.shape[0])
+
+    def apply(self, stacked: Array) -> Array:
+        """Give F x for x of shape (m,) or (m, k)."""
+        return np.asarray(self.matrix @ stacked)
+
+    def apply_transposed(self, whitened: Array) -> Array:
+        """Give Fᵀ y for y of shape (rank,) or (rank, k)."""
+        return np.asarray(self.matrix.T @ whitened)
+
+    def weight_diagonal(self) -> Array:
+        """Give the diagonal of P, (m,)."""
+        if isinstance(self.matrix, np.ndarray):
+            return np.asarray((self.matrix**2).sum(axis=0))
+        return np.asarray(self.matrix.power(2).sum(axis=0)).ravel()
+
+    def projector_diagonal(self, system: LinearSystem) -> Array:
+        """Give the diagonal of C P, (m,): ones where every combination of the residuals is used."""
+        if system.joint_covariance is None or not isinstance(self.matrix, np.ndarray):
+            return np.ones(len(system.residuals))
+        return np.asarray(np.einsum("ij,ji->i", system.joint_covariance @ self.matrix.T, self.matrix))
+
+
+def whitening_of(system: LinearSystem) -> Whitening:
+    """Build the whitening of a system's residuals.
+
+    Raises
+    ------
+    InvalidInputError
+        When the covariance of a block by itself is not positive definite.
+    """
+    blockwise = _blockwise(system.covariances)
+    if system.joint_covariance is None:
+        return Whitening(blockwise)
+    # In units of each block the diagonal blocks are unit matrices, so one threshold fits tilts and offsets.
+    normalised = blockwise @ (blockwise @ system.joint_covariance).T
+    values, vectors = linalg.eigh(0.5 * (normalised + normalised.T), driver="evd")
+    kept = values > DEPENDENT_SHARE
+    rows = (vectors[:, kept] / np.sqrt(values[kept])).T
+    return Whitening(np.asarray((blockwise.T @ rows.T).T))
+
+
+def _blockwise(covariances: tuple[Array, ...]) -> sparse.csr_array:
+    """Stack the inverse Cholesky factors of all blocks on the diagonal of one sparse matrix."""
+    parts = []
+    for blocks in covariances:
+        n, d = blocks.shape[:2]
+        # Scaling to correlations first: tilts [rad] and offsets [m] may differ by many powers of ten.
+        std = np.sqrt(np.maximum(np.diagonal(blocks, axis1=1, axis2=2), 0.0))
+        if not np.isfinite(blocks).all() or (std <= 0.0).any():
+            raise InvalidInputError("covariance of a feature", "variances must be positive and finite")
+        try:
+            roots = np.linalg.cholesky(blocks / (std[:, :, None] * std[:, None, :]))
+        except np.linalg.LinAlgError as error:
+            raise InvalidInputError("covariance of a feature", "it is not positive definite") from error
+        inverse = np.linalg.inv(roots) / std[:, None, :]
+        layout = sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=(n * d, n * d))
+        parts.append(layout)
+    return sparse.csr_array(sparse.block_diag(parts, format="csr"))
