@@ -1,0 +1,184 @@
+"""Lichtenstein's combinatorial solution: pairs of lines that look alike give motions (MATH 1.7, 5.5).
+
+In a rectangular building angle and distance of two lines say next to nothing. So each line carries what it is made of:
+the oriented normals of the two planes that meet in it, or the radius of the cylinder whose axis it is. The invariants
+of all pairs of one scan go into a k-d tree, those of the other scan look up their like.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from algorithms.arrays import Array, IndexPairs, Labels, Points, Scalars
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.line_pairs_geometry import (
+    ASSIGNMENTS,
+    LinePairs,
+    line_pairs_of,
+    motions_between_pairs,
+    pair_geometry,
+)
+from algorithms.geometry.lines import Lines, LineSource
+from algorithms.matching.votes import Motions
+
+MIN_PAIR_SINE = 0.25
+"""Pairs with a smaller sine (16 gon) fix the motion badly and are left out."""
+MAX_LINES = 140
+"""So many of the longest lines of a scan form pairs."""
+MAX_MATCHES = 120_000
+"""More pairs of pairs than this are thinned evenly."""
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedLines:
+    """Lines with what they are made of."""
+
+    lines: Lines
+    kinds: Labels
+    """(n,) 0 edge of planes seen from inside (a room's corner), 1 from outside, 2 and 3 axis of a cylinder seen from
+    outside or inside."""
+    bisectors: Points
+    """(n, 3) unit mean of the two oriented normals; zero for axes."""
+    sizes: Scalars
+    """(n,) half the angle between the normals [rad], or the radius [m]."""
+
+
+def described_lines(features: ScanFeatures) -> DescribedLines:
+    """Attach to each line of a scan its planes' bisector and opening, or its cylinder's radius."""
+    lines, planes, cylinders = features.lines, features.planes, features.cylinders
+    n = len(lines)
+    kinds = np.zeros(n, dtype=np.int32)
+    bisectors, sizes = np.zeros((n, 3)), np.zeros(n)
+    edges = np.flatnonzero((lines.parents >= 0).all(axis=1) & (lines.sources == int(LineSource.PLANE_INTERSECTION)))
+    if len(edges):
+        first, second = lines.parents[edges].T
+        sums = planes.normals[first] + planes.normals[second]
+        lengths = np.linalg.norm(sums, axis=1)
+        bisectors[edges] = sums / np.maximum(lengths, 1e-9)[:, None]
+        sizes[edges] = np.arccos(np.clip(0.5 * lengths, -1.0, 1.0))
+        # Seen from inside, each plane lies on the side its partner's normal points to.
+        towards = np.einsum("ij,ij->i", planes.normals[first], planes.centroids[second] - lines.anchors[edges])
+        kinds[edges] = np.where(towards > 0.0, 0, 1)
+    axes = np.flatnonzero((lines.sources == int(LineSource.CYLINDER_AXIS)) & (lines.parents[:, 0] >= 0))
+    if len(axes):
+        numbers = lines.parents[axes, 0]
+        sizes[axes] = cylinders.radii_m[numbers]
+        kinds[axes] = np.where(cylinders.convex[numbers], 2, 3)
+    return DescribedLines(lines, kinds, bisectors, sizes)
+
+
+def line_pair_motions(
+    target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float, max_distance_m: float
+) -> Motions:
+    """Give a motion for every pair of lines of one scan that looks like a pair of the other.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    max_angle_rad, max_distance_m
+        Within these limits angles and distances count as equal.
+
+    Returns
+    -------
+    Motions with one vote each: of the 8 assignments of a pair to a pair those that also lay normals on normals. Pairs
+    of axes have no normals: all their proper assignments are kept.
+    """
+    described = [_longest(described_lines(features)) for features in (target, source)]
+    pairs = [_pairs(lines.lines) for lines in described]
+    if min(len(p) for p in pairs) == 0:
+        return Motions.empty()
+    # Source pairs are entered in both orders, so that only assignments without exchange need to be looked at.
+    pairs[1] = np.concatenate([pairs[1], pairs[1][:, ::-1]])
+    invariants = [
+        _invariants(lines, p, max_angle_rad, max_distance_m) for lines, p in zip(described, pairs, strict=True)
+    ]
+    matches = _look_alikes(*invariants)
+    if len(matches) == 0:
+        return Motions.empty()
+    chosen = [pairs[0][matches[:, 0]], pairs[1][matches[:, 1]]]
+    geometry: list[LinePairs] = [line_pairs_of(lines.lines, p) for lines, p in zip(described, chosen, strict=True)]
+    motions = motions_between_pairs(geometry[0], geometry[1])
+    good = motions.proper(1.5 * max_angle_rad, 2.0 * max_distance_m) & (ASSIGNMENTS[:, 0] == 0)[None, :]
+    for side in (0, 1):
+        wanted = described[0].bisectors[chosen[0][:, side]]
+        given = described[1].bisectors[chosen[1][:, side]]
+        turned = np.einsum("nhij,nj->nhi", motions.rotations, given)
+        agreement = np.einsum("nhi,ni->nh", turned, wanted)
+        unknown = (described[0].kinds[chosen[0][:, side]] >= 2)[:, None]
+        good &= unknown | (agreement > np.cos(3.0 * max_angle_rad))
+    which = np.nonzero(good)
+    rotations = motions.rotations[which]
+    return Motions(rotations, motions.translations_m[which], np.ones(len(rotations)))
+
+
+def _longest(described: DescribedLines) -> DescribedLines:
+    """Keep the longest lines."""
+    order = np.argsort(-described.lines.lengths, kind="stable")[:MAX_LINES]
+    order = np.sort(order)
+    return DescribedLines(
+        described.lines[order], described.kinds[order], described.bisectors[order], described.sizes[order]
+    )
+
+
+def _pairs(lines: Lines) -> IndexPairs:
+    """Give the pairs of lines that are not nearly parallel."""
+    i, j = np.triu_indices(len(lines), k=1)
+    sines = np.linalg.norm(np.cross(lines.directions[i], lines.directions[j]), axis=1)
+    usable = sines > MIN_PAIR_SINE
+    return np.column_stack([i[usable], j[usable]]).astype(np.int64)
+
+
+def _invariants(described: DescribedLines, pairs: IndexPairs, max_angle_rad: float, max_distance_m: float) -> Array:
+    """Compute what no motion and no choice of direction signs changes, in units of the limits, (n, 12).
+
+    Angle of the lines, distance, the bisectors' relation to each other, to the other line and to the common
+    perpendicular (with its hand: the triple product changes sign for a mirrored pair), openings or radii, and kinds
+    (spaced so far apart that different kinds never meet).
+    """
+    geometry = pair_geometry(line_pairs_of(described.lines, pairs))
+    first, second = described.bisectors[pairs[:, 0]], described.bisectors[pairs[:, 1]]
+    direction_a = described.lines.directions[pairs[:, 0]]
+    direction_b = described.lines.directions[pairs[:, 1]]
+    across = geometry.feet_b - geometry.feet_a
+
+    def dots(a: Array, b: Array) -> Array:
+        return np.asarray(np.einsum("ij,ij->i", a, b))
+
+    angles = np.column_stack(
+        [
+            np.abs(geometry.cosines),
+            dots(first, second),
+            np.abs(dots(first, direction_b)),
+            np.abs(dots(second, direction_a)),
+        ]
+    )
+    distances = np.column_stack(
+        [
+            geometry.distances_m,
+            dots(first, across),
+            dots(second, across),
+            dots(np.cross(first, second), across),
+        ]
+    )
+    kinds = described.kinds[pairs]
+    # Radii are compared ten times more finely than positions.
+    sizes = described.sizes[pairs] / np.where(kinds >= 2, 0.1 * max_distance_m, 2.0 * max_angle_rad)
+    return np.hstack([angles / (1.5 * max_angle_rad), distances / max_distance_m, sizes, 1e3 * kinds])
+
+
+def _look_alikes(target: Array, source: Array) -> IndexPairs:
+    """Find all (target pair, source pair) whose invariants differ by less than 1 in each entry."""
+    lists = cKDTree(source).query_ball_point(target, r=1.0, p=np.inf, return_sorted=True)
+    counts = np.array([len(found) for found in lists], dtype=np.int64)
+    if counts.sum() == 0:
+        return np.empty((0, 2), dtype=np.int64)
+    matches = np.column_stack(
+        [np.repeat(np.arange(len(target)), counts), np.concatenate([found for found in lists if found])]
+    ).astype(np.int64)
+    if len(matches) > MAX_MATCHES:
+        # Rare pairs say more than common ones: keep the matches of the pairs with the fewest.
+        order = np.argsort(counts[matches[:, 0]], kind="stable")[:MAX_MATCHES]
+        matches = matches[np.sort(order)]
+    return matches

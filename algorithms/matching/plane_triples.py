@@ -1,0 +1,176 @@
+"""Motions from planes: rotations from normals, translations from one-dimensional votes of offsets.
+
+Every pair of planes with equal normals fixes one component of the translation. The strongest votes of three independent
+directions, in all combinations, give the translations (MATCHING 2.4). This helps where lines are few.
+"""
+
+import numpy as np
+
+from algorithms.arrays import Array, Indices, Matrices3, Points, Scalars, Vector3
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.planes import Planes
+from algorithms.matching.votes import Motions, joined, nearest_rotations, rotation_clusters
+
+MAX_PLANES = 60
+MAX_DIRECTIONS = 10
+MAX_ROTATIONS = 48
+MAX_PEAKS = 10
+SAME_DIRECTION_COSINE = 0.995
+"""Normals within 5.7 degrees form one class."""
+AGREEING_COSINE = 0.985
+"""Moved normals within 10 degrees of a normal of the other scan agree."""
+VOTE_BIN_M = 0.1
+
+
+def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float) -> Motions:
+    """Give motions that lay many planes of one scan on planes of the other.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans; the normals must be oriented towards the sensor.
+    max_angle_rad
+        Angles between normals that differ by less count as equal [rad].
+
+    Returns
+    -------
+    Motions with the area that speaks for them [m2]; none if there are fewer than three independent directions.
+    """
+    chosen = [_largest(features.planes) for features in (target, source)]
+    if min(len(planes[0]) for planes in chosen) < 3:
+        return Motions.empty()
+    rotations = _rotations(chosen[0], chosen[1], max_angle_rad)
+    return joined([_translations(rotation, chosen[0], chosen[1]) for rotation in rotations])
+
+
+def direction_classes(normals: Points, weights: Scalars) -> tuple[Points, Scalars]:
+    """Gather normals into classes of one direction (signed), by falling weight; give mean directions and weights."""
+    remaining = np.ones(len(normals), dtype=np.bool_)
+    means, totals = [], []
+    for k in np.argsort(-weights, kind="stable"):
+        if not remaining[k]:
+            continue
+        near = remaining & (normals @ normals[k] > SAME_DIRECTION_COSINE)
+        remaining &= ~near
+        mean = (normals[near] * weights[near][:, None]).sum(axis=0)
+        means.append(mean / max(float(np.linalg.norm(mean)), 1e-12))
+        totals.append(float(weights[near].sum()))
+    order = np.argsort(-np.array(totals), kind="stable")
+    return np.array(means).reshape(-1, 3)[order], np.array(totals)[order]
+
+
+def _largest(planes: Planes) -> tuple[Points, Points, Scalars]:
+    """Give normals, centroids and areas of the largest planes."""
+    order = np.argsort(-planes.areas_m2, kind="stable")[:MAX_PLANES]
+    return planes.normals[order], planes.centroids[order], planes.areas_m2[order]
+
+
+def _rotations(
+    target: tuple[Points, Points, Scalars], source: tuple[Points, Points, Scalars], max_angle_rad: float
+) -> Matrices3:
+    """Find the rotations that lay most normals on normals: each pair of directions of equal angle proposes one."""
+    directions_t, weights_t = (part[:MAX_DIRECTIONS] for part in direction_classes(target[0], target[2]))
+    directions_s, weights_s = (part[:MAX_DIRECTIONS] for part in direction_classes(source[0], source[2]))
+    pairs_t, pairs_s = _direction_pairs(directions_t), _direction_pairs(directions_s)
+    if len(pairs_t) == 0 or len(pairs_s) == 0:
+        return np.empty((0, 3, 3))
+    angles_t, angles_s = (
+        np.arccos(np.clip(np.einsum("ij,ij->i", d[p[:, 0]], d[p[:, 1]]), -1.0, 1.0))
+        for d, p in ((directions_t, pairs_t), (directions_s, pairs_s))
+    )
+    i, j = np.nonzero(np.abs(angles_t[:, None] - angles_s[None, :]) < 2.0 * max_angle_rad)
+    frames_t, frames_s = (
+        _frames(d[p[:, 0]], d[p[:, 1]]) for d, p in ((directions_t, pairs_t[i]), (directions_s, pairs_s[j]))
+    )
+    proposals = frames_t @ np.swapaxes(frames_s, 1, 2)
+    # How well all directions agree: each source direction with the best target direction, weight the smaller area.
+    cosines = np.einsum("hij,sj,ti->hst", proposals, directions_s, directions_t)
+    agreeing = np.where(cosines > AGREEING_COSINE, np.minimum(weights_s[:, None], weights_t[None, :]), 0.0)
+    votes = agreeing.max(axis=2).sum(axis=1)
+    leaders, _ = rotation_clusters(proposals, votes, radius_rad=3.0 * max_angle_rad, most=4 * MAX_ROTATIONS)
+    cosines = np.einsum("hij,sj,ti->hst", leaders, directions_s, directions_t)
+    agreeing = np.where(cosines > AGREEING_COSINE, np.minimum(weights_s[:, None], weights_t[None, :]), 0.0)
+    order = np.argsort(-agreeing.max(axis=2).sum(axis=1), kind="stable")[:MAX_ROTATIONS]
+    return nearest_rotations(np.einsum("hst,ti,sj->hij", agreeing[order], directions_t, directions_s))
+
+
+def _direction_pairs(directions: Points) -> Array:
+    """Give the ordered pairs of directions that are far from parallel."""
+    sines = np.linalg.norm(np.cross(directions[:, None, :], directions[None, :, :]), axis=2)
+    return np.argwhere(sines > 0.34)
+
+
+def _frames(first: Points, second: Points) -> Array:
+    """Build frames (n, 3, 3) from pairs of directions: bisector, difference, and their cross product as columns."""
+    u, v = first + second, first - second
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
+    v = v / np.linalg.norm(v, axis=1, keepdims=True)
+    return np.stack([u, v, np.cross(u, v)], axis=2)
+
+
+def _translations(
+    rotation: Array, target: tuple[Points, Points, Scalars], source: tuple[Points, Points, Scalars]
+) -> Motions:
+    """Combine the strongest offset votes of three independent directions."""
+    normals, centroids, areas = target
+    moved_normals, moved_centroids = source[0] @ rotation.T, source[1] @ rotation.T
+    agreeing = normals @ moved_normals.T > AGREEING_COSINE
+    directions, _ = direction_classes(normals, areas * agreeing.any(axis=1))
+    axes = _independent(directions)
+    if len(axes) < 3:
+        return Motions.empty()
+    peaks = []
+    for axis in axes:
+        t, s = np.nonzero(agreeing & (np.abs(normals @ axis) > AGREEING_COSINE)[:, None])
+        if len(t) == 0:
+            return Motions.empty()
+        offsets = centroids[t] @ axis - moved_centroids[s] @ axis
+        peaks.append(_peaks(offsets, np.sqrt(np.minimum(areas[t], source[2][s]))))
+    grids = np.meshgrid(*[offsets for offsets, _ in peaks], indexing="ij")
+    votes = np.meshgrid(*[weights for _, weights in peaks], indexing="ij")
+    right_sides = np.stack(grids, axis=-1).reshape(-1, 3)
+    translations = np.linalg.solve(axes, right_sides.T).T
+    return Motions(
+        np.broadcast_to(rotation, (len(translations), 3, 3)).copy(),
+        np.ascontiguousarray(translations),
+        np.sum(np.stack(votes, axis=-1).reshape(-1, 3), axis=1),
+    )
+
+
+def _independent(directions: Points) -> Array:
+    """Pick three directions, the heaviest first, each far from the span of those before; fewer if there are none."""
+    chosen: list[Vector3] = []
+    for direction in directions:
+        rest = direction.copy()
+        for axis in _orthonormal(chosen):
+            rest -= (rest @ axis) * axis
+        if np.linalg.norm(rest) > 0.34:
+            chosen.append(direction)
+        if len(chosen) == 3:
+            break
+    return np.array(chosen).reshape(-1, 3)
+
+
+def _orthonormal(vectors: list[Vector3]) -> Array:
+    """Give an orthonormal basis of the span, one vector a row."""
+    if not vectors:
+        return np.empty((0, 3))
+    return np.asarray(np.linalg.qr(np.array(vectors).T)[0].T)
+
+
+def _peaks(offsets: Scalars, weights: Scalars) -> tuple[Scalars, Scalars]:
+    """Find the offsets with most votes: mean of the votes within a bin's width around each peak."""
+    bins: Indices = np.floor((offsets - offsets.min()) / VOTE_BIN_M).astype(np.int64)
+    counts = np.bincount(bins, weights=weights, minlength=int(bins.max()) + 1)
+    smooth = np.convolve(counts, [0.5, 1.0, 0.5], mode="same") if len(counts) >= 3 else counts.copy()
+    found, strengths = [], []
+    for _ in range(MAX_PEAKS):
+        peak = int(np.argmax(smooth))
+        if smooth[peak] <= 0.0:
+            break
+        near = np.abs(bins - peak) <= 1
+        if near.any():
+            found.append(float(np.average(offsets[near], weights=weights[near])))
+            strengths.append(float(smooth[peak]))
+        smooth[max(0, peak - 2) : peak + 3] = 0.0
+    return np.array(found), np.array(strengths)

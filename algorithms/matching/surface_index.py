@@ -1,0 +1,188 @@
+"""The surface of a scan, ready to have many poses of another scan laid into it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from algorithms.arrays import Array, Matrices3, Points, Scalars, Vector3
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.scans.range_image import conservative_nearest_m, spherical_range_image
+
+CELL_RAD = math.radians(1.0)
+"""Angular cell of the range image of the thinned surface: about the spacing of its points at common ranges."""
+MAX_CELLS = 24_000_000
+"""Largest number of cells of the look-up raster; coarser cells beyond."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceIndex:
+    """Oriented surface points of one scan, a raster that finds the nearest of them, and the space seen to be empty."""
+
+    points: Points
+    """(n, 3) surface points with a normal, in an order of even coverage: the first m are a fair sample [m]."""
+    normals: Points
+    """(n, 3) unit normals towards the sensor."""
+    weights: Scalars
+    """(n,) weights that give every direction of normals the same say, mean 1: floor and ceiling alone fix nothing."""
+    owner: Array
+    """(nx, ny, nz) int32 number of the surface point nearest to the cell's centre, -1 far from all."""
+    low_m: Vector3
+    """Lowest corner of the raster [m]."""
+    cell_m: float
+    """Edge of the raster's cells [m]."""
+    spacing_m: float
+    """Spacing of the surface points [m]."""
+    nearest_m: Array
+    """(rows, columns) float32 conservative ranges, inf where unknown; (0, 0) when the sensor's position is unknown."""
+    sensor_m: Vector3
+    """Position of the instrument [m]; zero when unknown."""
+    cell_rad: float
+    """Angular size of the range cells [rad]."""
+
+    @property
+    def knows_free_space(self) -> bool:
+        """Say whether the sensor's position is known."""
+        return bool(self.nearest_m.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What speaks for and against poses: weights relative to the moved surface, one entry a pose."""
+
+    support: Scalars
+    """(h,) share that lies on the other scan's surface with agreeing normals, 0..1."""
+    violation: Scalars
+    """(h,) share that lies in space the other scan saw to be empty, 0..1."""
+    elsewhere: Scalars
+    """(h,) share in known directions that neither fits nor violates (hidden, or beside a surface), 0..1."""
+
+
+@dataclass(frozen=True)
+class EvidenceLimits:
+    """When a moved point fits, and when it violates free space."""
+
+    max_distance_m: float
+    """Largest distance from the tangent plane [m]."""
+    max_angle_rad: float
+    """Largest angle between the normals [rad]."""
+    reach_m: float
+    """Largest distance along the surface to its nearest point [m]."""
+    margin_m: float = 0.15
+    """How much nearer than seen a point must be to violate [m]."""
+    margin_relative: float = 0.012
+    """The same, relative to the range."""
+
+    def as_array(self) -> Array:
+        """Give the limits in the order the compiled loops expect."""
+        return np.array(
+            [self.max_distance_m, math.cos(self.max_angle_rad), self.reach_m, self.margin_m, self.margin_relative]
+        )
+
+
+def surface_index(features: ScanFeatures) -> SurfaceIndex:
+    """Build the index of one scan.
+
+    Parameters
+    ----------
+    features
+        Features of the scan; only its thinned surface and the sensor's position are used.
+    """
+    surface = features.surface
+    oriented = np.flatnonzero(np.einsum("ij,ij->i", surface.normals, surface.normals) > 0.5)
+    # A fixed shuffle: any prefix covers the whole surface. The generator is local and its seed belongs to the method.
+    oriented = oriented[np.random.default_rng(20).permutation(len(oriented))]
+    points, normals = surface.points[oriented], surface.normals[oriented]
+    weights = direction_weights(normals)
+    cell, low, owner = _owners(points, surface.voxel_size_m)
+    if features.sensor_m is None:
+        nearest, sensor, cell_rad = np.empty((0, 0), dtype=np.float32), np.zeros(3), CELL_RAD
+    else:
+        seen = spherical_range_image(surface.points, features.sensor_m, CELL_RAD, splat_m=0.7 * surface.voxel_size_m)
+        nearest, sensor, cell_rad = conservative_nearest_m(seen), seen.sensor_m, seen.cell_rad
+    return SurfaceIndex(
+        points=np.ascontiguousarray(points),
+        normals=np.ascontiguousarray(normals),
+        weights=weights,
+        owner=owner,
+        low_m=low,
+        cell_m=cell,
+        spacing_m=surface.voxel_size_m,
+        nearest_m=nearest,
+        sensor_m=sensor,
+        cell_rad=cell_rad,
+    )
+
+
+def direction_weights(normals: Points) -> Scalars:
+    """Weigh surface points so that every direction is equally well represented, mean 1.
+
+    The weight is the leverage n' M^-1 n with M the scatter of the normals, iterated: a large floor then says no more
+    than the few walls that alone fix the horizontal position. Directions that occur hardly at all are not blown up.
+    """
+    if len(normals) == 0:
+        return np.empty(0)
+    weights = np.ones(len(normals))
+    for _ in range(3):
+        scatter = (normals * weights[:, None]).T @ normals / weights.sum()
+        leverage = np.einsum("ij,jk,ik->i", normals, np.linalg.inv(scatter + 0.02 * np.eye(3)), normals)
+        weights = np.clip(weights * leverage, 0.2, 5.0)
+        weights /= weights.mean()
+    return weights
+
+
+def evidence_of(
+    rotations: Matrices3, translations_m: Points, moved: SurfaceIndex, fixed: SurfaceIndex, *, points: int,
+    limits: EvidenceLimits,
+) -> Evidence:  # fmt: skip
+    """Lay the first `points` surface points of one scan into the other in every pose, and collect what fits.
+
+    Parameters
+    ----------
+    rotations, translations_m
+        (h, 3, 3) and (h, 3): fixed from moved.
+    moved, fixed
+        The two scans.
+    points
+        How many surface points of `moved` to try.
+    limits
+        What fits and what violates.
+    """
+    from algorithms.matching import surface_index_kernels as kernels
+
+    m = min(points, len(moved.points))
+    out = np.zeros((len(rotations), 3))
+    weights = moved.weights[:m]
+    kernels.evidence(
+        np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m), moved.points[:m], moved.normals[:m],
+        weights, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m, fixed.nearest_m, fixed.sensor_m,
+        fixed.cell_rad, limits.as_array(), out,
+    )  # fmt: skip
+    out /= max(float(weights.sum()), 1e-12)
+    return Evidence(*(np.ascontiguousarray(column) for column in out.T))
+
+
+def _owners(points: Points, spacing_m: float) -> tuple[float, Vector3, Array]:
+    """Build the raster of nearest surface points; it reaches two cells around the surface."""
+    if len(points) == 0:
+        return max(spacing_m, 0.1), np.zeros(3), np.full((1, 1, 1), -1, dtype=np.int32)
+    low, high = points.min(axis=0), points.max(axis=0)
+    cell = max(1.2 * spacing_m, 0.12)
+    while np.prod(np.ceil((high - low) / cell) + 5) > MAX_CELLS:
+        cell *= 1.2
+    low = low - 2.0 * cell
+    shape = tuple(int(k) for k in np.ceil((high - low) / cell) + 3)
+    occupied = np.unique(np.ravel_multi_index(tuple(((points - low) / cell).astype(np.int64).T), shape))
+    steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    steps = steps[np.sum(steps**2, axis=1) <= 5]
+    i, j, k = np.unravel_index(occupied, shape)
+    near = np.zeros(shape, dtype=bool)
+    for a, b, c in steps:
+        near[np.clip(i + a, 0, shape[0] - 1), np.clip(j + b, 0, shape[1] - 1), np.clip(k + c, 0, shape[2] - 1)] = True
+    cells = np.flatnonzero(near)
+    centres = low + (np.stack(np.unravel_index(cells, shape), axis=1) + 0.5) * cell
+    distances, nearest = cKDTree(points).query(centres, distance_upper_bound=2.6 * cell)
+    owner = np.full(shape, -1, dtype=np.int32)
+    owner.ravel()[cells] = np.where(np.isfinite(distances), nearest, -1)
+    return cell, low, owner

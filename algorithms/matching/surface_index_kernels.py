@@ -1,0 +1,131 @@
+"""Compiled loops that lay the surface of one scan into another: what fits, and what stands where nothing can be."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from algorithms.arrays import Array
+
+
+@njit(cache=True)
+def evidence(  # noqa: C901 - one loop, inlined for speed
+    rotations: Array,
+    translations: Array,
+    points: Array,
+    normals: Array,
+    weights: Array,
+    surface_points: Array,
+    surface_normals: Array,
+    owner: Array,
+    low: Array,
+    cell_m: float,
+    nearest: Array,
+    sensor: Array,
+    cell_rad: float,
+    limits: Array,
+    out: Array,
+) -> Any:  # pragma: no cover - compiled
+    """Write for each pose (weight that fits, weight in free space, weight seen elsewhere) of the moved points.
+
+    `limits`: largest distance from the plane, smallest cosine of the normals, largest distance along the surface,
+    margin and relative margin of free space. `nearest` of size zero: nothing is known of free space.
+    """
+    max_distance, min_cosine, reach, margin, relative = limits[0], limits[1], limits[2], limits[3], limits[4]
+    rows, columns = nearest.shape
+    nx, ny, nz = owner.shape
+    for h in range(rotations.shape[0]):
+        r = rotations[h]
+        t = translations[h]
+        fits = 0.0
+        free = 0.0
+        elsewhere = 0.0
+        for k in range(points.shape[0]):
+            px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+            x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + t[0]
+            y = r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + t[1]
+            z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + t[2]
+            i = math.floor((x - low[0]) / cell_m)
+            j = math.floor((y - low[1]) / cell_m)
+            m = math.floor((z - low[2]) / cell_m)
+            if 0 <= i < nx and 0 <= j < ny and 0 <= m < nz:
+                q = owner[i, j, m]
+                if q >= 0:
+                    dx, dy, dz = x - surface_points[q, 0], y - surface_points[q, 1], z - surface_points[q, 2]
+                    off = surface_normals[q, 0] * dx + surface_normals[q, 1] * dy + surface_normals[q, 2] * dz
+                    if abs(off) <= max_distance and dx * dx + dy * dy + dz * dz - off * off <= reach * reach:
+                        ax, ay, az = normals[k, 0], normals[k, 1], normals[k, 2]
+                        bx = r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az
+                        by = r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az
+                        bz = r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az
+                        cosine = bx * surface_normals[q, 0] + by * surface_normals[q, 1] + bz * surface_normals[q, 2]
+                        if cosine >= min_cosine:
+                            fits += weights[k]
+                            continue
+            if rows == 0:
+                continue
+            x -= sensor[0]
+            y -= sensor[1]
+            z -= sensor[2]
+            distance = math.sqrt(x * x + y * y + z * z)
+            if distance < 1e-9:
+                continue
+            row = min(rows - 1, int(math.acos(min(1.0, max(-1.0, z / distance))) / cell_rad))
+            column = min(columns - 1, int((math.atan2(y, x) + math.pi) / cell_rad))
+            seen = nearest[row, column]
+            if seen == np.inf:
+                continue
+            if distance < seen - margin - relative * seen:
+                free += weights[k]
+            else:
+                elsewhere += weights[k]
+        out[h, 0] = fits
+        out[h, 1] = free
+        out[h, 2] = elsewhere
+
+
+@njit(cache=True)
+def matched_surface(
+    rotation: Array,
+    translation: Array,
+    points: Array,
+    normals: Array,
+    surface_points: Array,
+    surface_normals: Array,
+    owner: Array,
+    low: Array,
+    cell_m: float,
+    limits: Array,
+    match: Array,
+) -> Any:  # pragma: no cover - compiled
+    """Write for each moved point the number of the surface point it fits, -1 for none; limits as in `evidence`."""
+    max_distance, min_cosine, reach = limits[0], limits[1], limits[2]
+    nx, ny, nz = owner.shape
+    r = rotation
+    for k in range(points.shape[0]):
+        match[k] = -1
+        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+        x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + translation[0]
+        y = r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + translation[1]
+        z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + translation[2]
+        i = math.floor((x - low[0]) / cell_m)
+        j = math.floor((y - low[1]) / cell_m)
+        m = math.floor((z - low[2]) / cell_m)
+        if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
+            continue
+        q = owner[i, j, m]
+        if q < 0:
+            continue
+        dx, dy, dz = x - surface_points[q, 0], y - surface_points[q, 1], z - surface_points[q, 2]
+        off = surface_normals[q, 0] * dx + surface_normals[q, 1] * dy + surface_normals[q, 2] * dz
+        if abs(off) > max_distance or dx * dx + dy * dy + dz * dz - off * off > reach * reach:
+            continue
+        ax, ay, az = normals[k, 0], normals[k, 1], normals[k, 2]
+        cosine = (
+            (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * surface_normals[q, 0]
+            + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * surface_normals[q, 1]
+            + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * surface_normals[q, 2]
+        )
+        if cosine >= min_cosine:
+            match[k] = q
