@@ -54,7 +54,9 @@ def read_table(
     except (ValueError, OverflowError) as fault:
         reason = str(fault).split(";")[0].rstrip(".")
         row = re.search(r" at row (\d+)", reason)
-        place = f"line {first_line + int(row[1])}" if row else f"after line {first_line - 1}"
+        # numpy counts rows from 0 when a word is wrong, from 1 when the number of columns is
+        before = first_line - 1 if "columns changed" in reason else first_line
+        place = f"line {before + int(row[1])}" if row else f"after line {first_line - 1}"
         raise file.unreadable(
             f"not a table of numbers: {reason.replace(row[0], '') if row else reason}", place
         ) from fault

@@ -36,6 +36,8 @@ class _Layout:
     columns: dict[str, int] = field(default_factory=dict)
     """Role -> column."""
     width: int = 0
+    pick: bool = False
+    """Whether only the columns with a role are read: others may hold words."""
 
 
 class _LayoutError(Exception):
@@ -82,8 +84,7 @@ class TextReader:
                 stream,
                 layout.skipped_lines + 1,
                 delimiter=layout.delimiter,
-                # narrow tables are read whole, so that a broken line shows; wide ones may hold names and times
-                columns=chosen if layout.width > 7 else None,
+                columns=chosen if layout.pick else None,
                 max_rows=limits.max_points + 1,
                 comment="#",
             )
@@ -96,7 +97,7 @@ class TextReader:
                 f"the first line declares {layout.declared_points} points, the file has {len(table)}",
                 f"line {layout.skipped_lines + len(table)}",
             )
-        column = {role: table[:, at if layout.width > 7 else layout.columns[role]] for at, role in enumerate(roles)}
+        column = {role: table[:, at if layout.pick else layout.columns[role]] for at, role in enumerate(roles)}
         color = None
         if set(COLOR) <= column.keys():
             channels = np.column_stack([column[role] for role in COLOR])
@@ -133,10 +134,11 @@ def _layout(head: bytes) -> _Layout:
             declared = int(words[0])
         elif _names(words):
             names = _names(words)
-        elif len(words) >= 3 and all(_is_number(word) for word in words[:3]):
+        elif len(words) >= 3 and _are_coordinates(words, names):
             sample = [_words(later.strip(), delimiter) for later in lines[at : at + 200] if later.strip()]
             columns = _columns(names, sample, at + 1)
-            return _Layout(at, delimiter, declared, columns, len(words))
+            # narrow tables without names are read whole, so that a broken line shows
+            return _Layout(at, delimiter, declared, columns, len(words), pick=names is not None or len(words) > 7)
         elif delimiter == ";" and "," in bare:
             raise _LayoutError("decimal commas are not supported, write decimal points", at + 1)
         else:
@@ -150,6 +152,11 @@ def _delimiter(line: str) -> str | None:
 
 def _words(line: str, delimiter: str | None) -> list[str]:
     return [word.strip() for word in line.split(delimiter)]
+
+
+def _are_coordinates(words: list[str], names: list[str] | None) -> bool:
+    places = [0, 1, 2] if names is None else [names.index(axis) for axis in "xyz"]
+    return max(places) < len(words) and all(_is_number(words[place]) for place in places)
 
 
 def _is_number(word: str) -> bool:
@@ -171,7 +178,8 @@ def _columns(names: list[str] | None, sample: list[list[str]], line: int) -> dic
     if names is not None:
         if max(names.index(role) for role in set(names) - {""}) >= width:
             raise _LayoutError(f"{len(names)} column names over {width} columns", line)
-        return {role: names.index(role) for role in ("x", "y", "z", "intensity", *COLOR) if role in names}
+        colored = COLOR if set(COLOR) <= set(names) else ()
+        return {role: names.index(role) for role in ("x", "y", "z", "intensity", *colored) if role in names}
     columns = {"x": 0, "y": 1, "z": 2}
     intensity, red = None, None
     if width == 4:
