@@ -1,0 +1,191 @@
+"""`tieline serve`: prepare the database, then keep API and worker processes running until told to stop."""
+
+import argparse
+import fcntl
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import httpx
+import structlog
+import uvicorn
+
+from service import engine
+from service.adapters import database
+from service.adapters.child_process import DEFAULT_STEPS, die_with_parent, remove_left_scratch
+from service.adapters.log_output import configure_log
+from service.errors import StorageError
+from service.settings import Settings
+
+DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+DEFAULT_APP = "service.main:app_from_environment"
+CHECK_INTERVAL_S = 0.2
+STOP_WITHIN_S = 8.0
+LONGEST_BACK_OFF_S = 30.0
+STEADY_AFTER_S = 10.0
+"""A process that lived so long is restarted at once when it dies."""
+log = structlog.get_logger()
+
+
+@dataclass
+class Supervised:
+    """One process that is to run all the time."""
+
+    name: str
+    command: Sequence[str]
+    environment: dict[str, str]
+    pass_fds: tuple[int, ...] = ()
+    process: subprocess.Popen[bytes] | None = None
+    started: float = 0.0
+    next_start: float = 0.0
+    failures: int = field(default=0)
+
+    def keep_running(self) -> None:
+        """Start it when it does not run; wait longer after each quick death."""
+        now = time.monotonic()
+        if self.process is not None and self.process.poll() is not None:
+            lived = now - self.started
+            self.failures = 0 if lived > STEADY_AFTER_S else self.failures + 1
+            self.next_start = now + (0.0 if self.failures == 0 else min(0.5 * 2**self.failures, LONGEST_BACK_OFF_S))
+            log.warning("process ended", name=self.name, code=self.process.returncode, restart_s=self.next_start - now)
+            self.process = None
+        if self.process is None and now >= self.next_start:
+            self.started = now
+            self.process = subprocess.Popen(  # noqa: S603 - our own modules
+                self.command, env=self.environment, pass_fds=self.pass_fds, start_new_session=True
+            )
+            log.info("process started", name=self.name, pid=self.process.pid)
+
+
+def prepare(settings: Settings) -> None:
+    """Bring the database up to date: the service's tables, then the queue engine's. Before any process starts."""
+    database.migrate(settings)
+    engine.prepare(settings)
+
+
+def serve(
+    settings: Settings, *, steps: str = DEFAULT_STEPS, plans: str = DEFAULT_PLANS, app: str = DEFAULT_APP
+) -> None:
+    """Run the service until SIGTERM or SIGINT; stop all its processes within 10 s.
+
+    Raises
+    ------
+    StorageError
+        The data directory is in use by another service.
+    OSError
+        The address cannot be bound.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    configure_log()
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    with _only_one(settings), _listening(settings) as listener:
+        prepare(settings)
+        _remove_partial(settings)
+        url = f"http://{settings.host}:{listener.getsockname()[1]}"
+        supervised = _processes(settings, listener, steps, plans, app)
+        announcer = threading.Thread(target=_announce_when_ready, args=(url, stop), daemon=True)
+        announcer.start()
+        try:
+            while not stop.is_set():
+                for each in supervised:
+                    each.keep_running()
+                stop.wait(CHECK_INTERVAL_S)
+        finally:
+            _stop_all([each.process for each in supervised if each.process is not None])
+    log.info("service stopped")
+
+
+@contextmanager
+def _only_one(settings: Settings) -> Iterator[None]:
+    """Keep a second service off the same data directory."""
+    with (settings.data_dir / "service.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StorageError(f"another service uses the data directory {settings.data_dir.resolve()}") from None
+        yield
+
+
+@contextmanager
+def _listening(settings: Settings) -> Iterator[socket.socket]:
+    """Bind once, here: an API process that dies loses no connection that is not accepted yet."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((settings.host, settings.port))
+        listener.listen(2048)
+        yield listener
+
+
+def _remove_partial(settings: Settings) -> None:
+    """Remove what a service that was killed left half-written."""
+    remove_left_scratch(settings)
+    for path in (settings.data_dir / "scratch").glob("partial-*"):
+        path.unlink(missing_ok=True)
+
+
+def _processes(settings: Settings, listener: socket.socket, steps: str, plans: str, app: str) -> list[Supervised]:
+    """Name the processes of the service; they read the same settings from the environment."""
+    environment = dict(os.environ)
+    for name, value in settings.model_dump(mode="json").items():
+        environment[f"TIELINE_{name.upper()}"] = value if isinstance(value, str) else json.dumps(value)
+    parent = ("--parent", str(os.getpid()))
+    descriptor = listener.fileno()
+    api = (sys.executable, "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)
+    worker = (sys.executable, "-m", "service.worker", "--steps", steps, "--plans", plans, *parent)
+    return [
+        *(Supervised(f"api-{i}", api, environment, (descriptor,)) for i in range(settings.api_processes)),
+        *(Supervised(f"worker-{i}", (*worker, "--slot", str(i)), environment) for i in range(settings.workers)),
+    ]
+
+
+def _stop_all(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    """Ask all to stop, and kill those that do not in time."""
+    for process in processes:
+        process.terminate()
+    deadline = time.monotonic() + STOP_WITHIN_S
+    for process in processes:
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            log.warning("process did not stop in time and is killed", pid=process.pid)
+            process.kill()
+            process.wait()
+
+
+def _announce_when_ready(url: str, stop: threading.Event) -> None:
+    """Print the address once the service answers that it is ready."""
+    while not stop.wait(CHECK_INTERVAL_S):
+        try:
+            if httpx.get(f"{url}/readyz", timeout=2.0).status_code == httpx.codes.OK:
+                sys.stdout.write(f"Tieline is ready at {url}\n")
+                sys.stdout.flush()
+                return
+        except httpx.TransportError:
+            continue
+
+
+def _run_api(descriptor: int, app: str) -> None:
+    """Serve the web application on a socket that the launcher has bound."""
+    configure_log()
+    uvicorn.run(app, factory=True, fd=descriptor, log_config=None, access_log=False, timeout_graceful_shutdown=5)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="service.launcher", description="Run one API process (started by serve).")
+    parser.add_argument("--descriptor", type=int, required=True)
+    parser.add_argument("--app", default=DEFAULT_APP)
+    parser.add_argument("--parent", type=int, required=True)
+    options = parser.parse_args()
+    die_with_parent(options.parent)
+    _run_api(options.descriptor, options.app)

@@ -1,0 +1,64 @@
+"""A worker: executes jobs until it is told to stop. `python -m service.worker`."""
+
+import argparse
+import importlib
+import signal
+import threading
+from collections.abc import Mapping
+from typing import cast
+
+from service.adapters.child_process import DEFAULT_STEPS, ChildProcesses, die_with_parent, remove_left_scratch
+from service.adapters.database import DatabaseFileStore, DatabaseJobStore
+from service.adapters.database_executors import DatabaseExecutors
+from service.adapters.database_tables import connect
+from service.adapters.log_output import configure_log
+from service.engine import DbosQueue, Engine, Tools
+from service.ports import Plan
+from service.settings import Settings
+
+DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+
+
+def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS, plans: str = DEFAULT_PLANS) -> None:
+    """Execute jobs until SIGTERM or SIGINT; then give running steps up, to be resumed elsewhere or at the next start.
+
+    The database must have been prepared (`service.launcher.prepare`).
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    configure_log()
+    remove_left_scratch(settings)
+    database = connect(settings)
+    executors = DatabaseExecutors(database)
+    queue = DbosQueue(settings, executors)
+    jobs = DatabaseJobStore(database, queue.enqueue)
+    module, _, attribute = plans.partition(":")
+    tools = Tools(
+        settings=settings,
+        jobs=jobs,
+        ledger=jobs,
+        files=DatabaseFileStore(database),
+        executors=executors,
+        runner=ChildProcesses(settings, steps),
+        plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
+        queue=queue,
+    )
+    engine = Engine(tools, slot)
+    engine.start()
+    stop.wait()
+    engine.stop()
+    queue.close()
+    database.dispose()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="service.worker", description="Execute jobs until told to stop.")
+    parser.add_argument("--slot", default="worker")
+    parser.add_argument("--steps", default=DEFAULT_STEPS)
+    parser.add_argument("--plans", default=DEFAULT_PLANS)
+    parser.add_argument("--parent", type=int, help="process id of the launcher, with which the worker ends")
+    options = parser.parse_args()
+    if options.parent is not None:
+        die_with_parent(options.parent)
+    main(Settings(), options.slot, steps=options.steps, plans=options.plans)

@@ -1,0 +1,91 @@
+"""Steps, plans and an application with known behaviour, for the tests of the engine."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from fastapi import FastAPI
+
+from algorithms.errors import InvalidInputError
+from service.ports import Json, StepCall, StepContext
+
+
+def trace(arguments: Json, event: str) -> None:
+    with Path(arguments["trace"]).open("a") as file:
+        file.write(f"{event} {arguments['name']} {os.getpid()} {time.time()}\n")
+
+
+def nap(context: StepContext, arguments: Json) -> Json:
+    """Sleep and tell of it; noise on standard output must not disturb the reports."""
+    trace(arguments, "start")
+    print('{"result": "not this one"}', flush=True)
+    begin = time.monotonic()
+    while (passed := time.monotonic() - begin) < arguments["seconds"]:
+        context.progress.report(passed / arguments["seconds"], "napping")
+        time.sleep(0.02)
+    trace(arguments, "end")
+    return {"name": arguments["name"]}
+
+
+def nap_with_company(context: StepContext, arguments: Json) -> Json:
+    """Sleep, with a process of its own and a scratch directory."""
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    (context.blobs.scratch() / "half-done").write_text("x")
+    Path(arguments["pids"]).write_text(f"{os.getpid()} {other.pid}")
+    return nap(context, arguments)
+
+
+def crash(_context: StepContext, arguments: Json) -> Json:
+    trace(arguments, "start")
+    print("the roof is on fire", file=sys.stderr, flush=True)
+    os.kill(os.getpid(), signal.SIGSEGV)
+    return {}
+
+
+def refuse(_context: StepContext, arguments: Json) -> Json:
+    trace(arguments, "start")
+    raise InvalidInputError("the scan", "has no points")
+
+
+def hog(_context: StepContext, _arguments: Json) -> Json:
+    return {"bytes": len(bytearray(3_000_000_000))}
+
+
+def burst(_context: StepContext, _arguments: Json) -> Json:
+    raise RuntimeError("a secret of the implementation")
+
+
+STEPS = {
+    "nap": nap,
+    "nap-with-company": nap_with_company,
+    "crash": crash,
+    "refuse": refuse,
+    "hog": hog,
+    "burst": burst,
+}
+
+
+class ListedPlan:
+    """Run the stages that the inputs list."""
+
+    def next_stage(self, job: Json, outputs: Sequence[Sequence[Json]]) -> Sequence[StepCall] | None:
+        stages = job["inputs"]["stages"]
+        if len(outputs) == len(stages):
+            return None
+        return [StepCall(step["step"], step, step["name"]) for step in stages[len(outputs)]]
+
+    def total_weight(self, job: Json) -> float:
+        return float(sum(len(stage) for stage in job["inputs"]["stages"]))
+
+
+PLANS = {"listed": ListedPlan()}
+
+
+def app() -> FastAPI:
+    application = FastAPI()
+    application.add_api_route("/readyz", lambda: {"status": "ready"})
+    return application
