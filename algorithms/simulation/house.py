@@ -53,10 +53,10 @@ def house_scene() -> Scene:
     stations = (
         station_pose((0.5, -6.8, 1.62), 37.0 * degree, 0.6 * degree, -0.9 * degree),
         station_pose((10.6, -7.2, 1.71), 205.0 * degree, -1.4 * degree, 0.3 * degree),
-        station_pose((18.6, -1.6, 1.55), 111.0 * degree, 0.8 * degree, 1.1 * degree),
-        station_pose((18.5, 9.5, 1.68), 292.0 * degree, -0.5 * degree, 0.7 * degree),
-        station_pose((8.3, 15.2, 1.60), 64.0 * degree, 28.0 * degree, -11.0 * degree),
-        station_pose((-3.6, 9.5, 1.66), 158.0 * degree, 0.4 * degree, -1.7 * degree),
+        station_pose((17.2, -6.0, 1.55), 111.0 * degree, 0.8 * degree, 1.1 * degree),
+        station_pose((19.2, 8.6, 1.68), 292.0 * degree, -0.5 * degree, 0.7 * degree),
+        station_pose((9.6, 14.6, 1.60), 64.0 * degree, 28.0 * degree, -11.0 * degree),
+        station_pose((-2.6, 11.8, 1.66), 158.0 * degree, 0.4 * degree, -1.7 * degree),
         station_pose((-3.0, -4.5, 1.59), 333.0 * degree, 1.2 * degree, 0.2 * degree),
     )
     return scene_from_parts("house", parts, stations)
@@ -143,13 +143,21 @@ def _chimney() -> list[Part]:
 
 
 def _porch() -> list[Part]:
-    roof = np.array([(3.7, -1.9, 2.85), (5.9, -1.9, 2.85), (5.9, 0.0, 3.15), (3.7, 0.0, 3.15)])
+    front, low, high = -1.9, 2.85, 3.15
+    roof = np.array([(3.7, front, low), (5.9, front, low), (5.9, 0.0, high), (3.7, 0.0, high)])
+
+    def post(x: float) -> Part:
+        """Build a post from the landing to the slanting roof."""
+        ring = ((x, -1.45), (x + 0.14, -1.45), (x + 0.14, -1.31), (x, -1.31))
+        tops = [(px, py, low + (high - low) * (py - front) / -front) for px, py in ring]
+        return hexahedron(np.array([(px, py, 0.46) for px, py in ring] + tops), WOOD)
+
     return [
         box((3.9, -1.5, 0.0), (5.7, -0.05, 0.46), CONCRETE),
         box((3.9, -1.85, 0.0), (5.2, -1.5, 0.3), CONCRETE),
         box((3.9, -2.2, 0.0), (5.2, -1.85, 0.15), CONCRETE),
-        box((3.95, -1.45, 0.46), (4.09, -1.31, 2.9), WOOD),
-        box((5.51, -1.45, 0.46), (5.65, -1.31, 2.9), WOOD),
+        post(3.95),
+        post(5.51),
         slab(roof, 0.12 * UP, WOOD),
     ]
 

@@ -22,11 +22,11 @@ def office_scene() -> Scene:
     degree = np.pi / 180.0
     stations = (
         station_pose((10.9, 4.4, 1.55), 48.0 * degree, 0.5 * degree, -0.8 * degree),
-        station_pose((8.6, 4.9, 1.61), 187.0 * degree, -0.9 * degree, 0.2 * degree),
-        station_pose((6.1, 3.5, 1.57), 301.0 * degree, 1.3 * degree, 0.6 * degree),
-        station_pose((2.7, 4.8, 1.64), 95.0 * degree, 0.1 * degree, 1.2 * degree),
-        station_pose((1.5, 3.1, 1.52), 222.0 * degree, 22.0 * degree, -9.0 * degree),
-        station_pose((3.0, 6.5, 1.66), 12.0 * degree, -0.4 * degree, -1.0 * degree),
+        station_pose((8.3, 4.95, 1.61), 187.0 * degree, -0.9 * degree, 0.2 * degree),
+        station_pose((5.9, 3.7, 1.57), 301.0 * degree, 1.3 * degree, 0.6 * degree),
+        station_pose((2.2, 4.85, 1.64), 95.0 * degree, 0.1 * degree, 1.2 * degree),
+        station_pose((1.5, 3.55, 1.52), 222.0 * degree, 22.0 * degree, -9.0 * degree),
+        station_pose((2.9, 6.2, 1.66), 12.0 * degree, -0.4 * degree, -1.0 * degree),
     )
     return scene_from_parts("office", [*_outer_walls(), *_partitions(), *_furniture()], stations)
 
@@ -63,7 +63,7 @@ def _partitions() -> list[Part]:
     half = 0.5 * THICKNESS_M
     south, north, east = 4.2, 5.6, 9.4
     lines = (
-        ((0.0, south), (east - half, south), (_door(1.0, 0.9), _door(5.6, 0.9))),
+        ((0.0, south), (east - half, south), (_door(1.0, 0.9), _door(5.0, 1.7))),
         ((0.0, north), (east - half, north), (_door(2.4, 0.9), _door(7.2, 1.0))),
         ((4.1, 0.0), (4.1, south - half), ()),
         ((east, 0.0), (east, DEPTH_M), (_door(4.45, 0.95),)),

@@ -13,11 +13,11 @@ HEIGHT_M = 6.5
 OUTLINE_M = ((0.0, 0.0), (0.0, 11.0), (11.2, 11.0), (11.2, 7.8), (16.0, 7.8), (16.0, 0.0))
 """Clockwise, so that the seen side of each wall is the inner one: an oblong with a corner missing."""
 OPENINGS = (
-    (Opening(1.2, 4.4, 0.0, 4.2, glazed=False, frame_depth_m=0.25), Opening(6.0, 9.5, 3.6, 5.2)),
-    (Opening(2.1, 3.1, 0.0, 2.1, glazed=False), Opening(5.0, 7.2, 3.8, 5.4)),
+    (Opening(1.2, 4.4, 0.03, 4.2, glazed=False, frame_depth_m=0.25), Opening(6.0, 9.5, 3.6, 5.2)),
+    (Opening(2.1, 3.1, 0.03, 2.1, glazed=False), Opening(5.0, 7.2, 3.8, 5.4)),
     (),
     (Opening(1.5, 3.2, 1.0, 2.6),),
-    (Opening(4.9, 6.0, 0.0, 2.2, glazed=False),),
+    (Opening(4.9, 6.0, 0.03, 2.2, glazed=False),),
     (Opening(1.0, 4.0, 3.5, 5.5), Opening(6.5, 8.2, 3.5, 5.5), Opening(11.3, 14.5, 2.9, 5.5)),
 )
 

@@ -7,6 +7,19 @@ import numpy as np
 from algorithms.arrays import Array, Points, Scalars
 from algorithms.errors import InvalidInputError
 
+MAX_BEAMS = 2**31
+"""The scan's grid counts points with 32 bits."""
+NOT_NEGATIVE = (
+    "range_noise_std_m",
+    "range_noise_per_m",
+    "range_noise_footprint",
+    "angle_noise_std_rad",
+    "beam_divergence_rad",
+    "beam_exit_diameter_m",
+    "echo_separation_m",
+    "intensity_noise",
+)
+
 
 @dataclass(frozen=True)
 class VirtualScanner:
@@ -57,14 +70,22 @@ class VirtualScanner:
     """Relative standard deviation of the intensity (speckle)."""
 
     def __post_init__(self) -> None:
-        if self.rows < 1 or self.columns < 1:
-            raise InvalidInputError("scanner", f"{self.rows} rows and {self.columns} columns", "give at least one each")
+        """Refuse a data sheet that no instrument could have."""
+        if self.rows < 1 or self.columns < 1 or self.rows * self.columns >= MAX_BEAMS:
+            raise InvalidInputError("scanner", f"{self.rows} rows by {self.columns} columns", "1 to 2^31 beams")
         if not -np.pi / 2 <= self.lowest_rad < self.highest_rad <= np.pi / 2:
-            raise InvalidInputError(
-                "scanner",
-                "the vertical field of view is empty or beyond zenith or nadir",
-                "-pi/2 <= lowest < highest <= pi/2",
-            )
+            advice = "-pi/2 <= lowest < highest <= pi/2"
+            raise InvalidInputError("scanner", "the vertical field of view is empty or beyond zenith or nadir", advice)
+        if not 0.0 <= self.min_range_m < self.max_range_m:
+            raise InvalidInputError("scanner", f"ranges from {self.min_range_m} to {self.max_range_m} m")
+        if not self.reach_reflectance > 0.0:
+            raise InvalidInputError("scanner", f"reach_reflectance is {self.reach_reflectance}", "above 0")
+        for name in NOT_NEGATIVE:
+            if not getattr(self, name) >= 0.0:
+                raise InvalidInputError("scanner", f"{name} is {getattr(self, name)}", "0 or more")
+        for name in ("glass_pass_probability", "dropout_probability"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidInputError("scanner", f"{name} is {getattr(self, name)}", "0 to 1")
 
     @property
     def row_step_rad(self) -> float:

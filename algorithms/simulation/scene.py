@@ -22,19 +22,19 @@ class Scene:
     """A triangle mesh with materials and its truth, in world coordinates [m]."""
 
     name: str
-    vertices: Points
+    vertices: Array
     """(v, 3) corners [m]."""
     triangles: Array
     """(t, 3) int64 corner numbers."""
     material_ids: Indices
-    """(t,) number of each triangle's material in `materials`."""
+    """(t,) int64 number of each triangle's material in `materials`."""
     materials: tuple[Material, ...]
     part_edges: Array
     """(e, 2, 3) edges of the single parts, some of them inside a smooth joint; see `scene_edges` [m]."""
     cylinders: tuple[CylinderTruth, ...] = ()
     """Axis pieces and radii of the tubes."""
     stations: tuple[RigidTransform, ...] = ()
-    """Recommended set-ups, world from scan; each overlaps well with the one before."""
+    """Recommended set-ups, world from scan; each sees much of what an earlier one sees."""
 
     @cached_property
     def normals(self) -> Points:

@@ -104,8 +104,8 @@ def wall(
 ) -> list[Part]:
     """Build one face of a wall with its openings.
 
-    The face has no thickness; each opening is lined by four reveals going `reveal_m` inwards, and closed by a frame
-    with a pane or a leaf where it has one.
+    The face has no thickness; each opening is lined by reveals going `reveal_m` inwards (none below an opening that
+    stands on the lower rim), and closed by a frame with a pane or a leaf where it has one.
 
     Parameters
     ----------
@@ -124,18 +124,26 @@ def wall(
     """
     top = np.asarray(top, dtype=np.float64)
     cells = sheet_cells(top, low_m, [o.rectangle for o in openings])
-    outline = np.vstack([[top[0, 0], low_m], [top[-1, 0], low_m], top[::-1]])
     face = polygons([frame.at(c) for c in cells], material, with_edges=False)
-    rim = frame.at(outline)
-    parts = [Part(face.vertices, face.triangles, np.stack([rim, np.roll(rim, -1, axis=0)], axis=1), material)]
+    parts = [Part(face.vertices, face.triangles, _rim_edges(frame, top, low_m, openings), material)]
     for opening in openings:
         if reveal_m > 0.0:
             ring = _rectangle(*opening.rectangle)
             front, back = frame.at(ring), frame.at(ring, -reveal_m)
-            parts.append(polygons([np.stack([front[i], front[j], back[j], back[i]]) for i, j in SIDES], material))
+            sides = SIDES if opening.sill_m > low_m else SIDES[1:]
+            parts.append(polygons([np.stack([front[i], front[j], back[j], back[i]]) for i, j in sides], material))
         if opening.frame_depth_m is not None:
             parts += _filling(frame, opening, opening.frame_depth_m)
     return parts
+
+
+def _rim_edges(frame: WallFrame, top: Array, low_m: float, openings: Sequence[Opening]) -> Array:
+    """Give the edges (e, 2, 3) around a wall's face; the lower one is cut where openings reach it."""
+    gaps = sorted((o.left_m, o.right_m) for o in openings if o.sill_m <= low_m)
+    feet = np.array([top[0, 0], *(x for gap in gaps for x in gap), top[-1, 0]]).reshape(-1, 2)
+    low = [np.array([[left, low_m], [right, low_m]]) for left, right in feet if right > left]
+    ends = [np.array([[x, low_m], [x, z]]) for x, z in (top[0], top[-1])]
+    return np.stack([frame.at(edge) for edge in (*low, *ends, *(top[k : k + 2] for k in range(len(top) - 1)))])
 
 
 def partition(
