@@ -7,7 +7,7 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.plane_boundaries import bound_planes
 from algorithms.features.plane_fitting import fit_planes, renumber
 from algorithms.features.plane_intersections import intersect_planes
-from algorithms.features.plane_segmentation import candidates_of, segment_planes, typical_noise
+from algorithms.features.plane_segmentation import candidates_of, segment_planes, thickness, typical_noise
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.cylinders import Cylinders
@@ -71,7 +71,7 @@ def extract_features(
     regions = segment_planes(cells, surfaces, noise_std_m=noise, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
         scan.points, cells.cell_of_point, candidates_of(cells, regions), regions.normals, regions.centroids, noise,
-        min_points=options.min_plane_points,
+        thickness_m=thickness(noise), min_points=options.min_plane_points,
     )  # fmt: skip
     planes, rasters, kept = bound_planes(
         scan.points, fitted, 0.25 * cells.size_m,

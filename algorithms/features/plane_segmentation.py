@@ -21,6 +21,9 @@ FLATNESS = 0.4
 """Largest ratio of the deviations across and along a neighbourhood for its normal to be used."""
 BEND_LIMIT_RAD = float(np.deg2rad(5.0))
 """A region whose normals turn by more from end to end is curved."""
+UNEVENNESS_M = 0.0015
+"""Deviation of built surfaces from a plane over some metres (standard deviation; DIN 18202 allows 10 mm over 4 m).
+Without it uneven floors break into pieces that differ from scan to scan; a door leaf 3 cm off its wall stays apart."""
 CANDIDATES = 6
 """Planes remembered per cell for its points to choose from."""
 
@@ -46,6 +49,11 @@ def typical_noise(surfaces: CellSurfaces) -> float:
     return float(np.quantile(surfaces.residual_std_m[flat], 0.25)) if flat.any() else 0.0
 
 
+def thickness(noise_std_m: float) -> float:
+    """Give how far points of one plane may lie off it [m]: four standard deviations and the unevenness of buildings."""
+    return float(np.hypot(4.0 * noise_std_m, 3.0 * UNEVENNESS_M))
+
+
 def segment_planes(
     cells: SurfaceCells, surfaces: CellSurfaces, *, noise_std_m: float, cap: float, min_cells: int
 ) -> PlaneRegions:
@@ -67,16 +75,15 @@ def segment_planes(
     seeds = np.flatnonzero(flat)
     quality = surfaces.residual_std_m[seeds] / surfaces.width_std_m[seeds]
     order = seeds[np.argsort(quality, kind="stable")].astype(np.int32)
-    distance_limit = max(4.0 * noise_std_m, 1e-4 * cells.size_m)
     labels, count = grow_regions(
-        order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, distance_limit, min_cells
+        order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, thickness(noise_std_m), min_cells
     )
     labels = _drop(labels, _curved(cells, normals, labels, count))
     labels = _merge(cells, labels, noise_std_m, cap)
     moments = region_moments(cells.moments, labels, int(labels.max(initial=-1)) + 1, cap)
     _, region_normals, deviations = frames_of_moments(moments)
     region_normals = _orient(region_normals, normals, labels)
-    tolerances = 3.0 * np.maximum(deviations[:, 2], noise_std_m)
+    tolerances = np.maximum(3.0 * deviations[:, 2], 3.0 * noise_std_m)
     for _ in range(2):
         labels = dilate_labels(
             labels, cells.moments, cells.neighbours, region_normals, np.ascontiguousarray(moments[:, 1:4]), tolerances
@@ -198,7 +205,8 @@ def _is_one_plane(moments_i: Scalars, normal_i: Array, moments_j: Scalars, norma
     """Test whether the smaller region continues the plane of the larger one.
 
     Its mean distance from the larger plane and its mean square distance must be explained by the noise: the distance
-    by 1.5 standard deviations of a point, the tilt by what raises the smaller region's deviation by half.
+    by 1.5 standard deviations of a point and the usual unevenness, the tilt by what raises the smaller region's
+    deviation by half.
     """
     if moments_i[0] < moments_j[0]:
         moments_i, normal_i, moments_j, normal_j = moments_j, normal_j, moments_i, normal_i
@@ -206,6 +214,6 @@ def _is_one_plane(moments_i: Scalars, normal_i: Array, moments_j: Scalars, norma
         return False
     scatter = moments_j[[4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(3, 3) / moments_j[0]
     distance = abs(float(normal_i @ (moments_j[1:4] - moments_i[1:4])))
-    own = max(float(np.sqrt(max(normal_j @ scatter @ normal_j, 0.0))), noise_std_m)
+    own = float(np.hypot(np.sqrt(max(normal_j @ scatter @ normal_j, 0.0)), UNEVENNESS_M))
     across = float(np.sqrt(max(normal_i @ scatter @ normal_i, 0.0)))
-    return distance < 1.5 * noise_std_m and across < 1.5 * own
+    return distance < 1.5 * float(np.hypot(noise_std_m, UNEVENNESS_M)) and across < 1.5 * own
