@@ -9,7 +9,6 @@ import importlib
 import json
 import logging
 import os
-import resource
 import sys
 import time
 import traceback
@@ -17,8 +16,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from service.adapters.child_process import DEFAULT_STEPS, die_with_parent, threads_per_step
 from service.adapters.local_files import LocalFiles
+from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, limit_resources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
@@ -45,34 +44,6 @@ class ReportPipe:
         line = json.dumps(document, allow_nan=False).encode() + b"\n"
         while line:
             line = line[os.write(self._descriptor, line) :]
-
-
-def limit_resources(settings: Settings) -> None:
-    """Limit memory, computing time, file size and core dumps of this process.
-
-    Memory is limited as data (`RLIMIT_DATA`: heap and private writable maps), not as address space: open3d and numba
-    reserve tens of gigabytes of address space that they never touch.
-    """
-    used = _data_bytes()
-    _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
-    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (threads_per_step(settings) + 1))
-    _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)
-    _limit(resource.RLIMIT_CORE, 0)
-
-
-def _limit(which: int, value: int) -> None:
-    _, hard = resource.getrlimit(which)
-    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
-    resource.setrlimit(which, (value, value))
-
-
-def _data_bytes() -> int:
-    """Give the data size of this process at the moment, where the kernel tells it."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return 0
-    lines = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
-    return int(lines["VmData"].split()[0]) * 1024
 
 
 def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:

@@ -20,8 +20,9 @@ import uvicorn
 
 from service import engine
 from service.adapters import database
-from service.adapters.child_process import DEFAULT_STEPS, die_with_parent, remove_left_scratch
+from service.adapters.child_process import remove_left_scratch
 from service.adapters.log_output import configure_log
+from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.errors import StorageError
 from service.settings import Settings
 

@@ -7,11 +7,12 @@ import threading
 from collections.abc import Mapping
 from typing import cast
 
-from service.adapters.child_process import DEFAULT_STEPS, ChildProcesses, die_with_parent, remove_left_scratch
+from service.adapters.child_process import ChildProcesses, remove_left_scratch
 from service.adapters.database import DatabaseFileStore, DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_tables import connect
 from service.adapters.log_output import configure_log
+from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.engine import DbosQueue, Engine, Tools
 from service.ports import Plan
 from service.settings import Settings

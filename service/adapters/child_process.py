@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import ctypes
 import json
 import os
 import secrets
@@ -16,11 +15,11 @@ from dataclasses import dataclass, field
 import psutil
 import structlog
 
+from service.adapters.process_limits import DEFAULT_STEPS, threads_per_step
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepFailedError
 from service.settings import Settings
 
-DEFAULT_STEPS = "service.use_cases.steps:STEPS"
 LAST_WORDS_LINES = 12
 LINE_BYTES = 1 << 26
 THREAD_VARIABLES = (
@@ -31,20 +30,6 @@ THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
 )
 log = structlog.get_logger()
-
-
-def die_with_parent(parent: int) -> None:
-    """Ask the kernel to kill this process when its parent ends, and end now if that has happened already."""
-    if sys.platform == "linux":
-        set_parent_death_signal = 1
-        ctypes.CDLL(None, use_errno=True).prctl(set_parent_death_signal, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:
-        raise SystemExit(1)
-
-
-def threads_per_step(settings: Settings) -> int:
-    """Give the number of threads of one computation."""
-    return settings.threads or max(1, len(os.sched_getaffinity(0)) // settings.slots)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Steps, plans and an application with known behaviour, for the tests of the engine."""
+"""Steps and plans with known behaviour, for the tests of the engine."""
 
 import os
 import signal
@@ -7,8 +7,6 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-
-from fastapi import FastAPI
 
 from algorithms.errors import InvalidInputError
 from service.ports import Json, StepCall, StepContext
@@ -83,9 +81,3 @@ class ListedPlan:
 
 
 PLANS = {"listed": ListedPlan()}
-
-
-def app() -> FastAPI:
-    application = FastAPI()
-    application.add_api_route("/readyz", lambda: {"status": "ready"})
-    return application

@@ -1,0 +1,54 @@
+"""What a process of the service does to its own limits. Imports little: every computation starts with it."""
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+from pathlib import Path
+
+from service.settings import Settings
+
+DEFAULT_STEPS = "service.use_cases.steps:STEPS"
+
+
+def die_with_parent(parent: int) -> None:
+    """Ask the kernel to kill this process when its parent ends, and end now if that has happened already."""
+    if sys.platform == "linux":
+        set_parent_death_signal = 1
+        ctypes.CDLL(None, use_errno=True).prctl(set_parent_death_signal, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        raise SystemExit(1)
+
+
+def threads_per_step(settings: Settings) -> int:
+    """Give the number of threads of one computation."""
+    return settings.threads or max(1, len(os.sched_getaffinity(0)) // settings.slots)
+
+
+def limit_resources(settings: Settings) -> None:
+    """Limit memory, computing time, file size and core dumps of this process.
+
+    Memory is limited as data (`RLIMIT_DATA`: heap and private writable maps), not as address space: open3d and numba
+    reserve tens of gigabytes of address space that they never touch.
+    """
+    used = _data_bytes()
+    _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
+    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (threads_per_step(settings) + 1))
+    _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)
+    _limit(resource.RLIMIT_CORE, 0)
+
+
+def _limit(which: int, value: int) -> None:
+    _, hard = resource.getrlimit(which)
+    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(which, (value, value))
+
+
+def _data_bytes() -> int:
+    """Give the data size of this process at the moment, where the kernel tells it."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return 0
+    lines = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
+    return int(lines["VmData"].split()[0]) * 1024
