@@ -23,7 +23,7 @@ def office_scene() -> Scene:
     stations = (
         station_pose((10.9, 4.4, 1.55), 48.0 * degree, 0.5 * degree, -0.8 * degree),
         station_pose((8.3, 4.95, 1.61), 187.0 * degree, -0.9 * degree, 0.2 * degree),
-        station_pose((5.9, 3.7, 1.57), 301.0 * degree, 1.3 * degree, 0.6 * degree),
+        station_pose((5.8, 4.1, 1.57), 301.0 * degree, 1.3 * degree, 0.6 * degree),
         station_pose((2.2, 4.85, 1.64), 95.0 * degree, 0.1 * degree, 1.2 * degree),
         station_pose((1.5, 3.55, 1.52), 222.0 * degree, 22.0 * degree, -9.0 * degree),
         station_pose((2.9, 6.2, 1.66), 12.0 * degree, -0.4 * degree, -1.0 * degree),
@@ -110,7 +110,7 @@ def _furniture() -> list[Part]:
         *_desk(8.9, 1.2, 90.0 * degree, 1.4, 0.7),
         *_shelf(4.17, 3.6, -90.0 * degree, 1.5, 2.0, 5),
         # corridor
-        box((4.3, 4.27, 0.0), (5.2, 4.65, 1.15), WOOD),
+        box((3.0, 4.27, 0.0), (4.3, 4.65, 1.15), WOOD),
         tube((0.35, 5.3, 0.0), (0.35, 5.3, 1.8), 0.03, STEEL),
         # east room
         box((11.0, 0.5, 0.0), (13.0, 1.4, 0.42), TEXTILE),

@@ -1,5 +1,7 @@
 """The scenes are what their truth says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,13 +39,13 @@ def test_no_triangle_is_degenerate(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", BUILDINGS)
-def test_a_third_of_what_each_station_sees_was_in_sight_of_an_earlier_one(name: str) -> None:
+def test_a_quarter_of_what_each_station_sees_was_in_sight_of_an_earlier_one(name: str) -> None:
     scene = SCENES[name]()
     caster = RayCaster(scene)
     scans = simulate_stations(scene, scene.stations, COARSE, np.random.default_rng(0))
     clouds = [pose.apply(scan.points[::5]) for pose, scan in zip(scene.stations, scans, strict=True)]
     for k, cloud in enumerate(clouds[1:], start=1):
-        assert max(_share_in_sight(caster, cloud, pose.translation) for pose in scene.stations[:k]) > 0.3
+        assert max(_share_in_sight(caster, cloud, pose.translation) for pose in scene.stations[:k]) > 0.25
 
 
 def _share_in_sight(caster: RayCaster, points: np.ndarray, eye: np.ndarray) -> float:
@@ -57,8 +59,10 @@ def _share_in_sight(caster: RayCaster, points: np.ndarray, eye: np.ndarray) -> f
 @pytest.mark.parametrize("name", BUILDINGS)
 def test_no_station_stands_against_a_surface(name: str) -> None:
     scene = SCENES[name]()
-    for scan in simulate_stations(scene, scene.stations, COARSE, np.random.default_rng(0)):
-        assert np.linalg.norm(scan.points, axis=1).min() > 0.5
+    scanner = replace(COARSE, min_range_m=0.0)
+    for scan in simulate_stations(scene, scene.stations, scanner, np.random.default_rng(0)):
+        # The shortest range of the scanner as delivered.
+        assert np.linalg.norm(scan.points, axis=1).min() > VirtualScanner().min_range_m
 
 
 @pytest.mark.parametrize("name", BUILDINGS)
