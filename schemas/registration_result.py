@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from schemas.poses import Document, Pose, Row4
 
@@ -31,7 +31,10 @@ class Adjustment(Document):
     """Figures of the fine registration."""
 
     model: str
-    observations: int
+    observations: int = Field(description="Conditions, four for each used line.")
+    independent_observations: int = Field(
+        description="Rank of their covariance: fewer than the conditions where lines share planes."
+    )
     unknowns: int
     rank: int
     redundancy: int
@@ -46,6 +49,7 @@ class LineTest(Document):
     """Test of a line as a whole."""
 
     statistic: float
+    degrees_of_freedom: float
     critical: float
 
 
@@ -67,11 +71,12 @@ class Correspondence(Document):
 
 
 class Outlier(Document):
-    """A line that was removed, when and why."""
+    """A pair of lines that was removed (or put back), when and why."""
 
     line: str
     step: int
     statistic: float
+    change: str = Field(description="removed or reinstated")
     why: str
 
 
@@ -95,8 +100,10 @@ class WeakDirection(Document):
 class Overlap(Document):
     """How the surfaces of both scans fit in the registered position."""
 
-    fraction_0_5m: float | None = Field(serialization_alias="fraction_0.5m")
-    fraction_0_1m: float | None = Field(serialization_alias="fraction_0.1m")
+    model_config = ConfigDict(validate_by_name=True, validate_by_alias=True)
+
+    fraction_0_5m: float | None = Field(alias="fraction_0.5m", description="Share of points with a partner that near.")
+    fraction_0_1m: float | None = Field(alias="fraction_0.1m")
     rms_m: float | None
     free_space_violations: float | None = Field(
         description="Share of surface that stands where the other instrument looked through; null: its position is "

@@ -9,6 +9,7 @@ from service.ports import Json, Plan, StepCall
 ALL_PAIRS_UP_TO = 8
 """Up to so many stations `pairs: auto` tries every pair; beyond, each station with those that follow it in the list."""
 NEIGHBOURS = 7
+REPORT_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,15 @@ class RegisterPlan:
                     "report-registration",
                     {"job_id": job["id"], "inputs": inputs, "features": outputs[0], "pairs": outputs[1]},
                     "writing the report",
-                    weight=0.1,
+                    weight=REPORT_WEIGHT,
                 )
             ]
         return None
+
+    def total_weight(self, job: Json) -> float:
+        """Add up features, pairs and report."""
+        inputs = job["inputs"]
+        return 2.0 * len(inputs["stations"]) + 2.0 * len(pairs_to_try(inputs)) + REPORT_WEIGHT
 
 
 @dataclass(frozen=True)
@@ -65,10 +71,14 @@ class ExtractLinesPlan:
                     "report-lines",
                     {"job_id": job["id"], "inputs": inputs, "features": outputs[0][0]},
                     "writing the lines",
-                    weight=0.1,
+                    weight=REPORT_WEIGHT,
                 )
             ]
         return None
+
+    def total_weight(self, job: Json) -> float:  # noqa: ARG002 - the same for every job
+        """Add up features and report."""
+        return 2.0 + REPORT_WEIGHT
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,10 @@ class EchoPlan:
         if outputs:
             return None
         return [StepCall("echo", {"job_id": job["id"], "inputs": job["inputs"]}, "echoing")]
+
+    def total_weight(self, job: Json) -> float:  # noqa: ARG002 - the same for every job
+        """Count the only step."""
+        return 1.0
 
 
 PLANS: Mapping[str, Plan] = {"register": RegisterPlan(), "extract-lines": ExtractLinesPlan(), "echo": EchoPlan()}

@@ -22,17 +22,22 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
     UnreadableFileError
         The file is no scan that can be registered.
     """
-    from service.formats import inspect_file
+    from service.formats import inspect_file, reader_for
 
-    path = context.blobs.local_path(arguments["key"])
-    return inspect_file(path, arguments["filename"], _limits(context)).to_json()
+    path, filename = context.blobs.local_path(arguments["key"]), arguments["filename"]
+    scans = inspect_file(path, filename, _limits(context))
+    return {
+        "format": reader_for(path, filename).name,
+        "kind": "scan",
+        "scans": [scan.to_json() for scan in scans],
+        "photos": [],
+    }
 
 
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
-    from algorithms.features.options import FeatureOptions
-
     from algorithms.features.extraction import extract_features
+    from algorithms.features.options import FeatureOptions
     from service.formats import read_scan
 
     key = feature_key(arguments["sha256"], arguments["index"], arguments["options"])
@@ -57,6 +62,7 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
         features = load_features(context.blobs.local_path(key))
     return {
         "features": key,
+        "sha256": arguments["sha256"],
         "counts": {
             "station": arguments["name"],
             "points": features.point_count,

@@ -1,0 +1,129 @@
+"""Write the result document of `extract-lines`."""
+
+import math
+from importlib.metadata import version
+from typing import cast
+
+import numpy as np
+
+from algorithms.arrays import Array
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import LineSource
+from schemas.lines_result import ExtractedCylinder, ExtractedLine, ExtractedPlane, LinesDocument, Vector
+from schemas.registration_result import FeatureCount, InputFile, Provenance
+from service.ports import Json, StepContext
+from service.use_cases.feature_store import load_features
+from service.use_cases.run_features import SEED
+
+
+def report_lines(context: StepContext, arguments: Json) -> Json:
+    """Put the features of one scan into the file's coordinates and store them as the job's result."""
+    extracted = arguments["features"]
+    station = arguments["inputs"]["station"]
+    features = load_features(context.blobs.local_path(extracted["features"]))
+    document = LinesDocument(
+        station=station["name"],
+        features=FeatureCount(**extracted["counts"]),
+        lines=_lines(features),
+        planes=_planes(features),
+        cylinders=_cylinders(features),
+        sensor_m=None if features.sensor_m is None else vector(features.sensor_m + features.origin_m),
+        artifacts=[],
+        provenance=Provenance(
+            software=software(),
+            method={"features": arguments["inputs"].get("features") or {}},
+            seed=SEED,
+            inputs=[
+                InputFile(
+                    station=station["name"],
+                    file=station["scan"]["file"],
+                    index=station["scan"]["index"],
+                    sha256=extracted["sha256"],
+                )
+            ],
+            timings_s=extracted["timings_s"],
+        ),
+    )
+    context.blobs.write_bytes(
+        f"jobs/{arguments['job_id']}/result.json", document.model_dump_json(by_alias=True).encode()
+    )
+    return {}
+
+
+def software() -> str:
+    """Name program and version."""
+    return f"tieline {version('tieline')}"
+
+
+def vector(values: Array) -> Vector:
+    """Turn a (3,) array into a JSON triple."""
+    return cast("Vector", tuple(float(value) for value in values))
+
+
+def line_name(number: int) -> str:
+    """Name a line of a scan; numbers start at 1."""
+    return f"L{number + 1}"
+
+
+def _lines(features: ScanFeatures) -> list[ExtractedLine]:
+    lines = features.lines
+    starts, ends = lines.end_points
+    out = []
+    for k in range(len(lines)):
+        source = LineSource(int(lines.sources[k]))
+        is_axis = source is LineSource.CYLINDER_AXIS
+        parents = [int(p) for p in lines.parents[k] if p >= 0]
+        out.append(
+            ExtractedLine(
+                name=line_name(k),
+                source=source.label,
+                anchor_m=vector(lines.anchors[k] + features.origin_m),
+                direction=vector(lines.directions[k]),
+                basis=(vector(lines.bases[k, :, 0]), vector(lines.bases[k, :, 1])),
+                covariance=lines.covariances[k].tolist(),
+                start_m=vector(starts[k] + features.origin_m),
+                end_m=vector(ends[k] + features.origin_m),
+                length_m=float(lines.lengths[k]),
+                planes=[] if is_axis else [f"P{p + 1}" for p in parents],
+                cylinder=f"C{parents[0] + 1}" if is_axis else None,
+            )
+        )
+    return out
+
+
+def _planes(features: ScanFeatures) -> list[ExtractedPlane]:
+    planes = features.planes
+    return [
+        ExtractedPlane(
+            name=f"P{k + 1}",
+            normal=vector(planes.normals[k]),
+            centroid_m=vector(planes.centroids[k] + features.origin_m),
+            basis=(vector(planes.bases[k, :, 0]), vector(planes.bases[k, :, 1])),
+            covariance=planes.covariances[k].tolist(),
+            noise_std_m=float(planes.noise_std_m[k]),
+            points=int(planes.point_counts[k]),
+            area_m2=float(planes.areas_m2[k]),
+            boundary_m=[
+                vector(corner)
+                for corner in planes.centroids[k] + features.origin_m + planes.boundary_of(k) @ planes.bases[k].T
+            ],
+        )
+        for k in range(len(planes))
+    ]
+
+
+def _cylinders(features: ScanFeatures) -> list[ExtractedCylinder]:
+    cylinders = features.cylinders
+    first_axis = int(np.count_nonzero(features.lines.sources == LineSource.PLANE_INTERSECTION))
+    return [
+        ExtractedCylinder(
+            name=f"C{k + 1}",
+            axis=line_name(first_axis + k),
+            radius_m=float(cylinders.radii_m[k]),
+            radius_std_m=float(cylinders.radius_std_m[k]),
+            arc_gon=float(cylinders.arcs_rad[k]) * 200.0 / math.pi,
+            seen_from="outside" if cylinders.convex[k] else "inside",
+            points=int(cylinders.point_counts[k]),
+        )
+        for k in range(len(cylinders))
+    ]

@@ -1,0 +1,227 @@
+"""Put the pairs of a `register` job together: poses in the common frame, comparison, downloads."""
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.geometry.angles import GON_PER_RAD, angles_from_rotation
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.spanning_tree import StationLink, chain_poses
+from schemas.poses import Pose
+from schemas.registration_result import (
+    Artifact,
+    ComparedParameter,
+    FeatureCount,
+    InputFile,
+    Pair,
+    Provenance,
+    RegistrationDocument,
+    Station,
+)
+from service.ports import BlobStore, Json, StepContext
+from service.use_cases.pose_documents import fixed_pose_document, pose_document
+from service.use_cases.run_features import SEED
+from service.use_cases.run_lines_report import software
+
+PARAMETERS = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
+
+
+@dataclass(frozen=True)
+class StationPose:
+    """A station's pose in the common frame, or why it has none."""
+
+    station: Station
+    estimate: PoseEstimate | None
+
+
+def report_registration(context: StepContext, arguments: Json) -> Json:
+    """Write the result document and the downloads of a job."""
+    job_id, inputs = arguments["job_id"], arguments["inputs"]
+    pairs = [
+        Pair.model_validate_json(context.blobs.local_path(output["pair"]).read_bytes()) for output in arguments["pairs"]
+    ]
+    poses = _station_poses([station["name"] for station in inputs["stations"]], pairs)
+    stations = [pose.station for pose in poses]
+    unregistered = sum(station.status == "unregistered" for station in stations)
+    document = RegistrationDocument(
+        status=_overall(len(stations), unregistered),
+        stations=stations,
+        pairs=pairs,
+        features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
+        comparison=None if inputs.get("reference") is None else _comparison(poses, inputs["reference"]),
+        artifacts=_write_artifacts(context.blobs, job_id, stations, pairs),
+        provenance=_provenance(inputs, arguments["features"], pairs),
+    )
+    context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
+    return {"status": document.status}
+
+
+def _overall(stations: int, unregistered: int) -> str:
+    if unregistered == 0:
+        return "registered"
+    return "not-registered" if unregistered == stations - 1 else "partly-registered"
+
+
+def _station_poses(names: Sequence[str], pairs: Sequence[Pair]) -> list[StationPose]:
+    """Chain the accepted pairs; whoever they do not reach is unregistered, with the reason."""
+    accepted = [pair for pair in pairs if pair.status == "accepted" and pair.target_from_source is not None]
+    links = [
+        StationLink(pair.target, pair.source, _estimate(pair.target_from_source))
+        for pair in accepted
+        if pair.target_from_source is not None
+    ]
+    chained = chain_poses(names, links)
+    fixed = Station(name=names[0], status="fixed", world_from_scan=fixed_pose_document(names[0]))
+    poses = [StationPose(fixed, chained[names[0]])]
+    for name in names[1:]:
+        if name not in chained:
+            station = Station(name=name, status="unregistered", reason=_why_not(name, pairs), world_from_scan=None)
+            poses.append(StationPose(station, None))
+            continue
+        direct = [p for p in accepted if {p.target, p.source} == {names[0], name} and p.target == names[0]]
+        own = direct[0].target_from_source if direct else None
+        is_direct = own is not None and np.array_equal(own.matrix, chained[name].target_from_source.as_matrix())
+        centroid = own.std_at_centroid_m.point_m if is_direct and own and own.std_at_centroid_m else None
+        document = pose_document(
+            chained[name],
+            target="world",
+            source=name,
+            centroid_m=None if centroid is None else np.array(centroid),
+            a_posteriori=bool(is_direct and own and own.covariance_sigma0 == "a-posteriori"),
+        )
+        poses.append(StationPose(Station(name=name, status="registered", world_from_scan=document), chained[name]))
+    return poses
+
+
+def _estimate(pose: Pose) -> PoseEstimate:
+    return PoseEstimate(RigidTransform.from_matrix(np.array(pose.matrix)), np.array(pose.covariance))
+
+
+def _why_not(name: str, pairs: Sequence[Pair]) -> str:
+    tried = [pair for pair in pairs if name in {pair.target, pair.source}]
+    if not tried:
+        return "no pair with this station was tried"
+    counts = ", ".join(f"{count} {status}" for status, count in Counter(pair.status for pair in tried).items())
+    linked = [pair for pair in tried if pair.status == "accepted"]
+    if linked:
+        return f"connected only to stations that are not connected to the first one ({counts})"
+    return f"no pair was accepted ({counts}); {tried[0].reasons[0] if tried[0].reasons else ''}".rstrip("; ")
+
+
+def _comparison(poses: Sequence[StationPose], reference: dict[str, Any]) -> list[ComparedParameter]:
+    """Compare with reference poses (table 4.2 of the dissertation).
+
+    The reference is first moved so that the fixed station agrees, when it is among the reference poses.
+    """
+    motions = {name: RigidTransform.from_matrix(np.array(matrix)) for name, matrix in reference.items()}
+    fixed = poses[0].station.name
+    to_world = motions[fixed].inv() if fixed in motions else RigidTransform.identity()
+    rows = []
+    for pose in poses[1:]:
+        document = pose.station.world_from_scan
+        if document is None or pose.station.name not in motions:
+            continue
+        wanted = to_world * motions[pose.station.name]
+        values = [*(angles_from_rotation(wanted.rotation) * GON_PER_RAD), *wanted.translation]
+        for parameter, value in zip(PARAMETERS, values, strict=True):
+            estimated = getattr(document, parameter)
+            difference = estimated - value
+            if parameter.endswith("_gon"):
+                difference = (difference + 200.0) % 400.0 - 200.0
+            rows.append(
+                ComparedParameter(
+                    station=pose.station.name,
+                    parameter=parameter,
+                    estimated=estimated,
+                    reference=float(value),
+                    difference=float(difference),
+                    std=None if document.std is None else getattr(document.std, parameter),
+                )
+            )
+    return rows
+
+
+def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -> Provenance:
+    timings: Counter[str] = Counter()
+    for part in [output["timings_s"] for output in features] + [pair.timings_s for pair in pairs]:
+        timings.update(part)
+    return Provenance(
+        software=software(),
+        method=inputs["method"],
+        seed=SEED,
+        inputs=[
+            InputFile(
+                station=station["name"],
+                file=station["scan"]["file"],
+                index=station["scan"]["index"],
+                sha256=output["sha256"],
+            )
+            for station, output in zip(inputs["stations"], features, strict=True)
+        ],
+        timings_s=dict(timings),
+    )
+
+
+def _write_artifacts(
+    blobs: BlobStore, job_id: str, stations: Sequence[Station], pairs: Sequence[Pair]
+) -> list[Artifact]:
+    contents = {
+        "poses.csv": ("text/csv", _poses_csv(stations)),
+        "correspondences.csv": ("text/csv", _correspondences_csv(pairs)),
+        "pairs.json": ("application/json", json.dumps([pair.model_dump(by_alias=True) for pair in pairs])),
+    }
+    for station in stations:
+        if station.world_from_scan is not None:
+            lines = [" ".join(repr(v) for v in row) for row in station.world_from_scan.matrix]
+            contents[f"{station.name}.txt"] = ("text/plain", "\n".join(lines) + "\n")
+    artifacts = []
+    for name, (media_type, text) in contents.items():
+        data = text.encode()
+        blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
+        href = f"/jobs/{job_id}/artifacts/{name}"
+        artifacts.append(Artifact(name=name, type=media_type, bytes=len(data), href=href))
+    return artifacts
+
+
+def _poses_csv(stations: Sequence[Station]) -> str:
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(["station", "status", *PARAMETERS, *(f"{parameter}_std" for parameter in PARAMETERS)])
+    for station in stations:
+        pose = station.world_from_scan
+        values = ["" if pose is None else repr(getattr(pose, parameter)) for parameter in PARAMETERS]
+        stds = [None if pose is None or pose.std is None else getattr(pose.std, parameter) for parameter in PARAMETERS]
+        writer.writerow([station.name, station.status, *values, *("" if std is None else repr(std) for std in stds)])
+    return table.getvalue()
+
+
+def _correspondences_csv(pairs: Sequence[Pair]) -> str:
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(
+        [
+            "target_line",
+            "source_line",
+            "source",
+            "state",
+            "angle_gon",
+            "distance_m",
+            "redundancy",
+            "statistic",
+            "critical",
+        ]
+    )
+    for pair in pairs:
+        for c in pair.correspondences:
+            test = ["", ""] if c.test is None else [repr(c.test.statistic), repr(c.test.critical)]
+            writer.writerow(
+                [c.target_line, c.source_line, c.source, c.state, c.angle_gon, c.distance_m, c.redundancy, *test]
+            )
+    return table.getvalue()
