@@ -3,9 +3,7 @@
 import ast
 import inspect
 import textwrap
-from collections.abc import Callable
 from dataclasses import MISSING, Field, asdict, fields, is_dataclass
-from functools import cache
 from typing import Any, Literal, get_type_hints
 
 from pydantic import BaseModel, create_model
@@ -14,7 +12,6 @@ from pydantic import Field as ModelField
 from schemas.base import RequestModel
 
 
-@cache
 def options_model(options: type[Any], method: str | None = None) -> type[BaseModel]:
     """Build the request model of an option dataclass.
 
@@ -38,10 +35,9 @@ def options_model(options: type[Any], method: str | None = None) -> type[BaseMod
             continue
         kind = hints[option.name]
         if is_dataclass(kind) and isinstance(kind, type):
-            members[option.name] = (
-                options_model(kind),
-                ModelField(default_factory=_nested_default(option, kind), description=docs.get(option.name)),
-            )
+            nested = options_model(kind)
+            default = _nested_default(option, kind, nested)
+            members[option.name] = (nested, ModelField(default=default, description=docs.get(option.name)))
         else:
             members[option.name] = (kind, ModelField(description=docs.get(option.name), **_default(option)))
     return create_model(f"{options.__name__}Options", __base__=RequestModel, __doc__=inspect.getdoc(options), **members)
@@ -55,14 +51,14 @@ def _default(option: Field[Any]) -> dict[str, Any]:
     return {}
 
 
-def _nested_default(option: Field[Any], kind: type[Any]) -> Callable[[], BaseModel]:
+def _nested_default(option: Field[Any], kind: type[Any], nested: type[BaseModel]) -> BaseModel:
     if option.default is not MISSING:
         default = option.default
     elif option.default_factory is not MISSING:
         default = option.default_factory()
     else:
         default = kind()
-    return lambda: options_model(kind).model_validate(asdict(default))
+    return nested.model_validate(asdict(default))
 
 
 def _field_docs(options: type[Any]) -> dict[str, str]:

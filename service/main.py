@@ -1,21 +1,55 @@
 """The composition root of the web process."""
 
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from importlib.metadata import version
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from service.adapters.child_process import ChildProcesses
+from service.adapters.database import DatabaseFileStore, DatabaseJobStore
+from service.adapters.database_executors import DatabaseExecutors
+from service.adapters.database_tables import connect
+from service.adapters.local_files import LocalFiles
 from service.dependencies import Adapters
+from service.engine import DbosQueue
 from service.routes import files, health, jobs, landing, processes, registrations
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 
 
-def create_app(settings: Settings, adapters: Adapters) -> FastAPI:
-    """Build the web application from its settings and adapters."""
-    app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"))
+def app_from_environment() -> FastAPI:
+    """Build the web application that `tieline serve` runs; the database must have been prepared."""
+    settings = Settings()
+    database = connect(settings)
+    queue = DbosQueue(settings, DatabaseExecutors(database))
+    adapters = Adapters(
+        jobs=DatabaseJobStore(database, queue.enqueue),
+        files=DatabaseFileStore(database),
+        blobs=LocalFiles(settings.data_dir),
+        queue=queue,
+        steps=ChildProcesses(settings),
+    )
+
+    @asynccontextmanager
+    async def closing(_app: FastAPI) -> AsyncIterator[None]:
+        yield
+        queue.close()
+        database.dispose()
+
+    return create_app(settings, adapters, closing)
+
+
+def create_app(
+    settings: Settings,
+    adapters: Adapters,
+    lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
+) -> FastAPI:
+    """Build the web application from its settings and adapters; `lifespan` surrounds its run."""
+    app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"), lifespan=lifespan)
     app.state.settings = settings
     app.state.adapters = adapters
     for resource in (landing, processes, jobs, files, registrations, health):

@@ -6,12 +6,13 @@ from typing import Any, cast
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
-from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, to_problem
+from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, to_problem
 from service.routes.accepted_types import accepts_plain_json_only
 from service.use_cases.validate_request import pointer_to
 
@@ -33,6 +34,7 @@ PROBLEM_SCHEMA = ProblemDocument.model_json_schema(ref_template="#/components/sc
 def install_error_handlers(app: FastAPI) -> None:
     """Answer every error with a problem document."""
     app.add_exception_handler(ServiceError, _known_error)
+    app.add_exception_handler(OperationalError, _database_down)
     app.add_exception_handler(AlgorithmError, _known_error)
     app.add_exception_handler(RequestValidationError, _bad_parameters)
     app.add_exception_handler(HTTPException, _http_error)
@@ -54,6 +56,11 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
 def _known_error(request: Request, error: Exception) -> Response:
     """Answer any error; the details of unexpected ones go to the log only."""
     return problem_response(to_problem(error), request)
+
+
+def _database_down(request: Request, _error: Exception) -> Response:
+    """Answer that the database is locked, full or away."""
+    return problem_response(to_problem(StorageError("the database does not answer")), request)
 
 
 def _bad_parameters(request: Request, error: Exception) -> Response:

@@ -9,7 +9,7 @@ from typing import Any
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import MultipartParser
+from python_multipart.multipart import MultipartCallbacks, MultipartParser
 
 from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, UnsupportedMediaTypeError
 from service.use_cases.validate_request import pointer_to
@@ -110,19 +110,7 @@ class FormReader:
         self._header_name = b""
         self._header_value = b""
         self._headers: dict[str, str] = {}
-        self._parser = MultipartParser(
-            _boundary(request),
-            {
-                "on_part_begin": self._on_part_begin,
-                "on_header_field": self._on_header_field,
-                "on_header_value": self._on_header_value,
-                "on_header_end": self._on_header_end,
-                "on_headers_finished": self._on_headers_finished,
-                "on_part_data": self._on_part_data,
-                "on_part_end": self._on_part_end,
-                "on_end": self._on_end,
-            },
-        )
+        self._parser = self._new_parser(_boundary(request))
 
     async def parts(self) -> AsyncIterator[FormPart]:
         """Yield the fields of the form in their order.
@@ -157,6 +145,22 @@ class FormReader:
             except FormParserError as error:
                 raise InvalidRequestError(f"this is no valid multipart form: {error}") from None
         return self._events.popleft()
+
+    def _new_parser(self, boundary: str) -> MultipartParser:
+        callbacks: MultipartCallbacks = {
+            "on_part_begin": self._on_part_begin,
+            "on_header_field": self._on_header_field,
+            "on_header_value": self._on_header_value,
+            "on_header_end": self._on_header_end,
+            "on_headers_finished": self._on_headers_finished,
+            "on_part_data": self._on_part_data,
+            "on_part_end": self._on_part_end,
+            "on_end": self._on_end,
+        }
+        try:
+            return MultipartParser(boundary, callbacks)
+        except FormParserError as error:
+            raise InvalidRequestError(f"this is no valid multipart form: {error}") from None
 
     def _on_part_begin(self) -> None:
         self._headers = {}

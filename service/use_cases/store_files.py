@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from service.errors import FileNotFoundInStoreError, InsufficientStorageError, JobNotFinishedError, UnreadableFileError
+from service.errors import (
+    ComputationFailedError,
+    FileNotFoundInStoreError,
+    InsufficientStorageError,
+    JobNotFinishedError,
+    UnreadableFileError,
+)
 from service.ports import BlobStore, FileStore, JobStore, StepRunner, StoredFile
 from service.settings import Settings
 from service.use_cases.identifiers import is_identifier, new_identifier
@@ -97,11 +103,14 @@ class FileIntake:
             yield chunk
 
     async def _inspected(self, received: "_Received", now: datetime) -> StoredFile:
-        found = await self.steps.run(
-            "inspect-file",
-            {"key": blob_key(received.id), "filename": received.filename},
-            timeout_s=self.settings.inspect_timeout_s,
-        )
+        try:
+            found = await self.steps.run(
+                "inspect-file",
+                {"key": blob_key(received.id), "filename": received.filename},
+                timeout_s=self.settings.inspect_timeout_s,
+            )
+        except ComputationFailedError as error:  # a file that kills its reader is a bad file
+            raise UnreadableFileError(received.filename, f"reading it broke down: {error}") from error
         return StoredFile(
             id=received.id,
             name=received.filename,

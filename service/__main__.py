@@ -1,0 +1,112 @@
+"""The command line: ``tieline serve | worker | register | demo``."""
+
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+
+from service.client import RefusedError, UnreachableError
+from service.errors import ServiceError
+from service.settings import Settings
+
+REGISTERED, NOT_REGISTERED, BAD_INPUT, SERVICE_FAULT = 0, 1, 2, 3
+EXIT_CODES = "Exit codes: 0 registered, 1 not registered, 2 bad input, 3 service fault."
+
+DataDirectory = Annotated[
+    Path | None, typer.Option(help="Where files, results and the embedded database live [default: tieline-data].")
+]
+
+app = typer.Typer(
+    help="Register laser scans by straight lines, planes and cylinders.", no_args_is_help=True, add_completion=False
+)
+
+
+@app.command()
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to bind to [default: 127.0.0.1].")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to bind to [default: 8765].", min=0, max=65535)] = None,
+    data_dir: DataDirectory = None,
+) -> None:
+    """Run the service: web interface and worker. Settings are environment variables with the prefix TIELINE_."""
+    from service.launcher import serve as run_service
+
+    settings = _settings(host=host, port=port, data_dir=data_dir)
+    try:
+        run_service(settings)
+    except (ServiceError, OSError) as error:
+        _fail(f"the service cannot run: {error}", SERVICE_FAULT)
+
+
+@app.command()
+def worker(data_dir: DataDirectory = None) -> None:
+    """Run one more worker beside a service that uses the same database and data directory."""
+    from service.launcher import prepare
+    from service.worker import main as run_worker
+
+    settings = _settings(data_dir=data_dir)
+    try:
+        prepare(settings)
+        run_worker(settings)
+    except (ServiceError, OSError) as error:
+        _fail(f"the worker cannot run: {error}", SERVICE_FAULT)
+
+
+@app.command(epilog=EXIT_CODES)
+def register(
+    scans: Annotated[
+        list[Path], typer.Argument(help="Scan files (E57, PTX, PLY, PCD, LAS/LAZ, text).", exists=True, dir_okay=False)
+    ],
+    url: Annotated[
+        str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
+    ] = None,
+    output: Annotated[Path | None, typer.Option(help="Write the whole result document there (JSON).")] = None,
+) -> None:
+    """Register two or more scans; the first gives the common frame."""
+    from service.register_command import register_files
+
+    console = Console()
+    _finish(lambda: register_files(scans, url, output, console))
+
+
+@app.command(epilog=EXIT_CODES)
+def demo() -> None:
+    """Simulate two stations of a house, register them over HTTP, print truth beside estimate."""
+    from service.demo import run_demo
+
+    console = Console()
+    _finish(lambda: run_demo(console))
+
+
+def _finish(work: Callable[[], bool]) -> None:
+    """End the process with the code that tells what came out."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # so that what was started is stopped
+    try:
+        code = REGISTERED if work() else NOT_REGISTERED
+    except RefusedError as error:
+        _fail(str(error), BAD_INPUT if error.status < 500 else SERVICE_FAULT)
+    except UnreachableError as error:
+        _fail(str(error), SERVICE_FAULT)
+    raise typer.Exit(code)
+
+
+def _fail(message: str, code: int) -> NoReturn:
+    Console(stderr=True).print(message, style="red", markup=False)
+    raise typer.Exit(code)
+
+
+def _settings(**given: object) -> Settings:
+    """Read the environment; options of the command line come first."""
+    return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""Talk to a running service, as any other client would: over HTTP."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import quote
+
+import httpx
+
+from service.errors import Problem
+
+CHUNK = 1 << 20
+POLL_S = 0.4
+Document = dict[str, Any]
+
+
+class RefusedError(Exception):
+    """Say that the service answered with a problem."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.status = int(problem.get("status", 500))
+        faults = "".join(f"\n  {fault['pointer']}: {fault['detail']}" for fault in problem.get("errors") or [])
+        super().__init__(f"{problem.get('title', 'Error')}: {problem.get('detail', '')}{faults}")
+
+
+class UnreachableError(Exception):
+    """Say that no service answers, or that it broke off."""
+
+    def __init__(self, url: str, why: str) -> None:
+        super().__init__(f"the service at {url} does not answer: {why}")
+
+
+class ServiceClient:
+    """Upload scans, start jobs, wait for them, fetch results."""
+
+    def __init__(self, url: str, transport: httpx.BaseTransport | None = None) -> None:
+        self.url = url.rstrip("/")
+        # an upload is answered when the file has been inspected, which may take minutes
+        self._http = httpx.Client(base_url=self.url, timeout=httpx.Timeout(30.0, read=600.0), transport=transport)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._http.close()
+
+    def is_tieline(self) -> bool:
+        """Tell whether a Tieline service answers at the address."""
+        try:
+            answer = self._http.get("/", timeout=2.0, headers={"Accept": "application/json"})
+            return answer.status_code == 200 and answer.json().get("title") == "Tieline"
+        except (httpx.HTTPError, ValueError, AttributeError):
+            return False
+
+    def ready(self) -> bool:
+        """Tell whether the service can take and run jobs now."""
+        try:
+            return self._http.get("/readyz", timeout=5.0).status_code == 200
+        except httpx.HTTPError:
+            return False
+
+    def upload(self, path: Path, on_bytes: Callable[[int], None] = lambda _sent: None) -> Document:
+        """Send a scan file; `on_bytes` hears how many bytes went out each time.
+
+        Raises
+        ------
+        RefusedError
+            The service cannot read it.
+        UnreachableError
+            The service does not answer.
+        """
+
+        def pieces() -> Iterator[bytes]:
+            with path.open("rb") as file:
+                while piece := file.read(CHUNK):
+                    yield piece
+                    on_bytes(len(piece))
+
+        headers = {
+            "Content-Type": "application/octet-stream",
+            "Content-Length": str(path.stat().st_size),
+            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(path.name, safe='')}",
+        }
+        return self._ask("POST", "/files", content=pieces(), headers=headers)
+
+    def execute(self, process_id: str, inputs: Document) -> str:
+        """Start a job and give its id.
+
+        Raises
+        ------
+        RefusedError
+            The inputs are wrong.
+        UnreachableError
+            The service does not answer.
+        """
+        job = self._ask("POST", f"/processes/{process_id}/execution", json={"inputs": inputs})
+        return str(job["jobID"])
+
+    def wait(self, job_id: str, on_progress: Callable[[int, str], None] = lambda _percent, _message: None) -> Document:
+        """Wait until a job has ended and give its result document.
+
+        Raises
+        ------
+        RefusedError
+            The job failed or was dismissed.
+        UnreachableError
+            The service does not answer.
+        """
+        while True:
+            job = self._ask("GET", f"/jobs/{job_id}")
+            on_progress(job["progress"], job["message"])
+            if job["status"] not in {"accepted", "running"}:
+                return self._ask("GET", f"/jobs/{job_id}/results")
+            time.sleep(POLL_S)
+
+    def dismiss(self, job_id: str) -> None:
+        """Stop a job."""
+        self._ask("DELETE", f"/jobs/{job_id}")
+
+    def delete_files(self, file_ids: Sequence[str]) -> None:
+        """Remove uploaded files."""
+        for file_id in file_ids:
+            self._ask("DELETE", f"/files/{file_id}")
+
+    def _ask(self, method: str, path: str, **what: Any) -> Document:
+        try:
+            answer = self._http.request(method, path, **what)
+            document = answer.json() if answer.content else {}
+        except httpx.HTTPError as error:
+            raise UnreachableError(self.url, str(error) or type(error).__name__) from error
+        except ValueError as error:
+            raise UnreachableError(self.url, "its answer is not JSON") from error
+        if answer.is_error:
+            raise RefusedError(document if isinstance(document, dict) else {"status": answer.status_code})
+        return document if isinstance(document, dict) else {}

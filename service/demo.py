@@ -1,0 +1,101 @@
+"""Two virtual stations of a house, registered over HTTP: truth beside estimate."""
+
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from service.client import ServiceClient
+from service.embedded import embedded_service
+from service.register_command import run_job, stations_of, upload_files
+from service.result_tables import DECIMALS, PARAMETERS, number, parameter_table
+
+Document = dict[str, Any]
+SEED = 2026
+ROWS, COLUMNS = 750, 1800
+"""About a million points per station."""
+
+
+def run_demo(console: Console) -> bool:
+    """Simulate, upload, register, compare; leave nothing behind. Tell whether the stations were registered.
+
+    Raises
+    ------
+    RefusedError
+        The service refused a file or the job failed.
+    UnreachableError
+        The service did not start or broke off.
+    """
+    started = time.perf_counter()
+    with ExitStack() as running:
+        folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="tieline-demo-")))
+        with console.status("scanning a house from two stations (simulated) and starting the service"):
+            url = running.enter_context(embedded_service())
+            paths, truth = simulate_scans(folder)
+        client = running.enter_context(ServiceClient(url))
+        files = upload_files(client, paths, console)
+        for file in files:
+            console.print(f"{file['name']}: {file['scans'][0]['points']:,} points")
+        stations = stations_of(files)
+        result = run_job(client, "register", {"stations": stations}, console)
+    _print_comparison(console, result, truth)
+    console.print(f"{time.perf_counter() - started:.0f} s in all", style="dim")
+    return bool(result["status"] == "registered")
+
+
+def simulate_scans(folder: Path) -> tuple[Sequence[Path], dict[str, float]]:
+    """Write two E57 files without poses; give them and the true parameters of the second in the first's frame."""
+    import numpy as np
+
+    from algorithms.geometry.angles import angles_from_rotation
+    from algorithms.simulation.house import house_scene
+    from algorithms.simulation.scanner import VirtualScanner
+    from algorithms.simulation.scanning import simulate_stations
+    from service.formats.e57_writer import write_e57
+
+    scene = house_scene()
+    poses = scene.stations[:2]
+    scanner = VirtualScanner(rows=ROWS, columns=COLUMNS)
+    paths = []
+    for number_, scan in enumerate(simulate_stations(scene, poses, scanner, np.random.default_rng(SEED)), start=1):
+        paths.append(folder / f"house-{number_}.e57")
+        write_e57(paths[-1], [scan])
+    first_from_second = poses[0].inv() * poses[1]
+    angles_gon = angles_from_rotation(first_from_second.rotation) * 200.0 / np.pi
+    values = [*angles_gon, *first_from_second.translation]
+    return paths, {key: float(value) for (key, _, _), value in zip(PARAMETERS, values, strict=True)}
+
+
+def _print_comparison(console: Console, result: Document, truth: dict[str, float]) -> None:
+    second = result["stations"][1]
+    for pair in result["pairs"]:
+        console.print(f"{pair['source']} -> {pair['target']}: [bold]{pair['status']}[/bold]")
+        for reason in pair["reasons"]:
+            console.print(f"  {reason}", style="dim")
+    pose = second["world_from_scan"]
+    if pose is None:
+        console.print(f"{second['name']}: {second['status']}")
+        return
+    columns = ("truth", "estimate", "error", "std", "error / std")
+    table = parameter_table(f"{second['name']} in the frame of {result['stations'][0]['name']}", columns)
+    for key, letter, unit in PARAMETERS:
+        decimals = DECIMALS[unit]
+        std = pose["std"][key]
+        error = _difference(pose[key], truth[key], unit)
+        table.add_row(
+            letter,
+            *(number(value, decimals) for value in (truth[key], pose[key], error, std)),
+            number(error / std if std else None, 2),
+            unit,
+        )
+    console.print(table)
+
+
+def _difference(estimate: float, truth: float, unit: str) -> float:
+    """Subtract; angles the short way round."""
+    difference = estimate - truth
+    return (difference + 200.0) % 400.0 - 200.0 if unit == "gon" else difference

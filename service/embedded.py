@@ -1,0 +1,70 @@
+"""Run the whole service for as long as one command needs it."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from service.client import ServiceClient, UnreachableError
+
+START_WITHIN_S = 90.0
+STOP_WITHIN_S = 20.0
+
+
+@contextmanager
+def embedded_service() -> Iterator[str]:
+    """Start the service on a free port with a temporary data directory; give its address; stop and remove it all.
+
+    Raises
+    ------
+    UnreachableError
+        It did not come up; the end of its log is in the message.
+    """
+    with tempfile.TemporaryDirectory(prefix="tieline-", ignore_cleanup_errors=True) as folder:
+        log = Path(folder) / "service.log"
+        port = _free_port()
+        url = f"http://127.0.0.1:{port}"
+        command = [sys.executable, "-m", "service", "serve", "--port", str(port), "--data-dir", f"{folder}/data"]
+        with log.open("wb") as output:
+            process = subprocess.Popen(  # noqa: S603 - our own module
+                command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            )
+        try:
+            _wait_until_ready(url, process, log)
+            yield url
+        finally:
+            _stop(process)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _wait_until_ready(url: str, process: "subprocess.Popen[bytes]", log: Path) -> None:
+    deadline = time.monotonic() + START_WITHIN_S
+    with ServiceClient(url) as client:
+        while not client.ready():
+            if process.poll() is not None or time.monotonic() > deadline:
+                end = log.read_text(errors="replace")[-2000:]
+                raise UnreachableError(url, f"the embedded service did not start. The end of its log:\n{end}")
+            time.sleep(0.2)
+
+
+def _stop(process: "subprocess.Popen[bytes]") -> None:
+    """Ask the service to stop; after a while end whatever of its session is left."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(STOP_WITHIN_S)
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()

@@ -1,0 +1,109 @@
+"""Register scan files from the command line, through a running service or an embedded one."""
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from service.client import ServiceClient
+from service.embedded import embedded_service
+from service.result_tables import print_result
+from service.settings import Settings
+
+Document = dict[str, Any]
+
+
+def register_files(paths: Sequence[Path], url: str | None, output: Path | None, console: Console) -> bool:
+    """Upload, register, print the parameters; tell whether all stations were registered.
+
+    Raises
+    ------
+    RefusedError
+        A file or the whole job was refused.
+    UnreachableError
+        No service answers.
+    """
+    with chosen_service(url, console) as address, ServiceClient(address) as client:
+        files = upload_files(client, paths, console)
+        try:
+            result = run_job(client, "register", {"stations": stations_of(files)}, console)
+        finally:
+            client.delete_files([file["id"] for file in files])
+    if output is not None:
+        output.write_text(json.dumps(result, indent=1), encoding="utf-8")
+    print_result(console, result)
+    return bool(result["status"] == "registered")
+
+
+@contextmanager
+def chosen_service(url: str | None, console: Console) -> Iterator[str]:
+    """Give the address asked for, the one where a service answers anyway, or an embedded service's."""
+    settings = Settings()
+    usual = f"http://{settings.host}:{settings.port}"
+    if url is not None:
+        yield url
+        return
+    with ServiceClient(usual) as client:
+        found = client.is_tieline()
+    if found:
+        console.print(f"using the service at {usual}", style="dim")
+        yield usual
+        return
+    with ExitStack() as running:
+        with console.status("starting the service"):
+            address = running.enter_context(embedded_service())
+        yield address
+
+
+def upload_files(client: ServiceClient, paths: Sequence[Path], console: Console) -> list[Document]:
+    """Upload files one after the other, with a bar each."""
+    files = []
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bars:
+        for path in paths:
+            bar = bars.add_task(f"uploading {path.name}", total=path.stat().st_size)
+            files.append(client.upload(path, partial(bars.advance, bar)))
+    return files
+
+
+def run_job(client: ServiceClient, process_id: str, inputs: Document, console: Console) -> Document:
+    """Start a job and wait for its result with a bar; a break from the keyboard dismisses it."""
+    job_id = client.execute(process_id, inputs)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    try:
+        with Progress(*columns, console=console) as bars:
+            bar = bars.add_task("waiting", total=100)
+            return client.wait(
+                job_id, lambda percent, message: bars.update(bar, completed=percent, description=message)
+            )
+    except KeyboardInterrupt:
+        client.dismiss(job_id)
+        raise
+
+
+def stations_of(files: Sequence[Document]) -> list[Document]:
+    """Make one station of each scan, named after its file."""
+    stations: list[Document] = []
+    taken: set[str] = set()
+    for file in files:
+        for scan in file["scans"]:
+            stem = _station_name(Path(file["name"]).stem)
+            wanted = stem if len(file["scans"]) == 1 else f"{stem}-{scan['index'] + 1}"
+            name, number = wanted, 2
+            while name in taken:
+                name, number = f"{wanted} ({number})", number + 1
+            taken.add(name)
+            stations.append({"name": name, "scan": {"file": file["id"], "index": scan["index"]}})
+    return stations
+
+
+def _station_name(text: str) -> str:
+    """Replace what a station's name may not hold."""
+    cleaned = re.sub(r"[^\w .()+-]", "_", text)[:48]
+    return cleaned if re.match(r"\w", cleaned) else f"scan{cleaned}"

@@ -1,0 +1,93 @@
+"""Registration in one request."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from service.dependencies import Adapters
+from tests.api.conftest import Client
+
+Pointers = Callable[[httpx.Response], list[str]]
+TWO = [("scan", ("a.xyz", b"1 2 3")), ("scan", ("b.xyz", b"4 5 6"))]
+
+
+def with_options(options: Any) -> list[tuple[str, Any]]:
+    return [*TWO, ("options", (None, json.dumps(options)))]
+
+
+def test_two_scans_become_a_job_of_two_stations(client: Client, adapters: Adapters) -> None:
+    answer = client.post("/registrations", files=TWO)
+    assert answer.status_code == 201
+    assert answer.headers["location"].endswith(f"/jobs/{answer.json()['jobID']}")
+    job = adapters.jobs.get(answer.json()["jobID"])
+    assert job is not None
+    assert job.process_id == "register"
+    assert [station["name"] for station in job.inputs["stations"]] == ["S1", "S2"]
+    assert client.get(f"/files/{job.file_ids[1]}").json()["name"] == "b.xyz"
+
+
+def test_every_scan_of_a_file_becomes_a_station(client: Client, adapters: Adapters) -> None:
+    answer = client.post("/registrations", files=[("scan", ("both.e57", b"scan scan"))])
+    job = adapters.jobs.get(answer.json()["jobID"])
+    assert job is not None
+    assert [station["scan"]["index"] for station in job.inputs["stations"]] == [0, 1]
+
+
+@pytest.mark.parametrize("wrapped", [True, False])
+@pytest.mark.parametrize("first", [True, False])
+def test_options_may_stand_anywhere_and_be_wrapped(
+    client: Client, adapters: Adapters, wrapped: bool, first: bool
+) -> None:
+    options = {"method": {"method": "lines"}, "pairs": [["S2", "S1"]]}
+    form = with_options({"inputs": options} if wrapped else options)
+    answer = client.post("/registrations", files=form[::-1] if first else form)
+    job = adapters.jobs.get(answer.json()["jobID"])
+    assert job is not None
+    assert job.inputs["method"]["method"] == "lines"
+    assert job.inputs["pairs"] == [["S2", "S1"]]
+
+
+@pytest.mark.parametrize(
+    ("form", "pointer"),
+    [
+        ([], "/scan"),
+        (TWO[:1], "/scan"),
+        ([*TWO, ("photo", ("p.jpg", b"x"))], "/photo"),
+        ([*TWO, ("colour", (None, "red"))], "/colour"),
+        ([*TWO, ("scan", (None, "no file"))], "/scan"),
+        ([*TWO, ("options", (None, "{")), ("options", (None, "{}"))], "/options"),
+        ([*TWO, ("options", (None, "{"))], "/options"),
+        (with_options([]), "/options"),
+        (with_options({"stations": []}), "/options/stations"),
+        (with_options({"method": {"method": "magic"}}), "/options/method/method"),
+        (with_options({"pairs": [["S1", "S9"]]}), "/options/pairs/0/1"),
+        (with_options({"speed": 1}), "/options/speed"),
+    ],
+)
+def test_a_bad_form_is_pointed_at_and_leaves_nothing_behind(
+    client: Client, adapters: Adapters, pointers: Pointers, form: list[Any], pointer: str
+) -> None:
+    if form:
+        answer = client.post("/registrations", files=form)
+    else:
+        answer = client.post(
+            "/registrations", content=b"--X--\r\n", headers={"Content-Type": "multipart/form-data; boundary=X"}
+        )
+    assert pointers(answer) == [pointer]
+    assert not adapters.blobs.keys("files/")
+    assert client.get("/files").json()["files"] == []
+    assert client.get("/jobs").json()["jobs"] == []
+
+
+def test_an_unreadable_scan_leaves_nothing_behind(client: Client, adapters: Adapters) -> None:
+    answer = client.post("/registrations", files=[TWO[0], ("scan", ("b.e57", b"broken"))])
+    assert answer.status_code == 400
+    assert answer.json()["file"] == "b.e57"
+    assert not adapters.blobs.keys("files/")
+
+
+def test_anything_but_a_form_is_refused(client: Client) -> None:
+    assert client.post("/registrations", json={}).status_code == 415
