@@ -1,0 +1,157 @@
+"""Which line is which line, and which plane is which, once the pose is roughly known."""
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array, IndexPairs
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.planes import Planes
+from algorithms.matching.line_pairs import DescribedLines, described_lines
+
+MAX_GAP_M = 0.5
+"""Pieces of one line seen from two stations may be this far apart along the line [m]: each scan sees its own piece."""
+MAX_BISECTOR_ANGLE_RAD = np.radians(15.0)
+MAX_RADIUS_DIFFERENCE = 0.1
+"""Radii of one pipe agree within this share of the larger, or within a centimetre."""
+MAX_PLANE_GAP_M = 0.3
+
+
+def corresponding_lines(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    target_from_source: RigidTransform,
+    *,
+    max_angle_rad: float,
+    max_distance_m: float,
+) -> IndexPairs:
+    """Find the lines that both scans see.
+
+    Two lines correspond when each is the other's nearest: directions and distance (in the middle of the piece both
+    share) within the limits, pieces overlapping or nearly so, edges made of planes that look the same way, axes of
+    equal radius.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    target_from_source
+        Pose [m].
+    max_angle_rad, max_distance_m
+        Largest angle and distance.
+
+    Returns
+    -------
+    (k, 2) numbers (target line, source line), one-to-one, by rising target number.
+    """
+    ours, theirs = described_lines(target), described_lines(source)
+    if len(ours.lines) == 0 or len(theirs.lines) == 0:
+        return np.empty((0, 2), dtype=np.int64)
+    rotation = target_from_source.rotation.as_matrix()
+    directions = theirs.lines.directions @ rotation.T
+    anchors = target_from_source.apply(theirs.lines.anchors)
+    cosines = ours.lines.directions @ directions.T
+    angles = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0))
+    i, j = np.nonzero((angles <= max_angle_rad) & _alike(ours, theirs, rotation))
+    along = ours.lines.directions[i]
+    starts = np.einsum("ij,ij->i", anchors[j] - ours.lines.anchors[i], along)
+    reach = theirs.lines.extents[j] * np.sign(cosines[i, j])[:, None] + starts[:, None]
+    low = np.maximum(ours.lines.extents[i, 0], reach.min(axis=1))
+    high = np.minimum(ours.lines.extents[i, 1], reach.max(axis=1))
+    middle = ours.lines.anchors[i] + (0.5 * (low + high))[:, None] * along
+    offset = middle - anchors[j]
+    across = offset - np.einsum("ij,ij->i", offset, directions[j])[:, None] * directions[j]
+    distances = np.linalg.norm(across, axis=1)
+    usable = (distances <= max_distance_m) & (low - high <= MAX_GAP_M)
+    i, j, distances = i[usable], j[usable], distances[usable]
+    cost = np.full(angles.shape, np.inf)
+    cost[i, j] = (distances / max_distance_m) ** 2 + (angles[i, j] / max_angle_rad) ** 2
+    return mutual_best(cost)
+
+
+def corresponding_planes(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    target_from_source: RigidTransform,
+    *,
+    max_angle_rad: float,
+    max_distance_m: float,
+) -> IndexPairs:
+    """Find the planes that both scans see.
+
+    Oriented normals and the distance of each plane at the other's centroid must agree within the limits, and the
+    bounded pieces must overlap or nearly so; each must be the other's nearest.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    target_from_source
+        Pose [m].
+    max_angle_rad, max_distance_m
+        Largest angle and distance.
+
+    Returns
+    -------
+    (k, 2) numbers (target plane, source plane), one-to-one, by rising target number.
+    """
+    ours, theirs = target.planes, source.planes
+    if len(ours) == 0 or len(theirs) == 0:
+        return np.empty((0, 2), dtype=np.int64)
+    normals = target_from_source.rotation.apply(theirs.normals)
+    centroids = target_from_source.apply(theirs.centroids)
+    angles = np.arccos(np.clip(ours.normals @ normals.T, -1.0, 1.0))
+    between = centroids[None, :, :] - ours.centroids[:, None, :]
+    on_ours = np.abs(np.einsum("ijk,ik->ij", between, ours.normals))
+    on_theirs = np.abs(np.einsum("ijk,jk->ij", between, normals))
+    # With a small overlap one of the two distances is extrapolated far beyond the plane's own piece.
+    distances = np.minimum(on_ours, on_theirs)
+    i, j = np.nonzero((angles <= max_angle_rad) & (distances <= max_distance_m))
+    gaps = _plane_gaps(ours, theirs, target_from_source, np.column_stack([i, j]))
+    usable = gaps <= MAX_PLANE_GAP_M
+    i, j = i[usable], j[usable]
+    cost = np.full(angles.shape, np.inf)
+    nearness = np.maximum(gaps[usable], 0.0) / MAX_PLANE_GAP_M
+    cost[i, j] = (
+        (distances[i, j] / max_distance_m) ** 2 + (angles[i, j] / max_angle_rad) ** 2 + nearness**2
+        - 0.5 * np.clip(-gaps[usable], 0.0, 2.0)  # pieces that overlap by metres are surely the same
+    )  # fmt: skip
+    return mutual_best(cost)
+
+
+def mutual_best(cost: Array) -> IndexPairs:
+    """Pair row and column that are each other's cheapest, infinite costs excluded; (k, 2), by rising row."""
+    if cost.size == 0:
+        return np.empty((0, 2), dtype=np.int64)
+    best_column, best_row = np.argmin(cost, axis=1), np.argmin(cost, axis=0)
+    rows = np.arange(len(cost))
+    good = np.isfinite(cost[rows, best_column]) & (best_row[best_column] == rows)
+    return np.column_stack([rows[good], best_column[good]]).astype(np.int64)
+
+
+def _alike(ours: DescribedLines, theirs: DescribedLines, rotation: Array) -> Array:
+    """Say which lines can be the same by what they are made of, (n, m)."""
+    same_kind = ours.kinds[:, None] == theirs.kinds[None, :]
+    edge = (ours.kinds < 2)[:, None]
+    bisectors = ours.bisectors @ (theirs.bisectors @ rotation.T).T > np.cos(MAX_BISECTOR_ANGLE_RAD)
+    difference = np.abs(ours.sizes[:, None] - theirs.sizes[None, :])
+    larger = np.maximum(ours.sizes[:, None], theirs.sizes[None, :])
+    radii = difference <= np.maximum(MAX_RADIUS_DIFFERENCE * larger, 0.01)
+    openings = difference <= MAX_BISECTOR_ANGLE_RAD
+    return np.asarray(same_kind & np.where(edge, bisectors & openings, radii))
+
+
+def _plane_gaps(ours: Planes, theirs: Planes, target_from_source: RigidTransform, pairs: IndexPairs) -> Array:
+    """Measure the gap between the boxes around two bounded pieces in the target plane, negative where they overlap."""
+    gaps = np.empty(len(pairs))
+    corners: dict[int, Array] = {}
+    for k, (i, j) in enumerate(pairs):
+        if int(j) not in corners:
+            local = theirs.boundary_of(int(j))
+            corners[int(j)] = target_from_source.apply(theirs.centroids[j] + local @ theirs.bases[j].T)
+        own = ours.boundary_of(int(i))
+        other = (corners[int(j)] - ours.centroids[i]) @ ours.bases[i]
+        if len(own) == 0 or len(other) == 0:
+            gaps[k] = np.inf
+            continue
+        gaps[k] = np.max(np.maximum(own.min(axis=0) - other.max(axis=0), other.min(axis=0) - own.max(axis=0)))
+    return gaps
