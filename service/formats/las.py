@@ -12,6 +12,10 @@ from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
 
 POINTS_AT_ONCE = 1_000_000
+LAZ_BIT = 0x80
+"""Set in the point format of a compressed file."""
+SMALLEST_CHUNK_BYTES = 20
+"""A chunk begins with one whole point, and the shortest point has 20 bytes."""
 
 
 @final
@@ -36,7 +40,8 @@ class LasReader:
         _check_header(file)
         place = "header"
         try:
-            with laspy.open(file.path) as reader:
+            # one thread, no extended records: the parallel reader and the records trust counts that may be damaged
+            with laspy.open(file.path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
                 header = reader.header
                 count = int(header.point_count)
                 if count == 0:
@@ -46,7 +51,7 @@ class LasReader:
                     raise file.unreadable("scale or offset is zero or not finite", place)
                 smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
                 check_count(file, count, smallest, limits, place)
-                pieces = []
+                pieces, place = [], "point 0"
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE):
                     pieces.append(_Piece.of(chunk))
                     place = f"point {sum(len(piece.raw) for piece in pieces)}"
@@ -98,6 +103,25 @@ def _check_header(file: ScanFile) -> None:
         )
     if records * 54 > data_offset - header_bytes:
         raise file.unreadable(f"{records} variable-length records do not fit before the points", "byte 100, header")
+    if head[104] & LAZ_BIT:
+        _check_chunk_table(file, data_offset)
+
+
+def _check_chunk_table(file: ScanFile, data_offset: int) -> None:
+    """Refuse a table of LAZ chunks that cannot be: lazrs would allocate for it and abort the process."""
+    with file.path.open("rb") as stream:
+        stream.seek(data_offset)
+        start = stream.read(8)
+        offset = struct.unpack("<q", start)[0] if len(start) == 8 else 0
+        if offset == -1:  # written by a stream: the offset stands at the end
+            stream.seek(file.size - 8)
+            offset = struct.unpack("<q", stream.read(8))[0]
+        if not data_offset + 8 <= offset <= file.size - 8:
+            raise file.unreadable(f"the table of LAZ chunks cannot be at byte {offset}", f"byte {data_offset}")
+        stream.seek(offset)
+        _, chunks = struct.unpack("<II", stream.read(8))
+    if chunks * SMALLEST_CHUNK_BYTES > file.size:
+        raise file.unreadable(f"{chunks} LAZ chunks do not fit a file of {file.size} bytes", f"byte {offset}")
 
 
 def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, offsets_m: Array) -> ScanRecords:

@@ -1,6 +1,7 @@
 """Lines of numbers, as ascii formats share them."""
 
 import re
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -18,7 +19,6 @@ def read_table(
     dtype: Any = np.float64,
     delimiter: str | None = None,
     columns: list[int] | None = None,
-    max_rows: int | None = None,
     comment: str | None = None,
 ) -> Array:
     """Read lines of numbers strictly: a word that is no number, or a line of another length, is an error.
@@ -41,16 +41,18 @@ def read_table(
     """
     structured = np.dtype(dtype).names is not None
     try:
-        return np.loadtxt(
-            lines,
-            dtype=dtype,
-            comments=comment,
-            delimiter=delimiter,
-            usecols=columns,
-            max_rows=max_rows,
-            encoding="latin-1",
-            ndmin=1 if structured else 2,
-        )
+        with warnings.catch_warnings():
+            # numpy warns of a table without lines; every caller counts the lines it got
+            warnings.simplefilter("ignore", UserWarning)
+            return np.loadtxt(
+                lines,
+                dtype=dtype,
+                comments=comment,
+                delimiter=delimiter,
+                usecols=columns,
+                encoding="latin-1",
+                ndmin=1 if structured else 2,
+            )
     except (ValueError, OverflowError) as fault:
         reason = str(fault).split(";")[0].rstrip(".")
         row = re.search(r" at row (\d+)", reason)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import final
 
 import numpy as np
@@ -81,11 +82,10 @@ class TextReader:
                 stream.readline()
             table = read_table(
                 file,
-                stream,
+                islice(stream, limits.max_points + 1),
                 layout.skipped_lines + 1,
                 delimiter=layout.delimiter,
                 columns=chosen if layout.pick else None,
-                max_rows=limits.max_points + 1,
                 comment="#",
             )
         if len(table) > limits.max_points:

@@ -30,7 +30,9 @@ XYZ = "property double x\nproperty double y\nproperty double z\n"
 @pytest.mark.parametrize(("order", "word"), [("<", "little"), (">", "big")])
 def test_both_byte_orders_of_ply_keep_float64(tmp_path: Path, order: str, word: str) -> None:
     points = np.array(FOUR) + 0.1234567890123
-    path = ply(tmp_path, f"format binary_{word}_endian 1.0\nelement vertex 4\n{XYZ}", points.astype(f"{order}f8").tobytes())
+    path = ply(
+        tmp_path, f"format binary_{word}_endian 1.0\nelement vertex 4\n{XYZ}", points.astype(f"{order}f8").tobytes()
+    )
     assert read_scan(path, "a.ply").points.tolist() == points.tolist()
 
 
@@ -43,7 +45,11 @@ def test_ascii_ply_is_read_past_other_elements(tmp_path: Path) -> None:
 
 def test_fractional_colours_of_ply_are_of_one(tmp_path: Path) -> None:
     rgb = "property float red\nproperty float green\nproperty float blue\n"
-    path = ply(tmp_path, f"format ascii 1.0\nelement vertex 4\n{XYZ}{rgb}", b"0 0 0 1 0 0.5\n1 0 0 0 0 0\n0 1 0 0 0 0\n0 0 1 0 0 0\n")
+    path = ply(
+        tmp_path,
+        f"format ascii 1.0\nelement vertex 4\n{XYZ}{rgb}",
+        b"0 0 0 1 0 0.5\n1 0 0 0 0 0\n0 1 0 0 0 0\n0 0 1 0 0 0\n",
+    )
     color = read_scan(path, "a.ply").color
     assert color is not None
     assert color[0].tolist() == [255, 0, 128]
@@ -305,7 +311,9 @@ def test_invalid_states_of_e57_are_no_points(tmp_path: Path) -> None:
 
 
 def test_16_bit_colours_of_e57_become_8_bit(tmp_path: Path) -> None:
-    columns = cartesian(FOUR) | {f"color{c}": np.array([0, 257, 65535, 0], dtype=np.uint16) for c in ("Red", "Green", "Blue")}
+    columns = cartesian(FOUR) | {
+        f"color{c}": np.array([0, 257, 65535, 0], dtype=np.uint16) for c in ("Red", "Green", "Blue")
+    }
     color = read_scan(e57(tmp_path / "a.e57", columns), "a.e57").color
     assert color is not None
     assert color[:, 0].tolist() == [0, 1, 255, 0]

@@ -62,7 +62,9 @@ def test_six_columns_of_fractions_are_normals_and_no_colours(tmp_path: Path) -> 
 
 
 def test_names_decide_in_any_order_and_others_are_passed_over(tmp_path: Path) -> None:
-    text = "id,time,z,y,x,Intensity,a,b,c\n" + "".join(f"p{i},12:00,{i},{i**2},{i**3},{i + 5},u,v,w\n" for i in range(5))
+    text = "id,time,z,y,x,Intensity,a,b,c\n" + "".join(
+        f"p{i},12:00,{i},{i**2},{i**3},{i + 5},u,v,w\n" for i in range(5)
+    )
     scan = scan_of(tmp_path, text, "a.csv")
     assert scan.points[3].tolist() == [27.0, 9.0, 3.0]
 
@@ -72,7 +74,12 @@ def test_nan_lines_are_dropped(tmp_path: Path) -> None:
 
 
 def test_millimetres_survive_500_km(tmp_path: Path) -> None:
-    rows = [[500000.001, 5400000.002, 100.003], [500001.001, 5400000.002, 100], [500000, 5400001, 100], [5e5, 5.4e6, 101]]
+    rows = [
+        [500000.001, 5400000.002, 100.003],
+        [500001.001, 5400000.002, 100],
+        [500000, 5400001, 100],
+        [5e5, 5.4e6, 101],
+    ]
     scan = scan_of(tmp_path, "\n".join(" ".join(f"{number:.3f}" for number in row) for row in rows))
     # float64 resolves 1e-9 m at 5400 km
     assert np.abs(scan.points + scan.origin_m - rows).max() < 2e-9

@@ -1,0 +1,146 @@
+"""Truncated and mutated files: a scan or a refusal, never another exception."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from algorithms.scans.scan import Scan, ScanGrid
+from service.errors import FileTooLargeError, UnreadableFileError
+from service.formats import ReadLimits, inspect_file
+from service.formats.e57_writer import write_e57
+from service.formats.ply_writer import write_ply
+from service.formats.ptx_writer import write_ptx
+
+LIMITS = ReadLimits(max_points=100_000)
+TRIES = 60
+ROWS, COLUMNS = 12, 20
+COUNT = ROWS * COLUMNS
+
+
+def some_scan() -> Scan:
+    rng = np.random.default_rng(20)
+    return Scan(
+        points=rng.uniform(-20.0, 20.0, (COUNT, 3)),
+        origin_m=np.zeros(3),
+        grid=ScanGrid(index=np.arange(COUNT, dtype=np.int32).reshape(ROWS, COLUMNS)),
+        intensity=rng.random(COUNT).astype(np.float32),
+        color=rng.integers(0, 256, (COUNT, 3)).astype(np.uint8),
+    )
+
+
+def write_las(path: Path) -> None:
+    data = laspy.LasData(laspy.LasHeader(point_format=7, version="1.4"))
+    data.x, data.y, data.z = some_scan().points.T
+    data.write(path)
+
+
+def write_pcd(path: Path, encoding: str) -> None:
+    points = some_scan().points.astype("<f4")
+    header = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        f"WIDTH {COLUMNS}\nHEIGHT {ROWS}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {COUNT}\nDATA {encoding}\n"
+    )
+    if encoding == "ascii":
+        body = "\n".join(" ".join(map(str, point)) for point in points.tolist()).encode()
+    elif encoding == "binary":
+        body = points.tobytes()
+    else:
+        plain = points.T.tobytes()
+        packed = b"".join(bytes([len(plain[i : i + 32]) - 1]) + plain[i : i + 32] for i in range(0, len(plain), 32))
+        body = len(packed).to_bytes(4, "little") + len(plain).to_bytes(4, "little") + packed
+    path.write_bytes(header.encode() + body)
+
+
+def write_csv(path: Path) -> None:
+    lines = [",".join(f"{number:.3f}" for number in point) for point in some_scan().points]
+    path.write_text("x,y,z\n" + "\n".join(lines) + "\n")
+
+
+def write_ascii_ply(path: Path) -> None:
+    header = f"ply\nformat ascii 1.0\nelement vertex {COUNT}\nproperty double x\nproperty double y\nproperty double z\n"
+    lines = [" ".join(f"{number:.3f}" for number in point) for point in some_scan().points]
+    path.write_text(header + "end_header\n" + "\n".join(lines) + "\n")
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "a.e57": lambda path: write_e57(path, [some_scan(), some_scan()]),
+    "a.ply": lambda path: write_ply(path, some_scan()),
+    "ascii.ply": write_ascii_ply,
+    "a.ptx": lambda path: write_ptx(path, [some_scan(), some_scan()]),
+    "a.las": write_las,
+    "a.laz": write_las,
+    "a.pcd": lambda path: write_pcd(path, "binary"),
+    "ascii.pcd": lambda path: write_pcd(path, "ascii"),
+    "compressed.pcd": lambda path: write_pcd(path, "binary_compressed"),
+    "a.csv": write_csv,
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("whole")
+    for filename, write in WRITERS.items():
+        write(folder / filename)
+    return {filename: (folder / filename).read_bytes() for filename in WRITERS}
+
+
+def outcome(path: Path, filename: str, content: bytes) -> str:
+    path.write_bytes(content)
+    try:
+        inspect_file(path, filename, LIMITS)
+    except UnreadableFileError as error:
+        assert error.filename == filename
+        assert error.reason
+        assert error.place
+        return "refused"
+    except FileTooLargeError:
+        return "refused"
+    return "read"
+
+
+@pytest.mark.parametrize("filename", WRITERS)
+def test_the_undamaged_file_is_read(filename: str, whole: dict[str, bytes], tmp_path: Path) -> None:
+    assert outcome(tmp_path / "stored", filename, whole[filename]) == "read"
+
+
+@pytest.mark.parametrize("filename", WRITERS)
+def test_a_truncated_file_is_read_or_refused(filename: str, whole: dict[str, bytes], tmp_path: Path) -> None:
+    rng = np.random.default_rng(30)
+    content = whole[filename]
+    lengths = rng.integers(0, len(content), TRIES)
+    assert {outcome(tmp_path / "stored", filename, content[:length]) for length in lengths} <= {"read", "refused"}
+
+
+@pytest.mark.parametrize("filename", ["a.e57", "a.ply", "a.pcd", "compressed.pcd", "a.las", "a.laz"])
+def test_a_truncated_binary_file_is_never_taken_for_whole(
+    filename: str, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(31)
+    content = whole[filename]
+    assert {outcome(tmp_path / "stored", filename, content[:n]) for n in rng.integers(0, len(content), TRIES)} == {"refused"}
+
+
+@pytest.mark.parametrize("filename", WRITERS)
+@pytest.mark.parametrize("reach", [None, 500])
+def test_a_mutated_file_is_read_or_refused(
+    filename: str, reach: int | None, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(32)
+    outcomes = set()
+    for _ in range(TRIES):
+        content = bytearray(whole[filename])
+        for _ in range(rng.integers(1, 6)):
+            content[rng.integers(0, min(len(content), reach or len(content)))] = rng.integers(0, 256)
+        outcomes.add(outcome(tmp_path / "stored", filename, bytes(content)))
+    assert outcomes <= {"read", "refused"}
+
+
+@pytest.mark.parametrize("digits", [b"9" * 6, b"9" * 12, b"9" * 30, b"-1", b"1e9", b"nan", b""])
+@pytest.mark.parametrize("filename", [name for name in WRITERS if name not in {"a.e57", "a.las", "a.laz", "a.csv"}])
+def test_an_absurd_count_is_refused(filename: str, digits: bytes, whole: dict[str, bytes], tmp_path: Path) -> None:
+    count = str(COLUMNS if filename == "a.ptx" else COUNT).encode()
+    content = whole[filename].replace(count, digits, 1)
+    assert outcome(tmp_path / "stored", filename, content) == "refused"
