@@ -3,6 +3,7 @@
 import numpy as np
 
 from algorithms.arrays import Vector3
+from algorithms.features.cylinder_axes import find_cylinders
 from algorithms.features.options import FeatureOptions
 from algorithms.features.plane_boundaries import bound_planes
 from algorithms.features.plane_fitting import fit_planes, renumber
@@ -10,8 +11,7 @@ from algorithms.features.plane_intersections import intersect_planes
 from algorithms.features.plane_segmentation import candidates_of, segment_planes, thickness, typical_noise
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.features.surface_sample import sample_surface
-from algorithms.geometry.cylinders import Cylinders
-from algorithms.geometry.lines import Lines
+from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
 from algorithms.scans.range_image import spherical_range_image
@@ -79,14 +79,17 @@ def extract_features(
     )  # fmt: skip
     progress.report(0.6, "lines")
     lines = intersect_planes(planes, rasters, min_length_m=options.min_line_length_m)
+    progress.report(0.7, "cylinders")
+    left = (renumber(fitted.point_labels, kept) < 0) & (cells.cell_of_point >= 0)
+    cylinders = find_cylinders(scan.points[left], sensor, noise, options)
     progress.report(0.9, "surface")
     surface = sample_surface(cells, surfaces, renumber(regions.cell_labels, regions_fitted[kept]), planes.normals)
     spacing = cells.size_m / float(np.sqrt(np.median(cells.counts)))
     splat = 0.0 if scan.grid is not None else 0.5 * spacing
     return ScanFeatures(
-        lines=lines,
+        lines=_joined(lines, cylinders.axes),
         planes=planes,
-        cylinders=no_cylinders(),
+        cylinders=cylinders,
         surface=surface,
         seen=None if sensor is None else spherical_range_image(scan.points, sensor, SEEN_CELL_RAD, splat_m=splat),
         origin_m=scan.origin_m,
@@ -118,9 +121,15 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         size = 1.25 * cells.size_m
 
 
-def no_cylinders() -> Cylinders:
-    """Give no cylinders."""
-    none = np.empty(0)
-    return Cylinders(
-        Lines.empty(), none, none, np.empty(0, dtype=np.bool_), none, none, np.empty(0, dtype=np.int64)
+def _joined(first: Lines, second: Lines) -> Lines:
+    """Put two sets of lines one after the other."""
+    return lines_from_arrays(
+        np.concatenate([first.anchors, second.anchors]),
+        np.concatenate([first.directions, second.directions]),
+        np.concatenate([first.covariances, second.covariances]),
+        np.concatenate([first.extents, second.extents]),
+        bases=np.concatenate([first.bases, second.bases]),
+        sources=np.concatenate([first.sources, second.sources]),
+        parents=np.concatenate([first.parents, second.parents]),
+        parent_jacobians=np.concatenate([first.parent_jacobians, second.parent_jacobians]),
     )

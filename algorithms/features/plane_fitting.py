@@ -6,7 +6,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from algorithms.arrays import Array, Bases, Flags, Indices, Labels, Matrices3, Points, Scalars
-from algorithms.features.patch_covariance import estimate_waviness, fit_patches, shrink_variances
+from algorithms.features.patch_covariance import (
+    NUMERICAL_STD_M,
+    estimate_waviness,
+    fit_patches,
+    honest_covariance,
+    shrink_variances,
+)
 from algorithms.features.plane_segmentation_kernels import label_moments, label_points, patch_sums, plane_extents
 
 PATCHES = 32
@@ -17,12 +23,6 @@ TRIM = 3.5
 """Points farther than that many standard deviations do not belong to a plane."""
 LEAST_WIDTH = 2.5
 """Least ratio of the deviations along the narrow side and across a plane."""
-LONG_WAVES = 4.0
-"""Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part of
-them: their share of the covariance is that of a quarter of the patches. Calibrated on walls and floors seen from two
-set-ups of known pose (tripod scans of a garage and of facades)."""
-NUMERICAL_STD_M = 1e-9
-"""Rounding of coordinates: keeps weights finite on exact data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,8 +192,7 @@ def _adjust_patches(
     corrections = np.empty((k, 3))
     for p, system in enumerate(systems):
         fit = fit_patches(*system, float(waviness[p]))
-        white = fit_patches(*system, 0.0).covariance
-        covariances[p] = white + LONG_WAVES * (fit.covariance - white)
+        covariances[p] = honest_covariance(*system, float(waviness[p]))
         corrections[p] = fit.corrections
     turned = normals + np.einsum("kij,kj->ki", bases, corrections[:, :2])
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)

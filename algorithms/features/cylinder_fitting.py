@@ -1,0 +1,113 @@
+"""One cylinder from its points, with covariance from blocks of its surface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from algorithms.arrays import Array, Matrix, Points, Vector3
+from algorithms.features.cylinder_axes_kernels import adjust_cylinder
+from algorithms.features.patch_covariance import NUMERICAL_STD_M, estimate_waviness, honest_covariance
+from algorithms.geometry.lines import bases_of
+
+BLOCKS = 32
+"""Aimed number of blocks (length x arc)."""
+POINTS_PER_BLOCK = 4.0
+"""Least mean number of points in a block."""
+ARC_BINS = 72
+"""Bins of 5 degrees in which the seen arc is counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedCylinder:
+    """A bounded cylinder with covariance."""
+
+    anchor: Vector3
+    """Point of the axis in the middle of the points [m]."""
+    direction: Vector3
+    basis: Matrix
+    """(3, 2) columns E1, E2."""
+    radius_m: float
+    covariance: Matrix
+    """(5, 5) of (a1, a2, b1, b2, radius)."""
+    extent: Array
+    """(2,) seen piece along the direction from the anchor [m]."""
+    arc_rad: float
+    noise_std_m: float
+    fill: float
+    """Share of the blocks between the ends and within the seen arc that hold points."""
+    waviness: float
+    """Variance of block means beyond the noise [m2]."""
+
+
+def fit_cylinder(points: Points, anchor: Vector3, direction: Vector3, radius_m: float, noise_std_m: float) -> FittedCylinder | None:
+    """Fit a cylinder to its points geometrically and give the covariance of axis and radius; None if it collapses.
+
+    Parameters
+    ----------
+    points
+        (n, 3) points of one cylinder, n >= 6.
+    anchor, direction, radius_m
+        Start values.
+    noise_std_m
+        Expected noise: deviations beyond two of it are weighted down.
+    """
+    c, d = anchor.copy(), direction.copy()
+    (radius, _, _), _ = adjust_cylinder(points, c, d, radius_m, 30, max(2.0 * noise_std_m, NUMERICAL_STD_M))
+    if not (0.5 * radius_m < radius < 2.0 * radius_m and np.isfinite(d).all()):
+        return None
+    basis = bases_of(d[None])[0]
+    offset = points - c
+    along = offset @ d
+    across = offset @ basis
+    distance = np.linalg.norm(across, axis=1)
+    misfit = distance - radius
+    noise = float(np.sqrt(np.sum(misfit**2) / max(len(points) - 5, 1)))
+    angle = np.arctan2(across[:, 1], across[:, 0])
+    low, high = np.quantile(along, [0.002, 0.998])
+    middle = 0.5 * (low + high)
+    seen = np.bincount(((angle + np.pi) / (2 * np.pi) * ARC_BINS).astype(np.int64) % ARC_BINS, minlength=ARC_BINS) > 0
+    arc = 2 * np.pi * float(seen.mean())
+    fill, waviness, covariance = _block_covariance(along - middle, angle, distance, misfit, radius, noise, arc)
+    return FittedCylinder(
+        anchor=c + middle * d,
+        direction=d,
+        basis=basis,
+        radius_m=float(radius),
+        covariance=covariance,
+        extent=np.array([low - middle, high - middle]),
+        arc_rad=arc,
+        noise_std_m=noise,
+        fill=fill,
+        waviness=waviness,
+    )
+
+
+def _block_covariance(
+    along: Array, angle: Array, distance: Array, misfit: Array, radius: float, noise: float, arc: float
+) -> tuple[float, float, Matrix]:
+    """Adjust the means of surface blocks: filled share, waviness and 5x5 covariance (see `patch_covariance`)."""
+    length = float(np.ptp(along)) + 1e-9
+    blocks = float(np.clip(len(along) / POINTS_PER_BLOCK, 6.0, BLOCKS))
+    size = np.sqrt(length * arc * radius / blocks)
+    rows = max(3, int(round(length / size)))
+    columns = max(6, int(round(2 * np.pi * radius / size)))
+    row = np.minimum(((along - along.min()) / length * rows).astype(np.int64), rows - 1)
+    column = ((angle + np.pi) / (2 * np.pi) * columns).astype(np.int64) % columns
+    which = row * columns + column
+    count = np.bincount(which, minlength=rows * columns).astype(np.float64)
+    used = count > 0
+
+    def mean(values: Array) -> Array:
+        return np.bincount(which, values, minlength=rows * columns)[used] / count[used]
+
+    n = count[used]
+    s = mean(along)
+    u, v = mean(np.cos(angle)), mean(np.sin(angle))
+    r = mean(misfit)
+    within = mean(misfit**2) - r**2
+    variances = (n * np.maximum(within, 0.0) + 10.0 * noise**2) / (n + 9.0) / n + NUMERICAL_STD_M**2
+    jacobian = np.stack([s * u, s * v, u, v, np.ones_like(u)], axis=1)
+    waviness = estimate_waviness(jacobian, r, variances)
+    covariance = honest_covariance(jacobian, r, variances, waviness)
+    fill = float(used.sum() / (rows * len(np.unique(column))))
+    return fill, waviness, covariance
