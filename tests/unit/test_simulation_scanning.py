@@ -85,7 +85,7 @@ def _rng(seed: int = 5) -> np.random.Generator:
 def _plane_ranges(pose: RigidTransform, azimuths: np.ndarray, elevations: np.ndarray) -> np.ndarray:
     """Ranges to the level ground z = 0 in closed form."""
     directions = pose.rotation.apply(directions_of(azimuths, elevations))
-    return -pose.translation[2] / directions[:, 2]
+    return np.asarray(-pose.translation[2] / directions[:, 2])
 
 
 def test_range_noise_has_the_stated_standard_deviation() -> None:
@@ -252,6 +252,7 @@ def test_separated_echoes_do_not_mix() -> None:
 def test_intensity_is_reflectance_times_cosine_of_incidence() -> None:
     scan = scan_scene(_upright(3.0, -2.0, 2.0), LEVEL, EXACT, _rng())
     cosine = scan.points[:, 0] / np.linalg.norm(scan.points, axis=1)
+    assert scan.intensity is not None
     # Single precision of the stored intensity.
     np.testing.assert_allclose(scan.intensity, PAINT.reflectance * cosine, rtol=1e-6)
 
