@@ -7,7 +7,7 @@ from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.observations.line_line import LineLine
-from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.problem import Problem, SourcePlaneCovariances, TargetPlaneCovariances
 from algorithms.adjustment.rank import UserOrigins, WeakDirection, centred_frame, weak_directions
 from algorithms.adjustment.reports import LineReport, Removal, line_report, removals_in_words
 from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
@@ -18,7 +18,7 @@ from algorithms.adjustment.testing import (
     normal_critical_value,
     tau_critical_value,
 )
-from algorithms.arrays import IndexPairs, Matrices3, Vector3
+from algorithms.arrays import IndexPairs, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import OptionalTriple, PoseEstimate
@@ -107,8 +107,8 @@ def adjust_lines(
     correspondences: IndexPairs,
     start: RigidTransform,
     *,
-    target_plane_covariances: Matrices3 | None = None,
-    source_plane_covariances: Matrices3 | None = None,
+    target_plane_covariances: TargetPlaneCovariances | None = None,
+    source_plane_covariances: SourcePlaneCovariances | None = None,
     options: AdjustmentOptions = DEFAULT_OPTIONS,
 ) -> LineAdjustment:
     """Adjust the pose to matched lines, remove wrong correspondences, and say what is determined and how well.

@@ -2,14 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float64
 from scipy import sparse
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.linearised import FeatureNoise
 from algorithms.arrays import Array, Matrices3, Points, Vector3
+
+TargetPlaneCovariances: TypeAlias = Float64[Array, "target_planes 3 3"]
+SourcePlaneCovariances: TypeAlias = Float64[Array, "source_planes 3 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +59,9 @@ class Problem:
 
     observations: Sequence[Observation]
     """One entry for each type; blocks are numbered through in this order."""
-    target_plane_covariances: Matrices3 | None = None
+    target_plane_covariances: TargetPlaneCovariances | None = None
     """(p, 3, 3) of all target planes that lines depend on; None treats lines of this side as independent."""
-    source_plane_covariances: Matrices3 | None = None
+    source_plane_covariances: SourcePlaneCovariances | None = None
     """The same for the source."""
 
     def __len__(self) -> int:
@@ -106,10 +111,14 @@ class Problem:
                 through_planes.append(_through_planes(noises, jacobians, plane_covariances))
         if not through_planes:
             return LinearSystem(residuals, jacobian, tuple(alone), None)
-        joint = sparse.block_diag([block for blocks in alone for block in blocks], format="csr").toarray()
+        joint = np.zeros((len(residuals), len(residuals)))
+        rows = _rows_of_blocks(alone)
+        for places, blocks in zip(rows, alone, strict=True):
+            joint[places[:, :, None], places[:, None, :]] = blocks
         for root in through_planes:
             joint = joint + (root @ root.T).toarray()
-        return LinearSystem(residuals, jacobian, tuple(_diagonal_blocks(joint, alone)), joint)
+        diagonal = tuple(joint[places[:, :, None], places[:, None, :]] for places in rows)
+        return LinearSystem(residuals, jacobian, diagonal, joint)
 
 
 def _private_part(noise: FeatureNoise, plane_covariances: Matrices3 | None) -> Array:
@@ -146,11 +155,11 @@ def _through_planes(
     return sparse.csr_array(sparse.vstack(parts))
 
 
-def _diagonal_blocks(joint: Array, like: Sequence[Array]) -> list[Array]:
-    blocks, first = [], 0
-    for part in like:
+def _rows_of_blocks(blocks: Sequence[Array]) -> list[Array]:
+    """Give for each type (n, d) row numbers in the stack."""
+    rows, first = [], 0
+    for part in blocks:
         n, d = part.shape[:2]
-        rows = first + np.arange(n * d).reshape(n, d)
-        blocks.append(joint[rows[:, :, None], rows[:, None, :]])
+        rows.append(first + np.arange(n * d).reshape(n, d))
         first += n * d
-    return blocks
+    return rows

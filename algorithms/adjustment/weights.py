@@ -10,12 +10,14 @@ from algorithms.adjustment.problem import LinearSystem
 from algorithms.arrays import Array
 from algorithms.errors import InvalidInputError
 
-DEPENDENT_SHARE = 1e-4
-"""Combinations of residuals whose variance, relative to the blocks' own, is below this share are left out.
+DEPENDENT_PER_TILT_VARIANCE = 20.0
+SMALLEST_DEPENDENT_SHARE, LARGEST_DEPENDENT_SHARE = 1e-8, 0.05
+"""Limits of the variance share below which a combination of residuals is left out: 20 times the largest tilt variance.
 
-Lines of shared planes are bound to each other by conditions that hold exactly for error-free planes. Both scans' planes
-are noisy, so the conditions of the two sides differ by about the tilt errors (1e-3 to 1e-2), which gives such
-combinations a variance share of tilt² that means nothing: weighting by it would pretend information. Leaving a
+Lines of shared planes are bound to each other by conditions that hold exactly for error-free planes. Both scans'
+planes are noisy, so the conditions of the two sides differ by the tilt errors. That gives such combinations a
+variance, relative to the blocks' own, of 1 to 5 times the tilt variance (measured over rooms with tilts of 1e-4 to
+2e-2), which means nothing: weighting by it would pretend information. Real combinations have shares near 1. Leaving a
 combination out is always honest; it only spends what little the combination could tell."""
 
 Rows: TypeAlias = "sparse.csr_array | Array"
@@ -68,9 +70,15 @@ def whitening_of(system: LinearSystem) -> Whitening:
     # In units of each block the diagonal blocks are unit matrices, so one threshold fits tilts and offsets.
     normalised = blockwise @ (blockwise @ system.joint_covariance).T
     values, vectors = linalg.eigh(0.5 * (normalised + normalised.T), driver="evd")
-    kept = values > DEPENDENT_SHARE
+    kept = values > _dependent_share(system)
     rows = (vectors[:, kept] / np.sqrt(values[kept])).T
     return Whitening(np.asarray((blockwise.T @ rows.T).T))
+
+
+def _dependent_share(system: LinearSystem) -> float:
+    """Give the variance share below which a combination of residuals counts as bound; tilts come first in a block."""
+    tilts = max(float(np.diagonal(blocks, axis1=1, axis2=2)[:, :2].max()) for blocks in system.covariances)
+    return float(np.clip(DEPENDENT_PER_TILT_VARIANCE * tilts, SMALLEST_DEPENDENT_SHARE, LARGEST_DEPENDENT_SHARE))
 
 
 def _blockwise(covariances: tuple[Array, ...]) -> sparse.csr_array:

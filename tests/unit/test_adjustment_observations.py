@@ -1,0 +1,244 @@
+"""Derivatives of every observation type against numerical differentiation, and what a problem stacks from them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.adjustment.observations import Observation
+from algorithms.adjustment.observations.line_line import LineLine
+from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.solver import solve
+from algorithms.adjustment.weights import whitening_of
+from algorithms.errors import InvalidInputError
+from algorithms.geometry.line_motion import moved_lines
+from algorithms.geometry.lines import Lines, bases_of, lines_from_arrays
+from algorithms.geometry.planes import Planes
+
+STEP = 1e-6
+PAIRS = np.array([[0, 0], [1, 1], [2, 2], [3, 3]], dtype=np.int64)
+POSE = RigidTransform.from_components([1.0, -2.0, 0.5], Rotation.from_rotvec([0.4, -1.1, 0.7]))
+NOTHING_HELD = np.zeros((6, 0))
+
+
+def lines_of(rng: np.random.Generator, n: int) -> Lines:
+    roots = rng.normal(size=(n, 4, 4)) * 1e-3
+    covariances = roots @ np.swapaxes(roots, 1, 2) + 1e-6 * np.eye(4)
+    return lines_from_arrays(
+        rng.normal(size=(n, 3)) * 3, rng.normal(size=(n, 3)), covariances, np.tile([-1.0, 1.0], (n, 1))
+    )
+
+
+def planes_of(rng: np.random.Generator, n: int) -> Planes:
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Planes(
+        normals=normals,
+        centroids=rng.normal(size=(n, 3)) * 3,
+        bases=bases_of(normals),
+        covariances=np.tile(np.diag([1e-6, 2e-6, 4e-6]), (n, 1, 1)),
+        noise_std_m=np.full(n, 0.002),
+        point_counts=np.full(n, 100, dtype=np.int64),
+        areas_m2=np.ones(n),
+        boundary=np.empty((0, 2)),
+        boundary_splits=np.zeros(n + 1, dtype=np.int64),
+    )
+
+
+def moved_planes(planes: Planes, pose: RigidTransform) -> Planes:
+    rotation = pose.rotation.as_matrix()
+    return replace(
+        planes,
+        normals=planes.normals @ rotation.T,
+        centroids=pose.apply(planes.centroids),
+        bases=rotation @ planes.bases,
+    )
+
+
+def disturbed_lines(lines: Lines, errors: np.ndarray) -> Lines:
+    """Give lines with errors (a1, a2, b1, b2); the bases are turned along."""
+    directions = lines.directions + np.einsum("nij,nj->ni", lines.bases, errors[:, :2])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return replace(
+        lines,
+        directions=directions,
+        anchors=lines.anchors + np.einsum("nij,nj->ni", lines.bases, errors[:, 2:]),
+        bases=lines.bases - lines.directions[:, :, None] * errors[:, None, :2],
+    )
+
+
+def disturbed_planes(planes: Planes, errors: np.ndarray) -> Planes:
+    normals = planes.normals + np.einsum("nij,nj->ni", planes.bases, errors[:, :2])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(
+        planes,
+        normals=normals,
+        centroids=planes.centroids + planes.normals * errors[:, 2:],
+        bases=planes.bases - planes.normals[:, :, None] * errors[:, None, :2],
+    )
+
+
+def line_line(rng: np.random.Generator, noise: float) -> LineLine:
+    source = lines_of(rng, 4)
+    target = disturbed_lines(moved_lines(source, POSE), noise * rng.normal(size=(4, 4)))
+    # Anchors elsewhere on the lines: the scans see different pieces. One direction is reversed.
+    target = replace(target, anchors=target.anchors + target.directions * rng.normal(size=(4, 1)))
+    signs = np.array([[1.0], [-1.0], [1.0], [1.0]])
+    bases = source.bases * np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, 1.0]])[:, None, :]
+    return LineLine(target, replace(source, directions=source.directions * signs, bases=bases), PAIRS)
+
+
+def plane_plane(rng: np.random.Generator, noise: float) -> PlanePlane:
+    source = planes_of(rng, 4)
+    target = disturbed_planes(moved_planes(source, POSE), noise * rng.normal(size=(4, 3)))
+    along = np.einsum("nij,nj->ni", target.bases, rng.normal(size=(4, 2)))
+    return PlanePlane(replace(target, centroids=target.centroids + along), source, PAIRS)
+
+
+FACTORIES: dict[type, tuple[Callable, Callable]] = {
+    LineLine: (line_line, disturbed_lines),
+    PlanePlane: (plane_plane, disturbed_planes),
+}
+TYPES = get_args(Observation)
+
+
+def difference_quotient(residuals: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:
+    columns = [
+        (residuals(STEP * np.eye(size)[k]) - residuals(-STEP * np.eye(size)[k])) / (2 * STEP) for k in range(size)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def changed_pose(delta: np.ndarray) -> RigidTransform:
+    return RigidTransform.from_components(
+        np.asarray(POSE.translation) + delta[3:], Rotation.from_rotvec(delta[:3]) * POSE.rotation
+    )
+
+
+def test_every_observation_type_has_a_jacobian_test():
+    assert set(TYPES) == set(FACTORIES)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_pose_jacobian_agrees_with_numerical_differentiation(kind):
+    observation = FACTORIES[kind][0](np.random.default_rng(1), 0.05)
+    numerical = difference_quotient(lambda d: observation.linearised(changed_pose(d)).residuals, 6)
+    np.testing.assert_allclose(observation.linearised(POSE).pose_jacobians, numerical, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_source_jacobian_agrees_with_numerical_differentiation(kind):
+    create, disturb = FACTORIES[kind]
+    observation = create(np.random.default_rng(2), 0.05)
+
+    def residuals(error: np.ndarray) -> np.ndarray:
+        errors = np.tile(error, (4, 1))
+        return replace(observation, source=disturb(observation.source, errors)).linearised(POSE).residuals
+
+    jacobians = observation.linearised(POSE).source_jacobians
+    np.testing.assert_allclose(jacobians, difference_quotient(residuals, jacobians.shape[2]), atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_target_jacobian_agrees_with_numerical_differentiation_where_features_coincide(kind):
+    create, disturb = FACTORIES[kind]
+    observation = create(np.random.default_rng(3), 0.0)  # it is meant up to products of errors
+
+    def residuals(error: np.ndarray) -> np.ndarray:
+        errors = np.tile(error, (4, 1))
+        return replace(observation, target=disturb(observation.target, errors)).linearised(POSE).residuals
+
+    jacobians = observation.linearised(POSE).target_jacobians
+    np.testing.assert_allclose(jacobians, difference_quotient(residuals, jacobians.shape[2]), atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_residuals_vanish_where_features_coincide(kind):
+    observation = FACTORIES[kind][0](np.random.default_rng(4), 0.0)
+    np.testing.assert_allclose(observation.linearised(POSE).residuals, 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_local_origins_change_no_residual(kind):
+    observation = FACTORIES[kind][0](np.random.default_rng(5), 0.05)
+    target_origin, source_origin = np.array([3.0, -1.0, 2.0]), np.array([-5.0, 0.5, 1.0])
+    reduced_pose = RigidTransform.from_components(POSE.apply(source_origin) - target_origin, POSE.rotation)
+    reduced = observation.about(target_origin, source_origin).linearised(reduced_pose)
+    np.testing.assert_allclose(reduced.residuals, observation.linearised(POSE).residuals, atol=1e-13)
+
+
+def test_lines_at_right_angles_stay_finite():
+    z, x = np.array([[0.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]])
+    covariance, extent = np.eye(4)[None] * 1e-6, np.array([[-1.0, 1.0]])
+    target = lines_from_arrays(np.zeros((1, 3)), z, covariance, extent)
+    source = lines_from_arrays(np.ones((1, 3)), x, covariance, extent)
+    part = LineLine(target, source, np.zeros((1, 2), dtype=np.int64)).linearised(RigidTransform.identity())
+    assert np.isfinite(part.residuals).all()
+    assert np.isfinite(part.pose_jacobians).all()
+
+
+def test_planes_alone_give_the_exact_pose():
+    observation = plane_plane(np.random.default_rng(6), 0.0)
+    solution = solve(Problem((observation,)), changed_pose(np.full(6, 0.05)), NOTHING_HELD, 20)
+    assert solution.converged
+    assert solution.redundancy == 3 * 4 - 6
+    np.testing.assert_allclose(solution.pose.as_matrix(), POSE.as_matrix(), atol=1e-10)
+
+
+def test_planes_and_lines_together_determine_more_than_lines_alone():
+    rng = np.random.default_rng(7)
+    lines, planes = line_line(rng, 0.0), plane_plane(rng, 0.0)
+    alone = solve(Problem((lines,)), POSE, NOTHING_HELD, 20)
+    together = solve(Problem((lines, planes)), POSE, NOTHING_HELD, 20)
+    assert together.redundancy == 4 * 4 + 3 * 4 - 6
+    gain = np.linalg.eigvalsh(alone.cofactors - together.cofactors)
+    assert gain.min() > -1e-15
+    assert gain.max() > 0.0
+
+
+def test_a_plane_counted_twice_adds_no_information():
+    rng = np.random.default_rng(8)
+    planes = plane_plane(rng, 0.0)
+    twice = replace(planes, pairs=np.vstack([PAIRS, PAIRS[:1]]))
+    target, source = planes.target.covariances, planes.source.covariances
+    once = solve(Problem((planes,), target, source), POSE, NOTHING_HELD, 20)
+    double = solve(Problem((twice,), target, source), POSE, NOTHING_HELD, 20)
+    assert double.redundancy == once.redundancy
+    np.testing.assert_allclose(double.cofactors, once.cofactors, rtol=1e-7, atol=1e-18)
+
+
+def test_selecting_blocks_runs_through_all_types():
+    rng = np.random.default_rng(9)
+    problem = Problem((line_line(rng, 0.0), plane_plane(rng, 0.0)))
+    keep = np.array([True, False, True, True, False, True, True, False])
+    selected = problem.selected(keep)
+    assert [len(part) for part in selected.observations] == [3, 2]
+    np.testing.assert_array_equal(selected.observations[1].pairs, PAIRS[[1, 2]])
+
+
+def test_whitening_makes_residuals_independent_with_unit_variance():
+    rng = np.random.default_rng(10)
+    system = Problem((line_line(rng, 0.01), plane_plane(rng, 0.01))).linearised(POSE)
+    covariance = np.zeros((28, 28))
+    for row, blocks in zip((0, 16), system.covariances, strict=True):
+        for k, block in enumerate(blocks):
+            at = row + k * block.shape[0]
+            covariance[at : at + block.shape[0], at : at + block.shape[0]] = block
+    whitening = whitening_of(system)
+    np.testing.assert_allclose(whitening.apply(whitening.apply(covariance).T), np.eye(28), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "wrong", [-np.eye(4), np.zeros((4, 4)), np.full((4, 4), np.nan), np.ones((4, 4)) - 2 * np.eye(4)]
+)
+def test_impossible_covariances_are_refused(wrong):
+    rng = np.random.default_rng(11)
+    lines = line_line(rng, 0.0)
+    bad = np.tile(wrong, (4, 1, 1))
+    broken = LineLine(replace(lines.target, covariances=bad), replace(lines.source, covariances=bad), PAIRS)
+    with pytest.raises(InvalidInputError, match="covariance"):
+        whitening_of(Problem((broken,)).linearised(POSE))
