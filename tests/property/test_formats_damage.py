@@ -15,7 +15,7 @@ from service.formats.ply_writer import write_ply
 from service.formats.ptx_writer import write_ptx
 
 LIMITS = ReadLimits(max_points=100_000)
-TRIES = 60
+TRIES = 40
 ROWS, COLUMNS = 12, 20
 COUNT = ROWS * COLUMNS
 
@@ -32,7 +32,9 @@ def some_scan() -> Scan:
 
 
 def write_las(path: Path) -> None:
-    data = laspy.LasData(laspy.LasHeader(point_format=7, version="1.4"))
+    # Point format 3: the layers of formats 6 and later make lazrs allocate up to 4 GB for a damaged length, which
+    # it survives here, but which the limits of the reading process are there for.
+    data = laspy.LasData(laspy.LasHeader(point_format=3, version="1.4"))
     data.x, data.y, data.z = some_scan().points.T
     data.write(path)
 
@@ -92,10 +94,7 @@ def outcome(path: Path, filename: str, content: bytes) -> str:
     try:
         inspect_file(path, filename, LIMITS)
     except UnreadableFileError as error:
-        assert error.filename == filename
-        assert error.reason
-        assert error.place
-        return "refused"
+        return "refused" if error.filename == filename and error.reason and error.place else "refused without words"
     except FileTooLargeError:
         return "refused"
     return "read"
@@ -120,7 +119,9 @@ def test_a_truncated_binary_file_is_never_taken_for_whole(
 ) -> None:
     rng = np.random.default_rng(31)
     content = whole[filename]
-    assert {outcome(tmp_path / "stored", filename, content[:n]) for n in rng.integers(0, len(content), TRIES)} == {"refused"}
+    assert {outcome(tmp_path / "stored", filename, content[:n]) for n in rng.integers(0, len(content), TRIES)} == {
+        "refused"
+    }
 
 
 @pytest.mark.parametrize("filename", WRITERS)

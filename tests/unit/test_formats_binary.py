@@ -86,7 +86,8 @@ XYZ_F = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
 
 
 def test_padding_of_pcd_is_passed_over_and_packed_colour_unpacked(tmp_path: Path) -> None:
-    header = "FIELDS rgb x y z _\nSIZE 4 4 4 4 1\nTYPE U F F F U\nCOUNT 1 1 1 1 4\nWIDTH 4\nHEIGHT 1\nPOINTS 4\nDATA binary\n"
+    header = "FIELDS rgb x y z _\nSIZE 4 4 4 4 1\nTYPE U F F F U\nCOUNT 1 1 1 1 4\n"
+    header += "WIDTH 4\nHEIGHT 1\nPOINTS 4\nDATA binary\n"
     body = b"".join(struct.pack("<Ifff4x", 0x00FF8001, *point) for point in FOUR)
     scan = read_scan(pcd(tmp_path, header, body), "a.pcd")
     assert scan.color is not None
@@ -134,7 +135,7 @@ def test_lzf_blocks_unpack(packed: bytes, plain: bytes) -> None:
 
 @pytest.mark.parametrize("packed", [b"\x02ab", b"\x00a\x20", b"\x00a\x20\x09", b"\x00a", b"\xe0"])
 def test_damaged_lzf_blocks_are_refused(packed: bytes) -> None:
-    with pytest.raises(ValueError, match="gives|ends|points"):
+    with pytest.raises(ValueError, match=r"gives|ends|points"):
         lzf_unpacked(packed, 4)
 
 

@@ -108,7 +108,7 @@ def test_near_coordinates_keep_the_origin_of_the_file() -> None:
 
 
 def test_far_coordinates_are_reduced_to_a_round_origin() -> None:
-    scan = finish(FILE, ScanRecords(index=0, points=TETRAHEDRON + [500_000.2, 5_400_000.2, 300.2]))
+    scan = finish(FILE, ScanRecords(index=0, points=TETRAHEDRON + np.array([500_000.2, 5_400_000.2, 300.2])))
     assert scan.origin_m.tolist() == [500_001.0, 5_400_001.0, 301.0]
 
 
@@ -126,7 +126,7 @@ def test_what_was_subtracted_before_is_accounted_for() -> None:
 
 
 def test_the_sensor_is_given_in_reduced_coordinates() -> None:
-    points = TETRAHEDRON + [2000.0, 0.0, 0.0]
+    points = TETRAHEDRON + np.array([2000.0, 0.0, 0.0])
     scan = finish(FILE, ScanRecords(index=0, points=points, sensor_in_scan_m=np.array([1990.0, 0.0, 0.0])))
     assert scan.sensor_m is not None
     assert (scan.sensor_m + scan.origin_m).tolist() == [1990.0, 0.0, 0.0]
