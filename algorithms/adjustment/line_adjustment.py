@@ -18,7 +18,7 @@ from algorithms.adjustment.testing import (
     normal_critical_value,
     tau_critical_value,
 )
-from algorithms.arrays import IndexPairs, Vector3
+from algorithms.arrays import Array, IndexPairs, Matrices3, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import OptionalTriple, PoseEstimate
@@ -41,6 +41,19 @@ class AdjustmentOptions:
 
 
 DEFAULT_OPTIONS = AdjustmentOptions()
+
+EFFECT_NAMES = (
+    "rotation_x_rad",
+    "rotation_y_rad",
+    "rotation_z_rad",
+    "x_m",
+    "y_m",
+    "z_m",
+    "centroid_x_m",
+    "centroid_y_m",
+    "centroid_z_m",
+)
+"""External effects: on the rotation vector, on t, and on the position at the lines' centroid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +94,8 @@ class LineAdjustment:
     removals: tuple[Removal, ...]
     """Removed and reinstated correspondences in order."""
     largest_external_effects: dict[str, float]
-    """Largest effect of an error that stays undetected in any used component, on each pose parameter [rad, m]."""
+    """Largest effect of an error that stays undetected in any used component: on each pose parameter, and on the
+    position at the centroid; keys as in `EFFECT_NAMES` with their units."""
     centroid_m: Vector3
     """(3,) centroid of the used target lines' end points [m]."""
     centroid_std_m: OptionalTriple
@@ -134,9 +148,12 @@ def adjust_lines(
     TooFewCorrespondencesError
         Below two correspondences.
     InvalidInputError
-        When a line occurs twice, a number does not exist, or a covariance is not positive definite.
+        When a line occurs twice, the number of a line or plane does not exist, or a covariance is not positive
+        definite.
     """
     _check_correspondences(correspondences, len(target), len(source))
+    _check_planes(target, target_plane_covariances, "target")
+    _check_planes(source, source_plane_covariances, "source")
     matches = LineLine(target, source, correspondences)
     origins = UserOrigins(matches.target_points().mean(axis=0), matches.source_points().mean(axis=0))
     reduced = matches.about(origins.target_m, origins.source_m)
@@ -150,8 +167,6 @@ def adjust_lines(
     reduced_pose = PoseEstimate(solution.pose, solution.cofactors, result.rank.null_space)
     centroid = centred_frame(used).centroid
     components = component_tests(solution, options.alpha_single, options.power)
-    effects = np.abs(components.external).max(axis=0)
-    names = ("rotation_x_rad", "rotation_y_rad", "rotation_z_rad", "x_m", "y_m", "z_m")
     return LineAdjustment(
         pose=reduced_pose.moved_to_origins(origins.target_m, origins.source_m),
         rank=result.rank.rank,
@@ -170,12 +185,23 @@ def adjust_lines(
         t_critical=float(stats.chi2.isf(options.alpha_single, 4)),
         lines=line_report(reduced, result, components),
         removals=removals_in_words(reduced, result, options.alpha_single),
-        largest_external_effects={name: float(effect) for name, effect in zip(names, effects, strict=True)},
+        largest_external_effects=_largest_effects(components.external, solution.pose, origins.source_m, centroid),
         centroid_m=centroid + origins.target_m,
         centroid_std_m=reduced_pose.position_std_m(centroid),
         iterations=solution.iterations,
         converged=solution.converged,
     )
+
+
+def _largest_effects(
+    external: Array, pose: RigidTransform, source_origin_m: Vector3, centroid: Vector3
+) -> dict[str, float]:
+    """Give the largest effect over all residuals, translations carried from the reduced to the user's frames."""
+    turns, shifts = external[:, :3], external[:, 3:]
+    at_user_origin = shifts - np.cross(turns, pose.rotation.apply(source_origin_m))
+    at_centroid = shifts + np.cross(turns, centroid - np.asarray(pose.translation))
+    largest = np.abs(np.hstack([turns, at_user_origin, at_centroid])).max(axis=0)
+    return {name: float(effect) for name, effect in zip(EFFECT_NAMES, largest, strict=True)}
 
 
 def _check_correspondences(correspondences: IndexPairs, target_count: int, source_count: int) -> None:
@@ -189,3 +215,11 @@ def _check_correspondences(correspondences: IndexPairs, target_count: int, sourc
         if (counts > 1).any():
             twice = ", ".join(str(value) for value in values[counts > 1])
             raise InvalidInputError("correspondences", f"{name} line {twice} occurs more than once", "match one to one")
+
+
+def _check_planes(lines: Lines, plane_covariances: Matrices3 | None, name: str) -> None:
+    if plane_covariances is None or len(lines) == 0:
+        return
+    of_planes = (lines.parents >= 0).all(axis=1)
+    if of_planes.any() and lines.parents[of_planes].max() >= len(plane_covariances):
+        raise InvalidInputError(f"{name} plane covariances", "a line depends on a plane that has none")

@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.linearised import FeatureNoise
 from algorithms.arrays import Array, Matrices3, Points, Vector3
+from algorithms.errors import InvalidInputError
 
 TargetPlaneCovariances: TypeAlias = Float64[Array, "target_planes 3 3"]
 SourcePlaneCovariances: TypeAlias = Float64[Array, "source_planes 3 3"]
@@ -137,7 +138,10 @@ def _through_planes(
     noises: Sequence[FeatureNoise], jacobians: Sequence[Array], plane_covariances: Matrices3
 ) -> sparse.csr_array:
     """Give the sparse (m, 3p) factor F whose F Fᵀ is the covariance that comes through the planes."""
-    roots = np.linalg.cholesky(plane_covariances)
+    try:
+        roots = np.linalg.cholesky(plane_covariances)
+    except np.linalg.LinAlgError as error:
+        raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
     parts = []
     for noise, jacobian in zip(noises, jacobians, strict=True):
         n, d = jacobian.shape[:2]

@@ -110,10 +110,10 @@ def adjust_and_snoop(
         adjustments += 1
         pose = solution.pose
         tests = _all_tests(problem, used, solution)
-        removed_before = ~used
-        candidates = np.where(used, tests.p_values, np.inf)
+        # What has been put back stays: so the loop ends.
+        candidates = np.where(used & ~reinstated, tests.p_values, np.inf)
         worst = _worst(candidates, tests)
-        if candidates[worst] < rules.alpha and removed_before.sum() < most_removed and not reinstated[worst]:
+        if candidates[worst] < rules.alpha and (~used).sum() < most_removed:
             partners = _inseparable(solution, int(used[:worst].sum()), np.flatnonzero(used))
             steps.append(_step(adjustments, Change.REMOVED, worst, tests, rules.alpha, partners))
             used[worst] = False
