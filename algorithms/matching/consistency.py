@@ -1,0 +1,107 @@
+"""Verify a pose: surfaces must lie in each other, and nothing may stand in space that was seen through."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Scalars
+from algorithms.features.scan_features import ScanFeatures, SurfaceSample
+from algorithms.matching.hypotheses import LAST_POINTS, score_poses, strict_limits
+from algorithms.matching.surface_index import surface_index
+
+NEAR_M, FAR_M = 0.1, 0.5
+"""Distances of the two overlap figures [m]."""
+
+
+@dataclass(frozen=True)
+class PoseVerification:
+    """What the surfaces of two scans say of a pose."""
+
+    overlap_near: float
+    """Share of the thinned surface within 0.1 m of the other scan's, of the scan where it is larger, 0..1."""
+    overlap_far: float
+    """The same within 0.5 m."""
+    rms_m: float
+    """Rms point-to-plane distance in the overlap (points within 0.1 m) [m]; 0 when nothing overlaps."""
+    support: float
+    """Mean of both scans' shares that fit in place and normal, directions weighted evenly, 0..1."""
+    violation: float
+    """Mean of both scans' shares that stand where the other instrument looked through, 0..1."""
+    score: float
+    """Support minus the penalty for violation."""
+    free_space_known: bool
+    """Whether both instruments' positions are known."""
+
+
+def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: RigidTransform) -> PoseVerification:
+    """Measure overlap, fit and violation of free space of a (refined) pose.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans; their thinned surfaces are used.
+    target_from_source
+        Pose in the reduced frames [m].
+    """
+    indices = surface_index(target), surface_index(source)
+    noise = max(target.noise_std_m, source.noise_std_m)
+    spacing = max(index.spacing_m for index in indices)
+    scores = score_poses(
+        target_from_source.rotation.as_matrix()[None],
+        np.asarray(target_from_source.translation, dtype=np.float64)[None],
+        indices[0],
+        indices[1],
+        points=LAST_POINTS,
+        limits=strict_limits(noise, spacing),
+    )
+    forward = surface_distances(target.surface, source.surface, target_from_source)
+    backward = surface_distances(source.surface, target.surface, target_from_source.inv())
+    shares = [
+        max(float(np.mean(np.hypot(off, aside) <= limit)) for off, aside in (forward, backward))
+        for limit in (NEAR_M, FAR_M)
+    ]
+    offsets = np.concatenate([off[np.hypot(off, aside) <= NEAR_M] for off, aside in (forward, backward)])
+    return PoseVerification(
+        overlap_near=shares[0],
+        overlap_far=shares[1],
+        rms_m=float(np.sqrt(np.mean(offsets**2))) if len(offsets) else 0.0,
+        support=float(scores.support[0]),
+        violation=float(scores.violation[0]),
+        score=float(scores.score[0]),
+        free_space_known=all(index.knows_free_space for index in indices),
+    )
+
+
+def surface_distances(
+    fixed: SurfaceSample, moved: SurfaceSample, fixed_from_moved: RigidTransform
+) -> tuple[Scalars, Scalars]:
+    """Measure how far the points of one thinned surface are from another.
+
+    Parameters
+    ----------
+    fixed, moved
+        Thinned surfaces.
+    fixed_from_moved
+        Pose.
+
+    Returns
+    -------
+    off
+        (n,) distance of each moved point from the tangent plane of the nearest point [m]; the distance itself where
+        that has no normal.
+    aside
+        (n,) distance along that plane beyond the disc the nearest point stands for (0.75 voxels) [m].
+    """
+    if len(fixed.points) == 0 or len(moved.points) == 0:
+        return np.full(len(moved.points), np.inf), np.full(len(moved.points), np.inf)
+    points = fixed_from_moved.apply(moved.points)
+    _, nearest = cKDTree(fixed.points).query(points)
+    normals = fixed.normals[nearest]
+    differences = points - fixed.points[nearest]
+    off = np.abs(np.einsum("ij,ij->i", differences, normals))
+    lengths = np.linalg.norm(differences, axis=1)
+    aside = np.maximum(np.sqrt(np.maximum(lengths**2 - off**2, 0.0)) - 0.75 * fixed.voxel_size_m, 0.0)
+    flat = np.einsum("ij,ij->i", normals, normals) > 0.5
+    return np.where(flat, off, lengths), np.where(flat, aside, 0.0)
