@@ -3,9 +3,10 @@
 import numpy as np
 
 from algorithms.arrays import Array, Points, Vector3
-from algorithms.features.cylinder_axes_kernels import search_cylinders
+from algorithms.features.cylinder_axes_kernels import adjust_cylinder, search_cylinders
 from algorithms.features.cylinder_fitting import FittedCylinder, fit_cylinder
 from algorithms.features.options import FeatureOptions
+from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import LineSource, lines_from_arrays
 from algorithms.scans.surface_cells import cell_surfaces, orient
@@ -21,7 +22,7 @@ MIN_CELLS = 15
 """Least number of cells of a cylinder."""
 MIN_POINTS = 40
 """Least number of points of a cylinder."""
-MIN_ARC_RAD = float(np.deg2rad(60.0))
+MIN_ARC_RAD = float(np.deg2rad(80.0))
 """Least seen arc."""
 LARGE_RADIUS_M, LARGE_ARC_RAD = 0.8, float(np.deg2rad(120.0))
 """Cylinders of a larger radius need a larger arc: uneven ground and walls make giant false ones."""
@@ -29,6 +30,10 @@ LENGTH_IN_RADII = 2.0
 """Least length in radii: shorter pieces do not fix their axis."""
 LARGEST_RADIUS_STD = 0.1
 """Largest standard deviation of the radius, as share of the radius."""
+ROUGHNESS = 0.01
+"""Deviation of real pipes and columns from a cylinder, as share of the radius."""
+THINNED = 2000
+"""Points used while outliers are being dropped."""
 LEAST_FILL = 0.5
 """Least share of the cylinder's seen surface that must hold points: bushes are full of circles, but porous."""
 
@@ -80,7 +85,7 @@ def find_cylinders(
         if near is not None:
             own = np.concatenate([held[near], own])
         cylinder = _refine(points, own, rows[k], noise_std_m)
-        if cylinder is None or not _is_sound(cylinder[0], options):
+        if cylinder is None or not _is_sound(cylinder[0], noise_std_m, options):
             continue
         if near is None:
             found.append(cylinder[0])
@@ -133,27 +138,25 @@ def _continues(row: Array, other: FittedCylinder) -> bool:
 
 
 def _refine(points: Points, own: Array, row: Array, noise_std_m: float) -> tuple[FittedCylinder, Array] | None:
-    """Fit a cylinder to its points, drop those that do not lie on it, and fit again; None if too few remain."""
-    cylinder = None
+    """Fit a cylinder to its points without those that do not lie on it; None if too few remain or it collapses."""
     anchor, direction, radius = row[:3].copy(), row[3:6].copy(), float(row[6])
-    for _ in range(3):
+    huber = max(2.0 * noise_std_m, NUMERICAL_STD_M)
+    for _ in range(2):
         if len(own) < MIN_POINTS:
             return None
-        cylinder = fit_cylinder(points[own], anchor, direction, radius, noise_std_m)
-        if cylinder is None:
-            return None
-        anchor, direction, radius = cylinder.anchor, cylinder.direction, cylinder.radius_m
+        thin = points[own[:: max(1, len(own) // THINNED)]]
+        radius = float(adjust_cylinder(thin, anchor, direction, radius, 5, huber)[0][0])
         offset = points[own] - anchor
-        distance = np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1)
-        misfit = np.abs(distance - radius)
-        limit = 3.5 * max(1.4826 * float(np.median(misfit)), 1e-9)
-        if not (misfit > limit).any():
-            break
+        misfit = np.abs(np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1) - radius)
+        limit = 3.5 * max(1.4826 * float(np.median(misfit)), NUMERICAL_STD_M)
         own = own[misfit <= limit]
+    if len(own) < MIN_POINTS or not radius > 0:
+        return None
+    cylinder = fit_cylinder(points[own], anchor, direction, radius, noise_std_m)
     return None if cylinder is None else (cylinder, own)
 
 
-def _is_sound(cylinder: FittedCylinder, options: FeatureOptions) -> bool:
+def _is_sound(cylinder: FittedCylinder, noise_std_m: float, options: FeatureOptions) -> bool:
     """Refuse cylinders that are too short, too open, too porous or too uncertain to be one."""
     radius = cylinder.radius_m
     return bool(
@@ -161,7 +164,7 @@ def _is_sound(cylinder: FittedCylinder, options: FeatureOptions) -> bool:
         and cylinder.extent[1] - cylinder.extent[0] >= LENGTH_IN_RADII * radius
         and cylinder.arc_rad >= (LARGE_ARC_RAD if radius > LARGE_RADIUS_M else MIN_ARC_RAD)
         and np.sqrt(cylinder.covariance[4, 4]) <= LARGEST_RADIUS_STD * radius
-        and cylinder.noise_std_m <= LARGEST_RADIUS_STD * radius
+        and cylinder.noise_std_m <= min(LARGEST_RADIUS_STD * radius, 1.5 * noise_std_m + ROUGHNESS * radius)
         and cylinder.fill >= LEAST_FILL
     )
 

@@ -79,7 +79,7 @@ def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int
         r += x5[4]
         rms = math.sqrt(total / n)
         step = np.max(np.abs(x5))
-        if step < 1e-13 or not r < 1e3 or r <= 0.0:
+        if step < 1e-10 or not r < 1e3 or r <= 0.0:
             break
     return np.array([r, rms, step]), rms
 
@@ -117,7 +117,8 @@ def _gather(seed: int, normals: Array, neighbours: Array, labels: Array, mark: A
 def _hypothesis(members: Array, means: Array, normals: Array, c: Array, d: Array) -> float:
     """Guess axis and radius from a patch of cells: axis across all normals, circle by the algebraic fit of Kasa.
 
-    Writes c and d, returns the radius, 0 when the normals do not turn about one axis.
+    Writes c and d, returns the radius; 0 when the normals do not turn enough to tell, -1 when they turn about more
+    than one axis.
     """
     n = members.shape[0]
     xx = xy = xz = yy = yz = zz = 0.0
@@ -130,8 +131,10 @@ def _hypothesis(members: Array, means: Array, normals: Array, c: Array, d: Array
         yz += y * z
         zz += z * z
     l1, l2, _, ax, ay, az = smallest_axis(xx / n, xy / n, xz / n, yy / n, yz / n, zz / n)
-    if l2 < 0.008 or l1 > 0.25 * l2:
+    if l2 < 0.008:
         return 0.0
+    if l1 > 0.25 * l2:
+        return -1.0
     d[0] = ax
     d[1] = ay
     d[2] = az
@@ -212,13 +215,21 @@ def search_cylinders(
         if labels[seed] >= 0 or tried[seed]:
             continue
         best = 0
+        flat = 0
         for size in sizes:
             stamp += 1
             found = _gather(seed, normals, neighbours, labels, mark, stamp, room[:size])
             if found < 12:
                 break
             r = _hypothesis(room[:found], means, normals, c, d)
+            flat = found if r == 0.0 else 0
+            if r < 0.0:
+                break  # clutter; a larger patch of it is no better
             if r < 0.7 * min_radius or r > 1.3 * max_radius:
+                continue
+            fit, rms = adjust_cylinder(means[room[:found]], c, d, r, 3, noise + 0.02 * r)
+            r = fit[0]
+            if not (0.7 * min_radius <= r <= 1.3 * max_radius and rms < max(1.5 * noise, 0.05 * r)):
                 continue
             previous = 0
             fit = np.array([r, np.inf, np.inf])
@@ -239,6 +250,8 @@ def search_cylinders(
         if best == 0:
             # neighbours of a hopeless seed see the same patch
             tried[seed] = True
+            for i in range(min(flat, sizes[0])):
+                tried[room[i]] = True
             for k in range(neighbours.shape[1]):
                 if neighbours[seed, k] >= 0:
                     tried[neighbours[seed, k]] = True

@@ -13,6 +13,8 @@ BLOCKS = 32
 """Aimed number of blocks (length x arc)."""
 POINTS_PER_BLOCK = 4.0
 """Least mean number of points in a block."""
+ITERATIONS = 20
+"""Least-squares steps at most; three or four suffice without outliers."""
 ARC_BINS = 72
 """Bins of 5 degrees in which the seen arc is counted."""
 
@@ -39,7 +41,9 @@ class FittedCylinder:
     """Variance of block means beyond the noise [m2]."""
 
 
-def fit_cylinder(points: Points, anchor: Vector3, direction: Vector3, radius_m: float, noise_std_m: float) -> FittedCylinder | None:
+def fit_cylinder(
+    points: Points, anchor: Vector3, direction: Vector3, radius_m: float, noise_std_m: float
+) -> FittedCylinder | None:
     """Fit a cylinder to its points geometrically and give the covariance of axis and radius; None if it collapses.
 
     Parameters
@@ -52,7 +56,7 @@ def fit_cylinder(points: Points, anchor: Vector3, direction: Vector3, radius_m: 
         Expected noise: deviations beyond two of it are weighted down.
     """
     c, d = anchor.copy(), direction.copy()
-    (radius, _, _), _ = adjust_cylinder(points, c, d, radius_m, 30, max(2.0 * noise_std_m, NUMERICAL_STD_M))
+    (radius, _, _), _ = adjust_cylinder(points, c, d, radius_m, ITERATIONS, max(2.0 * noise_std_m, NUMERICAL_STD_M))
     if not (0.5 * radius_m < radius < 2.0 * radius_m and np.isfinite(d).all()):
         return None
     basis = bases_of(d[None])[0]

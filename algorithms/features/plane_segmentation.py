@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from algorithms.arrays import Array, Flags, Labels, Points, Scalars
 from algorithms.features.plane_fitting import frames_of_moments
@@ -164,41 +166,32 @@ def _curved(cells: SurfaceCells, normals: Points, labels: Labels, count: int) ->
 
 
 def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) -> Labels:
-    """Unite touching regions that are one plane within the noise, the largest first."""
+    """Unite touching regions that are one plane within the noise."""
+    count = int(labels.max(initial=-1)) + 1
+    if count < 2:
+        return labels
+    moments = region_moments(cells.moments, labels, count, cap)
+    touch = touching_labels(labels, cells.neighbours, count)
+    numbers = np.arange(count)
     for _ in range(5):
-        count = int(labels.max(initial=-1)) + 1
-        if count < 2:
-            return labels
-        moments = region_moments(cells.moments, labels, count, cap)
-        _, normals, deviations = frames_of_moments(moments)
-        touch = np.triu(touching_labels(labels, cells.neighbours, count), 1)
-        pairs = np.argwhere(touch)
-        joined = np.array(
-            [_is_one_plane(moments[i], normals[i], moments[j], normals[j], noise_std_m) for i, j in pairs],
-            dtype=np.bool_,
-        )
-        if not joined.any():
-            return labels
-        parent = np.arange(count)
-        size = moments[:, 0].copy()
-        for i, j in pairs[joined]:
-            a, b = _root(parent, int(i)), _root(parent, int(j))
-            if a != b:
-                large, small = (a, b) if size[a] >= size[b] else (b, a)
-                parent[small] = large
-                size[large] += size[small]
-        roots = np.array([_root(parent, i) for i in range(count)])
-        _, numbers = np.unique(roots, return_inverse=True)
-        labels = np.where(labels >= 0, numbers[labels], -1).astype(np.int32)
-    return labels
-
-
-def _root(parent: Array, i: int) -> int:
-    """Find the root of a union-find tree, halving the path."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = int(parent[i])
-    return i
+        _, normals, _ = frames_of_moments(moments)
+        pairs = np.argwhere(np.triu(touch, 1))
+        joined = [
+            (int(i), int(j))
+            for i, j in pairs
+            if _is_one_plane(moments[i], normals[i], moments[j], normals[j], noise_std_m)
+        ]
+        if not joined:
+            break
+        graph = coo_array((np.ones(len(joined)), np.array(joined).T), shape=(len(moments), len(moments)))
+        groups, group = connected_components(graph, directed=False)
+        numbers = group[numbers]
+        moments = region_moments(moments, group.astype(np.int32), int(groups), np.inf)
+        wider = np.zeros((groups, groups), dtype=np.bool_)
+        i, j = np.nonzero(touch)
+        wider[group[i], group[j]] = True
+        touch = wider
+    return np.where(labels >= 0, numbers[labels], -1).astype(np.int32)
 
 
 def _is_one_plane(moments_i: Scalars, normal_i: Array, moments_j: Scalars, normal_j: Array, noise_std_m: float) -> bool:

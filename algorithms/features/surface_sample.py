@@ -26,10 +26,11 @@ def sample_surface(
     if len(used) > LARGEST_SAMPLE:
         means = np.ascontiguousarray(cells.means[used])
         while True:
-            size *= 1.25
+            size *= 1.25 if size > cells.size_m else max(1.0, (len(used) / LARGEST_SAMPLE) ** 0.5)
             voxels = voxel_cells(means, size)
             if len(voxels) <= LARGEST_SAMPLE:
                 break
+            size *= max(1.0, (len(voxels) / LARGEST_SAMPLE) ** 0.5 / 1.25)
         order = np.lexsort((-cells.counts[used], voxels.cell_of_point))
         _, first = np.unique(voxels.cell_of_point[order], return_index=True)
         used = np.sort(used[order[first]])
