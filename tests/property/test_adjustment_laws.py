@@ -262,3 +262,16 @@ def test_a_wrong_correspondence_is_named_and_removed(shared):
     assert result.lines.states[13] == CorrespondenceState.REMOVED
     assert np.linalg.norm(result.lines.offsets_m[13]) == pytest.approx(0.1, abs=0.02)
     assert normalised_error(result.pose, pose) < stats.chi2.isf(1e-4, 6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_shaft_of_four_walls_leaves_the_shift_along_it_free(seed):
+    rng = np.random.default_rng(seed)
+    room = Room(rng, 0, TILT_STD, OFFSET_STD)
+    walls = ~np.isin(room.pairs, [2, 5]).any(axis=1)  # without floor and ceiling
+    room.pairs, room.along = room.pairs[walls], room.along[walls]
+    result, pose = adjusted_room(rng, room, shared=True)
+    axis = np.cross(pose.rotation.apply(room.normals[0]), pose.rotation.apply(room.normals[1]))
+    assert result.rank == 5
+    assert abs(result.pose.null_space[3:, 0] @ axis) == pytest.approx(1.0, abs=1e-4)
+    assert result.redundancy == 4 * 3 - 5
