@@ -12,9 +12,9 @@ from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
 from algorithms.matching.line_pairs import line_pair_motions
 from algorithms.matching.plane_triples import plane_motions
-from algorithms.matching.surface_index import surface_index
 from algorithms.matching.votes import joined, vote_motions
 from algorithms.progress import NoProgress, Progress
+from algorithms.scans.surface_index import surface_index
 
 VOTE_RADIUS_RAD = 0.07
 MOST_ROTATIONS = 200
@@ -45,24 +45,22 @@ class CoarseRegistration:
 
     target_from_source: RigidTransform
     """Pose, source to target, both in their reduced frames [m]."""
+    support: int
+    """How many lines and planes both scans see in this pose."""
     score: float
-    """Support minus the penalty for violated free space; comparable between poses of one pair."""
-    support: float
+    """Support share minus the penalty for violated free space; comparable between poses of one pair."""
+    support_share: float
     """Mean of both scans' shares of surface that fits the other's, directions weighted evenly, 0..1."""
-    violation: float
+    violation_share: float
     """Mean of both scans' shares of surface that stands where the other looked through, 0..1."""
     overlap: float
     """Larger of both scans' shares that fit, 0..1."""
-    supporting_lines: int
-    """Lines that both scans see in this pose."""
-    supporting_planes: int
-    """Planes that both scans see in this pose."""
     runner_up: RigidTransform | None
     """The best clearly different pose (more than 5 gon or 0.3 m away); None if there is none."""
     runner_up_score: float
     """Its score; 0 if there is none."""
-    runner_up_support: float
-    """Its support; 0 if there is none."""
+    runner_up_support: int
+    """How many lines and planes both scans see there; 0 if there is none."""
     hypotheses_tested: int
     """How many poses were tried."""
     free_space_known: bool
@@ -105,7 +103,9 @@ def match_features(
     motions = line_pair_motions(
         target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
     )
-    indices = surface_index(target), surface_index(source)
+    indices = [
+        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
+    ]
     if min(len(index.points) for index in indices) == 0:
         raise TooFewCorrespondencesError(0, 1, "surface points")
     voted = vote_motions(
@@ -135,9 +135,6 @@ def _described(
 ) -> CoarseRegistration:
     """Count the supporting features and compare the best pose with the runner-up."""
     pose, scores = ranked.poses[0], ranked.scores
-    limits = {"max_angle_rad": SUPPORT_ANGLE_RAD, "max_distance_m": SUPPORT_DISTANCE_M}
-    lines = corresponding_lines(target, source, pose, **limits)
-    planes = corresponding_planes(target, source, pose, **limits)
     second = len(ranked.poses) > 1
     runner_up_score = float(scores.score[1]) if second else 0.0
     best = float(scores.score[0])
@@ -155,17 +152,23 @@ def _described(
         reasons.append("the position of an instrument is unknown, so free space was not tested on that side")
     return CoarseRegistration(
         target_from_source=pose,
+        support=_supporters(target, source, pose),
         score=best,
-        support=float(scores.support[0]),
-        violation=float(scores.violation[0]),
+        support_share=float(scores.support[0]),
+        violation_share=float(scores.violation[0]),
         overlap=float(scores.overlap[0]),
-        supporting_lines=len(lines),
-        supporting_planes=len(planes),
         runner_up=ranked.poses[1] if second else None,
         runner_up_score=runner_up_score,
-        runner_up_support=float(scores.support[1]) if second else 0.0,
+        runner_up_support=_supporters(target, source, ranked.poses[1]) if second else 0,
         hypotheses_tested=ranked.tested,
         free_space_known=free_space_known,
         ambiguous=bool(ambiguous),
         reasons=tuple(reasons),
     )
+
+
+def _supporters(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> int:
+    """Count the lines and planes that both scans see in a pose."""
+    limits = {"max_angle_rad": SUPPORT_ANGLE_RAD, "max_distance_m": SUPPORT_DISTANCE_M}
+    lines = corresponding_lines(target, source, pose, **limits)
+    return len(lines) + len(corresponding_planes(target, source, pose, **limits))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Scalars
-from algorithms.matching.surface_index import EvidenceLimits, SurfaceIndex
+from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
 
 def polished(
@@ -90,7 +90,7 @@ def corresponding(
     fixed_from_moved: RigidTransform, moved: SurfaceIndex, fixed: SurfaceIndex, limits: EvidenceLimits, points: int
 ) -> tuple[Array, Array]:
     """Find which of the first `points` surface points of one scan lie on which of the other: two index arrays."""
-    from algorithms.matching import surface_index_kernels as kernels
+    from algorithms.scans import surface_index_kernels as kernels
 
     m = min(points, len(moved.points))
     match = np.empty(m, dtype=np.int64)

@@ -1,41 +1,20 @@
 """Verify a pose: surfaces must lie in each other, and nothing may stand in space that was seen through."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Scalars
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
-from algorithms.matching.hypotheses import LAST_POINTS, score_poses, strict_limits
-from algorithms.matching.surface_index import surface_index
+from algorithms.quality.acceptance import Verification
+from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
+from algorithms.scans.surface_index import surface_index
 
 NEAR_M, FAR_M = 0.1, 0.5
 """Distances of the two overlap figures [m]."""
 
 
-@dataclass(frozen=True)
-class PoseVerification:
-    """What the surfaces of two scans say of a pose."""
-
-    overlap_near: float
-    """Share of the thinned surface within 0.1 m of the other scan's, of the scan where it is larger, 0..1."""
-    overlap_far: float
-    """The same within 0.5 m."""
-    rms_m: float
-    """Rms point-to-plane distance in the overlap (points within 0.1 m) [m]; 0 when nothing overlaps."""
-    support: float
-    """Mean of both scans' shares that fit in place and normal, directions weighted evenly, 0..1."""
-    violation: float
-    """Mean of both scans' shares that stand where the other instrument looked through, 0..1."""
-    score: float
-    """Support minus the penalty for violation."""
-    free_space_known: bool
-    """Whether both instruments' positions are known."""
-
-
-def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: RigidTransform) -> PoseVerification:
+def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: RigidTransform) -> Verification:
     """Measure overlap, fit and violation of free space of a (refined) pose.
 
     Parameters
@@ -45,7 +24,9 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
     target_from_source
         Pose in the reduced frames [m].
     """
-    indices = surface_index(target), surface_index(source)
+    indices = [
+        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
+    ]
     noise = max(target.noise_std_m, source.noise_std_m)
     spacing = max(index.spacing_m for index in indices)
     scores = score_poses(
@@ -53,7 +34,7 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
         np.asarray(target_from_source.translation, dtype=np.float64)[None],
         indices[0],
         indices[1],
-        points=LAST_POINTS,
+        points=FINAL_POINTS,
         limits=strict_limits(noise, spacing),
     )
     forward = surface_distances(target.surface, source.surface, target_from_source)
@@ -63,12 +44,12 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
         for limit in (NEAR_M, FAR_M)
     ]
     offsets = np.concatenate([off[np.hypot(off, aside) <= NEAR_M] for off, aside in (forward, backward)])
-    return PoseVerification(
-        overlap_near=shares[0],
-        overlap_far=shares[1],
+    return Verification(
+        overlap_decimetre=shares[0],
+        overlap_half_metre=shares[1],
         rms_m=float(np.sqrt(np.mean(offsets**2))) if len(offsets) else 0.0,
-        support=float(scores.support[0]),
-        violation=float(scores.violation[0]),
+        support_share=float(scores.support[0]),
+        violation_share=float(scores.violation[0]),
         score=float(scores.score[0]),
         free_space_known=all(index.knows_free_space for index in indices),
     )

@@ -7,7 +7,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Matrices3, Points, Scalars, Vector3
-from algorithms.features.scan_features import ScanFeatures
 from algorithms.scans.range_image import conservative_nearest_m, spherical_range_image
 
 CELL_RAD = math.radians(1.0)
@@ -81,34 +80,38 @@ class EvidenceLimits:
         )
 
 
-def surface_index(features: ScanFeatures) -> SurfaceIndex:
+def surface_index(points: Points, normals: Points, spacing_m: float, sensor_m: Vector3 | None) -> SurfaceIndex:
     """Build the index of one scan.
 
     Parameters
     ----------
-    features
-        Features of the scan; only its thinned surface and the sensor's position are used.
+    points
+        (n, 3) points of the thinned surface [m].
+    normals
+        (n, 3) unit normals towards the sensor, zero where unknown.
+    spacing_m
+        Spacing of the points [m].
+    sensor_m
+        Position of the instrument [m]; None when unknown: then nothing is known of free space.
     """
-    surface = features.surface
-    oriented = np.flatnonzero(np.einsum("ij,ij->i", surface.normals, surface.normals) > 0.5)
+    oriented = np.flatnonzero(np.einsum("ij,ij->i", normals, normals) > 0.5)
     # A fixed shuffle: any prefix covers the whole surface. The generator is local and its seed belongs to the method.
     oriented = oriented[np.random.default_rng(20).permutation(len(oriented))]
-    points, normals = surface.points[oriented], surface.normals[oriented]
-    weights = direction_weights(normals)
-    cell, low, owner = _owners(points, surface.voxel_size_m)
-    if features.sensor_m is None:
+    own, own_normals = points[oriented], normals[oriented]
+    cell, low, owner = _owners(own, spacing_m)
+    if sensor_m is None:
         nearest, sensor, cell_rad = np.empty((0, 0), dtype=np.float32), np.zeros(3), CELL_RAD
     else:
-        seen = spherical_range_image(surface.points, features.sensor_m, CELL_RAD, splat_m=0.7 * surface.voxel_size_m)
+        seen = spherical_range_image(points, sensor_m, CELL_RAD, splat_m=0.7 * spacing_m)
         nearest, sensor, cell_rad = conservative_nearest_m(seen), seen.sensor_m, seen.cell_rad
     return SurfaceIndex(
-        points=np.ascontiguousarray(points),
-        normals=np.ascontiguousarray(normals),
-        weights=weights,
+        points=np.ascontiguousarray(own),
+        normals=np.ascontiguousarray(own_normals),
+        weights=direction_weights(own_normals),
         owner=owner,
         low_m=low,
         cell_m=cell,
-        spacing_m=surface.voxel_size_m,
+        spacing_m=spacing_m,
         nearest_m=nearest,
         sensor_m=sensor,
         cell_rad=cell_rad,
@@ -149,7 +152,7 @@ def evidence_of(
     limits
         What fits and what violates.
     """
-    from algorithms.matching import surface_index_kernels as kernels
+    from algorithms.scans import surface_index_kernels as kernels
 
     m = min(points, len(moved.points))
     out = np.zeros((len(rotations), 3))

@@ -1,0 +1,108 @@
+"""Decide whether a pose is to be trusted: accepted, doubtful, rejected or ambiguous, with reasons in words and figures.
+
+The limits come from data: every pair of the development sets (garage, yard, flat, street, hall, corridor; 106 pairs,
+each scan moved by a random rigid motion), the best wrong pose of each pair, and pairs of scans of different places. A
+wrong pose called accepted is the worst outcome, so every limit leaves a gap to the best wrong pose seen.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+LEAST_SCORE = 0.1
+"""Below this score no pose is worth showing: wrong poses reach it by chance."""
+CLEAR_SCORE, CLEAR_RATIO = 0.3, 0.7
+"""A score that no wrong pose reached, with a runner-up that is clearly worse."""
+LONE_SCORE, LONE_RATIO = 0.15, 0.5
+"""A lower score (small overlap, an uncertain instrument position) is enough when nothing else comes near."""
+BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
+"""Without the instruments' positions free space says nothing, and symmetric rooms look alike: be stricter."""
+AMBIGUOUS_RATIO = 0.8
+MAX_VIOLATION_SHARE = 0.08
+LEAST_OVERLAP = 0.15
+
+
+class AcceptanceStatus(StrEnum):
+    """What is to be thought of a pose."""
+
+    ACCEPTED = "accepted"
+    DOUBTFUL = "doubtful"
+    REJECTED = "rejected"
+    AMBIGUOUS = "ambiguous"
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What the surfaces of two scans say of a pose."""
+
+    overlap_decimetre: float
+    """Share of the thinned surface within 0.1 m of the other scan's, of the scan where it is larger, 0..1."""
+    overlap_half_metre: float
+    """The same within 0.5 m."""
+    rms_m: float
+    """Rms point-to-plane distance in the overlap (points within 0.1 m) [m]; 0 when nothing overlaps."""
+    support_share: float
+    """Mean of both scans' shares that fit in place and normal, directions weighted evenly, 0..1."""
+    violation_share: float
+    """Mean of both scans' shares that stand where the other instrument looked through, 0..1."""
+    score: float
+    """Support share minus the penalty for violation."""
+    free_space_known: bool
+    """Whether both instruments' positions are known."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The judgement of a pose."""
+
+    status: AcceptanceStatus
+    reasons: tuple[str, ...]
+    """Why, in words with figures."""
+
+
+def judge(verification: Verification, *, runner_up_score: float) -> Verdict:
+    """Judge a pose by how well the scans fit in it, and by how well they fit in the best clearly different one.
+
+    Parameters
+    ----------
+    verification
+        What the surfaces say of the pose.
+    runner_up_score
+        Score of the best clearly different pose; 0 if there is none.
+    """
+    score = verification.score
+    ratio = max(runner_up_score, 0.0) / max(score, 1e-9)
+    fit = (
+        f"{verification.support_share:.0%} of the surface fits and {verification.violation_share:.1%} stands where the "
+        f"other scan looked through (score {score:.2f})"
+    )
+    if score < LEAST_SCORE:
+        return Verdict(AcceptanceStatus.REJECTED, (f"{fit}: below {LEAST_SCORE:.2f} no pose is credible",))
+    if verification.violation_share > MAX_VIOLATION_SHARE:
+        return Verdict(AcceptanceStatus.REJECTED, (f"{fit}: more than {MAX_VIOLATION_SHARE:.0%} in free space",))
+    if ratio >= AMBIGUOUS_RATIO:
+        return Verdict(
+            AcceptanceStatus.AMBIGUOUS, (f"{fit}, but a clearly different pose scores {runner_up_score:.2f}",)
+        )
+    doubts = _doubts(verification, ratio)
+    status = AcceptanceStatus.DOUBTFUL if doubts else AcceptanceStatus.ACCEPTED
+    return Verdict(status, (f"{fit}; the best other pose scores {runner_up_score:.2f}", *doubts))
+
+
+def _doubts(verification: Verification, ratio: float) -> list[str]:
+    """Say what keeps a pose from being accepted; nothing when it is clear."""
+    score = verification.score
+    doubts = []
+    if not verification.free_space_known:
+        if score < BLIND_SCORE or ratio > BLIND_RATIO:
+            doubts.append(
+                "the position of an instrument is unknown, so free space could not be tested: a score of "
+                f"{BLIND_SCORE:.2f} and a runner-up below {BLIND_RATIO:.0%} of it would be needed"
+            )
+    elif not ((score >= CLEAR_SCORE and ratio <= CLEAR_RATIO) or (score >= LONE_SCORE and ratio <= LONE_RATIO)):
+        doubts.append(
+            f"the score is not clear: {CLEAR_SCORE:.2f} with a runner-up below {CLEAR_RATIO:.0%} of it, or "
+            f"{LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed"
+        )
+    if verification.overlap_decimetre < LEAST_OVERLAP:
+        doubts.append(f"only {verification.overlap_decimetre:.0%} of the surface overlaps within 0.1 m")
+    return doubts
