@@ -5,14 +5,17 @@ from collections import deque
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from email.message import Message
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import MultipartCallbacks, MultipartParser
+from python_multipart.multipart import MultipartParser
 
 from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, UnsupportedMediaTypeError
 from service.use_cases.validate_request import pointer_to
+
+if TYPE_CHECKING:
+    from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
 MAX_FILENAME = 255
@@ -147,7 +150,7 @@ class FormReader:
         return self._events.popleft()
 
     def _new_parser(self, boundary: str) -> MultipartParser:
-        callbacks: MultipartCallbacks = {
+        callbacks: "MultipartCallbacks" = {
             "on_part_begin": self._on_part_begin,
             "on_header_field": self._on_header_field,
             "on_header_value": self._on_header_value,
