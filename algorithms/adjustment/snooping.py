@@ -131,9 +131,10 @@ def _adjusted(
 ) -> tuple[Solution, RankReport]:
     """Adjust with what is free held; decided at the start pose and checked at the solution."""
     system = problem.linearised(start)
-    whitened = whitening_of(system).apply(system.jacobian)
+    weights = whitening_of(system)
+    whitened = weights.apply(system.jacobian)
     report = analyse_rank(problem, system, whitened.T @ whitened, start, origins)
-    solution = solve(problem, start, report.held, max_iterations)
+    solution = solve(problem, start, report.held, max_iterations, weights)
     checked = analyse_rank(problem, solution.system, solution.normal_matrix, solution.pose, origins)
     if checked.rank == report.rank:
         return solution, report

@@ -15,8 +15,9 @@ STEP_IN_STD = 1e-8
 STEP_ROUNDING = 1e-14
 """A step below this share of the problem's size is rounding."""
 
-SAME_WEIGHTS_STEP = 1e-7
-"""Joint weights (costly) are computed anew only after the pose has moved by more than this share of the size."""
+SAME_WEIGHTS_STEP = 1e-5
+"""Joint weights (costly) are computed anew only after the pose has moved by more than this share of the size: below,
+they change by about as little, and the pose by that share of its standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,9 @@ class Solution:
         return np.asarray(self.whitening.apply_transposed(whitened @ self.cofactors).T)
 
 
-def solve(problem: Problem, start: RigidTransform, held: Array, max_iterations: int) -> Solution:
+def solve(
+    problem: Problem, start: RigidTransform, held: Array, max_iterations: int, weights: Whitening | None = None
+) -> Solution:
     """Iterate dx = -(Jᵀ P J)⁻¹ Jᵀ P r with R <- Exp(w) R, t <- t + dt until the steps vanish.
 
     Residuals, derivatives and weights are evaluated anew in every round.
@@ -67,12 +70,14 @@ def solve(problem: Problem, start: RigidTransform, held: Array, max_iterations: 
         (6, k) columns b of conditions bᵀ(w, dt) = 0 on every step; k = 0 for a full pose.
     max_iterations
         Limit of rounds.
+    weights
+        Weights at the start pose, if they are known already.
     """
     size = max(1.0, float(np.abs(problem.target_points()).max()), float(np.abs(problem.source_points()).max()))
     scale = np.array([1.0, 1.0, 1.0, size, size, size])
     free = _complement(held * scale[:, None]) * scale[:, None]
     pose, system = start, problem.linearised(start)
-    whitening = whitening_of(system)
+    whitening = whitening_of(system) if weights is None else weights
     moved_since_weights, step_std, iterations, converged = 0.0, np.inf, 0, False
     while not converged and iterations < max_iterations:
         iterations += 1

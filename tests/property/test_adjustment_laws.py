@@ -165,7 +165,7 @@ def test_moving_the_target_moves_the_answer_and_its_covariance():
     np.testing.assert_allclose(two.covariance, expected.covariance, rtol=1e-6, atol=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_swapping_source_and_target_inverts_the_pose(seed):
     target, source, pose = observed_pair(np.random.default_rng(seed), 9)
     forward = adjust_lines(target, source, one_to_one(9), pose, options=KEEP_ALL).pose
@@ -211,7 +211,7 @@ def test_reversed_line_directions_change_nothing():
 
 
 def test_covariance_of_independent_lines_is_honest():
-    rng, runs = np.random.default_rng(6), 80
+    rng, runs = np.random.default_rng(6), 50
     errors, omegas = [], []
     for _ in range(runs):
         target, source, pose = observed_pair(rng, 6)
@@ -264,7 +264,7 @@ def test_a_wrong_correspondence_is_named_and_removed(shared):
     assert normalised_error(result.pose, pose) < stats.chi2.isf(1e-4, 6)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_shaft_of_four_walls_leaves_the_shift_along_it_free(seed):
     rng = np.random.default_rng(seed)
     room = Room(rng, 0, TILT_STD, OFFSET_STD)
