@@ -7,6 +7,7 @@ finished is recorded and never repeated; what a dead worker left is taken up by 
 
 import asyncio
 import json
+import logging
 import os
 import secrets
 import socket
@@ -105,13 +106,7 @@ class DbosQueue:
 
     def enqueue(self, connection: sa.Connection, job: Job) -> None:
         """Enqueue a job within the transaction of a connection to the same database."""
-        options: EnqueueOptions = {
-            "workflow_name": PROJECT,
-            "queue_name": PROJECT,
-            "workflow_id": job.id,
-            "app_version": APPLICATION_VERSION,
-        }
-        self._client.enqueue_in_transaction(connection, options, job.id)
+        self._client.enqueue_in_transaction(connection, _enqueueing(job.id), job.id)
 
     def cancel(self, job_id: str) -> None:
         """Ask that a job's computation stop (within 5 s)."""
@@ -132,19 +127,20 @@ class DbosQueue:
     def begin_again(self, job_id: str) -> None:
         """Forget what was recorded of a job and enqueue it as if it were new."""
         self._client.delete_workflows([job_id], delete_children=True)
-        self._client.enqueue(
-            {
-                "workflow_name": PROJECT,
-                "queue_name": PROJECT,
-                "workflow_id": job_id,
-                "app_version": APPLICATION_VERSION,
-            },
-            job_id,
-        )
+        self._client.enqueue(_enqueueing(job_id), job_id)
 
     def close(self) -> None:
         """Close the connections."""
         self._client.destroy()
+
+
+def _enqueueing(job_id: str) -> EnqueueOptions:
+    return {
+        "workflow_name": PROJECT,
+        "queue_name": PROJECT,
+        "workflow_id": job_id,
+        "app_version": APPLICATION_VERSION,
+    }
 
 
 def _queue_of(workflow: WorkflowStatus) -> str:
@@ -187,6 +183,7 @@ class Engine:
         self.executor_id = f"{socket.gethostname()}:{slot}:{os.getpid()}:{secrets.token_hex(4)}"
         self._stopping = threading.Event()
         self._threads: list[threading.Thread] = []
+        self._running: set[asyncio.Task[Json]] = set()
         self._compute: Any = None
 
     def start(self) -> None:
@@ -203,9 +200,11 @@ class Engine:
             "run_migrations": False,
         }
         DBOS(config=config)
+        _join_log()
         self._define_workflows()
         self._keep("heartbeat", self._beat)
-        self._take_up(begin_stale_again=True)
+        self._begin_stale_again()
+        self._take_up()
         DBOS.launch()
         self._keep("reaper", self._take_up)
         log.info("worker started", executor=self.executor_id, slots=settings.slots)
@@ -213,6 +212,9 @@ class Engine:
     def stop(self) -> None:
         """Give up what is running (its processes are killed), put it back on the queue, and strike this worker out."""
         self._stopping.set()
+        if self._running:
+            loop = next(iter(self._running)).get_loop()
+            asyncio.run_coroutine_threadsafe(self._give_up(), loop).result()
         DBOS.destroy(destroy_registry=True)
         for thread in self._threads:
             thread.join()
@@ -220,6 +222,14 @@ class Engine:
             self._tools.queue.take_up_again(workflow)
         self._tools.executors.remove(self.executor_id)
         log.info("worker stopped", executor=self.executor_id)
+
+    async def _give_up(self) -> None:
+        """Stop the running computations; their workflows stay pending, to be taken up again."""
+        tasks = list(self._running)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks)
 
     # workflows
 
@@ -235,6 +245,7 @@ class Engine:
             preemptible=True,
             retries_allowed=True,
             max_attempts=STEP_ATTEMPTS,
+            interval_seconds=0.5,
             should_retry=lambda error: isinstance(error, ComputationFailedError),
             # the runner's own limit comes first; this one is for a runner that hangs
             timeout_seconds=self._tools.settings.step_timeout_s + 60.0,
@@ -312,11 +323,15 @@ class Engine:
         """Run the child and write its progress down a few times a second; None when the job ended meanwhile."""
         heard: list[tuple[float, str]] = []
         timeout_s = float(self._tools.settings.step_timeout_s)
-        run = asyncio.ensure_future(
+        if self._stopping.is_set():
+            raise asyncio.CancelledError
+        run = asyncio.create_task(
             self._tools.runner.run(
                 name, arguments, timeout_s=timeout_s, on_progress=lambda fraction, text: heard.append((fraction, text))
             )
         )
+        self._running.add(run)
+        run.add_done_callback(self._running.discard)
 
         async def written(fraction: float, message: str) -> bool:
             text = f"{label}: {message}" if message else label
@@ -380,12 +395,12 @@ class Engine:
             log.critical("this worker was taken for dead and stops", executor=self.executor_id)
             os._exit(70)
 
-    def _take_up(self, *, begin_stale_again: bool = False) -> None:
+    def _take_up(self) -> None:
         """Take up what dead workers left; one worker at a time does this."""
         executors, queue = self._tools.executors, self._tools.queue
+        executors.bury_dead(self.executor_id)
         if not executors.lease("reaper", self.executor_id, 4 * HEARTBEAT_S):
             return
-        executors.bury_dead(self.executor_id)
         # the workflows first: a worker that enters in between must not count as missing
         pending = queue.list(("PENDING",))
         present = set(executors.entered())
@@ -397,8 +412,6 @@ class Engine:
                 log.info("taken up again", workflow=workflow.workflow_id, left_by=workflow.executor_id)
                 queue.take_up_again(workflow)
         self._fail_broken()
-        if begin_stale_again:
-            self._begin_stale_again(present)
 
     def _count_attempt(self, job_id: str) -> bool:
         """Count that a worker died of (or with) a job; False when the job will not be tried again."""
@@ -424,20 +437,37 @@ class Engine:
             self._tools.jobs.fail(workflow.workflow_id, to_problem(error), _now())
             self._tools.queue.cancel(workflow.workflow_id)
 
-    def _begin_stale_again(self, present: set[str]) -> None:
+    def _begin_stale_again(self) -> None:
         """Begin jobs again whose workflow has another version of the order of steps, or was lost."""
+        executors, queue = self._tools.executors, self._tools.queue
+        if not executors.lease("begin-again", self.executor_id, 4 * HEARTBEAT_S):
+            return
         unfinished, _ = self._tools.jobs.find(
             JobFilter(statuses=(JobStatus.RUNNING, JobStatus.ACCEPTED), limit=self._tools.settings.max_queued_jobs)
         )
-        known = {workflow.workflow_id: workflow for workflow in self._tools.queue.list(UNFINISHED, name=PROJECT)}
+        known = {workflow.workflow_id: workflow for workflow in queue.list(UNFINISHED, name=PROJECT)}
+        present = set(executors.entered())
         for job in unfinished:
             workflow = known.get(job.id)
-            if workflow is not None and (
-                workflow.app_version == APPLICATION_VERSION or workflow.executor_id in present
-            ):
-                continue
-            log.info("begun again", job=job.id)
-            self._tools.queue.begin_again(job.id)
+            if workflow is None or not (workflow.app_version == APPLICATION_VERSION or workflow.executor_id in present):
+                log.info("begun again", job=job.id)
+                queue.begin_again(job.id)
+
+
+def _join_log() -> None:
+    """Let the engine's records go where all others go, except those of orderly cancellations."""
+    logger = logging.getLogger("dbos")
+    logger.handlers.clear()
+    logger.propagate = True
+    logger.addFilter(_is_not_about_cancelling)
+
+
+def _is_not_about_cancelling(record: logging.LogRecord) -> bool:
+    kind = record.exc_info[0] if record.exc_info else None
+    return not (
+        (kind is not None and kind.__name__.endswith("WorkflowCancelledError"))
+        or record.getMessage().startswith(("Asyncio task cancelled", "Workflow "))
+    )
 
 
 def _now() -> datetime:

@@ -2,12 +2,14 @@
 
 import asyncio
 import contextlib
+import hashlib
 import json
 import os
 import secrets
 import shutil
 import signal
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +17,7 @@ from dataclasses import dataclass, field
 import psutil
 import structlog
 
-from service.adapters.process_limits import DEFAULT_STEPS, threads_per_step
+from service.adapters.process_limits import DEFAULT_STEPS, this_host, threads_per_step
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepFailedError
 from service.settings import Settings
@@ -71,7 +73,7 @@ class ChildProcesses:
     ) -> Json:
         """Give the step's output; see `service.ports.StepRunner`."""
         heard = _Conversation()
-        directory = self._scratch / f"run-{os.getpid()}-{secrets.token_hex(6)}"
+        directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
         directory.mkdir()
         request = {
             "step": step,
@@ -134,11 +136,22 @@ class ChildProcesses:
 
 
 def remove_left_scratch(settings: Settings) -> None:
-    """Remove scratch directories of computations whose owner died without removing them."""
+    """Remove scratch directories of computations whose owner died without removing them.
+
+    The data directory may be shared with other machines or containers, whose process ids mean nothing here: their
+    directories are removed when no computation can last so long.
+    """
+    longest_s = 2.0 * settings.step_timeout_s
     for directory in (settings.data_dir.resolve() / "scratch").glob("run-*"):
-        owner = directory.name.split("-")[1]
-        if not psutil.pid_exists(int(owner)):
-            shutil.rmtree(directory, ignore_errors=True)
+        _, mark, owner, _ = directory.name.split("-")
+        left = not psutil.pid_exists(int(owner)) if mark == _host_mark() else False
+        with contextlib.suppress(FileNotFoundError):
+            if left or time.time() - directory.stat().st_mtime > longest_s:
+                shutil.rmtree(directory, ignore_errors=True)
+
+
+def _host_mark() -> str:
+    return hashlib.sha256(this_host().encode()).hexdigest()[:8]
 
 
 async def _send(process: asyncio.subprocess.Process, request: Json) -> None:

@@ -6,8 +6,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import alembic.command
-import alembic.config
 import sqlalchemy as sa
 
 from service.adapters.database_tables import connect, files, job_files, job_steps, jobs
@@ -20,6 +18,10 @@ Enqueue = Callable[[sa.Connection, Job], None]
 
 def migrate(settings: Settings) -> None:
     """Bring the tables up to date; run once before any process of the service starts."""
+    # imported here because only the launcher migrates
+    import alembic.command
+    import alembic.config
+
     engine = connect(settings)
     configuration = alembic.config.Config()
     folder = Path(__file__).parent / "migrations"

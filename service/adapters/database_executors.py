@@ -1,29 +1,17 @@
 """Which workers live: one row per worker, touched by its heartbeat."""
 
 import os
-import socket
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import psutil
 import sqlalchemy as sa
 
 from service.adapters.database_tables import executors, leases
+from service.adapters.process_limits import this_host
 
 DEAD_AFTER_S = 6.0
 """Three heartbeats missed."""
-
-
-def _this_host() -> str:
-    """Name this machine, boot and process namespace: only within it does a process id mean anything."""
-    boot, namespace = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
-    parts = [socket.gethostname()]
-    if boot.exists():
-        parts.append(boot.read_text().strip())
-    if namespace.exists():
-        parts.append(str(namespace.readlink()))
-    return "/".join(parts)
 
 
 class DatabaseExecutors:
@@ -31,7 +19,7 @@ class DatabaseExecutors:
 
     def __init__(self, engine: sa.Engine) -> None:
         self._engine = engine
-        self._host = _this_host()
+        self._host = this_host()
 
     def register(self, executor_id: str) -> None:
         """Enter a worker."""
@@ -83,7 +71,9 @@ class DatabaseExecutors:
         """Take or keep a named lease; False while someone else holds it."""
         with self._engine.begin() as connection:
             now = _now(connection)
-            free = sa.or_(leases.c.holder == holder, leases.c.expires < now)
+            # a worker that is gone holds nothing
+            orphaned = leases.c.holder.not_in(sa.select(executors.c.id))
+            free = sa.or_(leases.c.holder == holder, leases.c.expires < now, orphaned)
             values = {"holder": holder, "expires": now + seconds}
             if connection.execute(sa.update(leases).where(leases.c.name == name, free).values(values)).rowcount:
                 return True

@@ -1,9 +1,10 @@
-"""What a process of the service does to its own limits. Imports little: every computation starts with it."""
+"""Where a process of the service runs, and its limits. Imports little: every computation starts with it."""
 
 import ctypes
 import os
 import resource
 import signal
+import socket
 import sys
 from pathlib import Path
 
@@ -21,9 +22,21 @@ def die_with_parent(parent: int) -> None:
         raise SystemExit(1)
 
 
+def this_host() -> str:
+    """Name this machine, boot and process namespace: only within it does a process id mean anything."""
+    boot, namespace = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
+    parts = [socket.gethostname()]
+    if boot.exists():
+        parts.append(boot.read_text().strip())
+    if namespace.exists():
+        parts.append(str(namespace.readlink()))
+    return "/".join(parts)
+
+
 def threads_per_step(settings: Settings) -> int:
     """Give the number of threads of one computation."""
-    return settings.threads or max(1, len(os.sched_getaffinity(0)) // settings.slots)
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    return settings.threads or max(1, cores // settings.slots)
 
 
 def limit_resources(settings: Settings) -> None:

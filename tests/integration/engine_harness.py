@@ -56,6 +56,7 @@ class Harness:
             "TIELINE_DATA_DIR": str(self.settings.data_dir),
             "TIELINE_SLOTS": str(self.settings.slots),
             "TIELINE_STEP_MEMORY_BYTES": str(self.settings.step_memory_bytes),
+            "TIELINE_MAX_ATTEMPTS": str(self.settings.max_attempts),
             "TIELINE_STEP_TIMEOUT_S": str(self.settings.step_timeout_s),
         }
 

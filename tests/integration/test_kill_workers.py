@@ -1,0 +1,102 @@
+"""kill -9 of a computation or a worker: the job goes on, and finished steps are not repeated."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+import sqlalchemy as sa
+from engine_harness import Harness, alive, harness, wait_until
+
+from service.ports import JobStatus
+
+SHORT = {"step": "nap", "seconds": 0.1}
+LONG = {"step": "nap", "seconds": 1.5}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
+    with harness(tmp_path_factory.mktemp("workers")) as made:
+        yield made
+
+
+def with_two_workers(service: Harness) -> None:
+    """Start what is missing of two workers; there are some left of the test before."""
+    service.workers[:] = [worker for worker in service.workers if worker.poll() is None]
+    while len(service.workers) < 2:
+        service.start_worker(str(len(service.workers)))
+    wait_until(lambda: service.queue.live_workers() == 2)
+
+
+def worker_of(computing: int) -> psutil.Process:
+    parent = psutil.Process(computing).parent()
+    assert parent is not None
+    return parent
+
+
+def submit(service: Harness, name: str) -> tuple[str, int]:
+    """Start a job of a short and a long step; give it and the process that runs the long one."""
+    job = service.submit([{**SHORT, "name": f"{name}-short"}], [{**LONG, "name": f"{name}-long"}])
+    return job, service.started(f"{name}-long")
+
+
+def how_often(service: Harness, name: str) -> tuple[int, int]:
+    """Count the starts of the short step and the ends of the long one."""
+    return len(service.events("start", f"{name}-short")), len(service.events("end", f"{name}-long"))
+
+
+def test_a_killed_computation_runs_again(service: Harness) -> None:
+    with_two_workers(service)
+    job, computing = submit(service, "child")
+    os.kill(computing, signal.SIGKILL)
+    finished = service.finished(job)
+    assert (finished.status, finished.attempts) == (JobStatus.SUCCESSFUL, 1)
+    assert how_often(service, "child") == (1, 1)
+
+
+def test_a_worker_that_stops_in_order_hands_its_step_over_without_counting_an_attempt(service: Harness) -> None:
+    with_two_workers(service)
+    job, computing = submit(service, "ordered")
+    worker_of(computing).send_signal(signal.SIGTERM)
+    wait_until(lambda: not alive(computing), 5.0)
+    finished = service.finished(job)
+    assert (finished.status, finished.attempts) == (JobStatus.SUCCESSFUL, 1)
+    assert how_often(service, "ordered") == (1, 1)
+
+
+@pytest.mark.e2e
+def test_another_worker_takes_over_from_a_killed_one(service: Harness) -> None:
+    with_two_workers(service)
+    job, computing = submit(service, "killed")
+    worker_of(computing).kill()
+    finished = service.finished(job)
+    assert finished.status is JobStatus.SUCCESSFUL
+    assert how_often(service, "killed") == (1, 1)
+
+
+@pytest.mark.e2e
+def test_a_job_that_takes_its_worker_down_fails_and_says_where(tmp_path: Path) -> None:
+    with harness(tmp_path, max_attempts=1) as service:
+        service.start_worker()
+        job = service.submit([{**LONG, "seconds": 60, "name": "poison"}])
+        service.started("poison")
+        wait_until(lambda: "napping" in service.job(job).message)
+        service.kill_all()
+        service.start_worker()
+        failed = service.finished(job)
+        assert (failed.status, len(service.events("start", "poison"))) == (JobStatus.FAILED, 1)
+        assert failed.message == "the worker died 1 times during this job; it was last at 'poison: napping'"
+
+
+@pytest.mark.e2e
+def test_jobs_of_an_older_order_of_steps_and_jobs_whose_workflow_was_lost_are_begun_again(tmp_path: Path) -> None:
+    with harness(tmp_path) as service:
+        jobs = [service.submit([{**SHORT, "name": name}]) for name in ("older", "lost")]
+        with service.engine.begin() as connection:
+            change = "UPDATE workflow_status SET application_version = '0' WHERE workflow_uuid = :job"
+            connection.execute(sa.text(change), {"job": jobs[0]})
+            connection.execute(sa.text("DELETE FROM workflow_status WHERE workflow_uuid = :job"), {"job": jobs[1]})
+        service.start_worker()
+        assert [service.finished(job).status for job in jobs] == [JobStatus.SUCCESSFUL] * 2
