@@ -11,6 +11,7 @@ from algorithms.matching.correspondences import corresponding_lines, correspondi
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
 from algorithms.matching.line_pairs import line_pair_motions
+from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import plane_motions
 from algorithms.matching.votes import joined, vote_motions
 from algorithms.progress import NoProgress, Progress
@@ -23,20 +24,6 @@ SUPPORT_ANGLE_RAD = 0.035
 SUPPORT_DISTANCE_M = 0.15
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose."""
-
-
-@dataclass(frozen=True)
-class MatchingOptions:
-    """How alike features must be, and how clear the answer."""
-
-    max_angle_rad: float = 0.03
-    """Angles between lines and planes that differ by less count as equal [rad]."""
-    max_distance_m: float = 0.15
-    """Distances between lines that differ by less count as equal [m]."""
-    max_line_hypotheses: int = 6000
-    """So many of the motions with most votes of line pairs are tested."""
-    ambiguity_ratio: float = 0.8
-    """The answer is ambiguous when a clearly different pose scores at least this share of it."""
 
 
 @dataclass(frozen=True, eq=False)
