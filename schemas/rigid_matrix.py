@@ -9,7 +9,7 @@ ROTATION_TOLERANCE = 1e-3
 """Matrices are often written with few digits; beyond this it is no rotation any more."""
 MAX_TRANSLATION_M = 1e9
 
-Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+Row = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=4, max_length=4)]
 
 
 def _rigid(matrix: list[list[float]]) -> list[list[float]]:

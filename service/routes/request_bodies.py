@@ -150,7 +150,7 @@ class FormReader:
         return self._events.popleft()
 
     def _new_parser(self, boundary: str) -> MultipartParser:
-        callbacks: "MultipartCallbacks" = {
+        callbacks: MultipartCallbacks = {
             "on_part_begin": self._on_part_begin,
             "on_header_field": self._on_header_field,
             "on_header_value": self._on_header_value,
