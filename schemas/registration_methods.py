@@ -1,10 +1,14 @@
-"""The methods that `register` offers, each with its options."""
+"""The methods that `register` offers, each with its options, as the union of methods in the numerics lists them."""
 
-from typing import Annotated, Literal
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
+from algorithms.registration import RegistrationMethod
 from schemas.base import RequestModel
+from schemas.method_options import options_model
 
 
 class AutoMethod(RequestModel):
@@ -14,10 +18,11 @@ class AutoMethod(RequestModel):
     """Name of the method."""
 
 
-class LinesMethod(RequestModel):
-    """Placeholder in this working copy only."""
+METHODS: tuple[Any, ...] = get_args(RegistrationMethod) or (RegistrationMethod,)
+"""Dataclasses of all methods; each carries its `name`."""
 
-    method: Literal["lines"] = "lines"
-
-
-MethodRequest = Annotated[AutoMethod | LinesMethod, Field(discriminator="method")]
+if TYPE_CHECKING:
+    MethodRequest = RequestModel
+else:
+    _MODELS = [AutoMethod, *(options_model(method, method.name) for method in METHODS)]
+    MethodRequest = Annotated[reduce(or_, _MODELS), Field(discriminator="method")]
