@@ -464,9 +464,12 @@ def _join_log() -> None:
 
 def _is_not_about_cancelling(record: logging.LogRecord) -> bool:
     kind = record.exc_info[0] if record.exc_info else None
+    text = record.getMessage()
     return not (
         (kind is not None and kind.__name__.endswith("WorkflowCancelledError"))
-        or record.getMessage().startswith(("Asyncio task cancelled", "Workflow "))
+        or text.startswith("Asyncio task cancelled")
+        or "no longer owned by this execution" in text
+        or "was cancelled during execution" in text
     )
 
 

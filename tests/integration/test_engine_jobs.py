@@ -1,11 +1,13 @@
 """Jobs run in workers: order, progress, failures, limits, dismissal."""
 
 import asyncio
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 from engine_harness import Harness, alive, harness, wait_until
 
 from service.adapters.child_process import ChildProcesses
@@ -112,6 +114,16 @@ def test_a_job_dismissed_while_it_waits_never_runs(service: Harness) -> None:
     for job in (*blockers, last):
         service.finished(job)
     assert (service.events("start", "never"), service.job(waiting).status) == ([], JobStatus.DISMISSED)
+
+
+def test_what_the_queue_keeps_is_json(service: Harness) -> None:
+    service.finished(service.submit([{**NAP, "name": "kept"}]))
+    with service.engine.begin() as connection:
+        kept = [
+            *connection.execute(sa.text("SELECT inputs FROM workflow_input")).scalars(),
+            *connection.execute(sa.text("SELECT output FROM workflow_output")).scalars(),
+        ]
+    assert len([json.loads(value) for value in kept]) == len(kept) > 2
 
 
 def test_a_step_outside_a_job_gives_its_result(tmp_path: Path) -> None:

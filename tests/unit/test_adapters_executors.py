@@ -1,0 +1,77 @@
+"""Heartbeats and leases: who lives, and who may act for the dead."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from service.adapters.database import migrate
+from service.adapters.database_executors import DEAD_AFTER_S, DatabaseExecutors
+from service.adapters.database_tables import connect, executors
+from service.settings import Settings
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Iterator[sa.Engine]:
+    settings = Settings(data_dir=tmp_path)
+    migrate(settings)
+    engine = connect(settings)
+    yield engine
+    engine.dispose()
+
+
+def change(engine: sa.Engine, executor_id: str, **values: object) -> None:
+    with engine.begin() as connection:
+        connection.execute(sa.update(executors).where(executors.c.id == executor_id).values(**values))
+
+
+def test_a_worker_lives_from_its_entry_to_its_removal(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    registry.register("a")
+    entered = list(registry.live())
+    registry.remove("a")
+    assert (entered, list(registry.live())) == (["a"], [])
+
+
+def test_a_worker_whose_heart_has_stopped_is_buried_and_told_so(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    registry.register("a")
+    change(engine, "a", heartbeat=executors.c.heartbeat - DEAD_AFTER_S - 1)
+    before = list(registry.live())
+    registry.bury_dead("b")
+    assert (before, registry.beat("a"), registry.entered()) == ([], False, [])
+
+
+def test_a_worker_without_process_is_buried_without_waiting(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    registry.register("a")
+    change(engine, "a", process_started=executors.c.process_started - 100)  # the number now belongs to another process
+    registry.bury_dead("b")
+    assert registry.entered() == []
+
+
+def test_a_worker_of_another_machine_is_judged_by_its_heart_only(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    registry.register("a")
+    change(engine, "a", host="elsewhere", pid=os.getpid() + 1, process_started=0.0)
+    registry.bury_dead("b")
+    assert registry.entered() == ["a"]
+
+
+def test_a_lease_has_one_holder_until_it_is_gone(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    for each in ("a", "b"):
+        registry.register(each)
+    taken = [registry.lease("reaper", each, 60.0) for each in ("a", "b", "a")]
+    registry.remove("a")
+    assert (taken, registry.lease("reaper", "b", 60.0)) == ([True, False, True], True)
+
+
+def test_a_lease_ends(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    for each in ("a", "b"):
+        registry.register(each)
+    registry.lease("reaper", "a", -1.0)
+    assert registry.lease("reaper", "b", 60.0)
