@@ -38,9 +38,7 @@ LEAST_FILL = 0.5
 """Least share of the cylinder's seen surface that must hold points: bushes are full of circles, but porous."""
 
 
-def find_cylinders(
-    points: Points, sensor_m: Vector3 | None, noise_std_m: float, options: FeatureOptions
-) -> Cylinders:
+def find_cylinders(points: Points, sensor_m: Vector3 | None, noise_std_m: float, options: FeatureOptions) -> Cylinders:
     """Find cylinders among points that lie on no plane.
 
     Parameters

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 
-from algorithms.arrays import Array, Matrix, Points, Vector3
+from algorithms.arrays import Array, Points, Vector3
 from algorithms.features.cylinder_axes_kernels import adjust_cylinder
 from algorithms.features.patch_covariance import NUMERICAL_STD_M, estimate_waviness, honest_covariance
 from algorithms.geometry.lines import bases_of
@@ -26,10 +27,10 @@ class FittedCylinder:
     anchor: Vector3
     """Point of the axis in the middle of the points [m]."""
     direction: Vector3
-    basis: Matrix
+    basis: Float64[Array, "3 2"]
     """(3, 2) columns E1, E2."""
     radius_m: float
-    covariance: Matrix
+    covariance: Float64[Array, "5 5"]
     """(5, 5) of (a1, a2, b1, b2, radius)."""
     extent: Array
     """(2,) seen piece along the direction from the anchor [m]."""
@@ -71,7 +72,7 @@ def fit_cylinder(
     middle = 0.5 * (low + high)
     seen = np.bincount(((angle + np.pi) / (2 * np.pi) * ARC_BINS).astype(np.int64) % ARC_BINS, minlength=ARC_BINS) > 0
     arc = 2 * np.pi * float(seen.mean())
-    fill, waviness, covariance = _block_covariance(along - middle, angle, distance, misfit, radius, noise, arc)
+    fill, waviness, covariance = _block_covariance(along - middle, angle, misfit, radius, noise, arc)
     return FittedCylinder(
         anchor=c + middle * d,
         direction=d,
@@ -87,14 +88,14 @@ def fit_cylinder(
 
 
 def _block_covariance(
-    along: Array, angle: Array, distance: Array, misfit: Array, radius: float, noise: float, arc: float
-) -> tuple[float, float, Matrix]:
+    along: Array, angle: Array, misfit: Array, radius: float, noise: float, arc: float
+) -> tuple[float, float, Float64[Array, "5 5"]]:
     """Adjust the means of surface blocks: filled share, waviness and 5x5 covariance (see `patch_covariance`)."""
     length = float(np.ptp(along)) + 1e-9
     blocks = float(np.clip(len(along) / POINTS_PER_BLOCK, 6.0, BLOCKS))
     size = np.sqrt(length * arc * radius / blocks)
-    rows = max(3, int(round(length / size)))
-    columns = max(6, int(round(2 * np.pi * radius / size)))
+    rows = max(3, round(length / size))
+    columns = max(6, round(2 * np.pi * radius / size))
     row = np.minimum(((along - along.min()) / length * rows).astype(np.int64), rows - 1)
     column = ((angle + np.pi) / (2 * np.pi) * columns).astype(np.int64) % columns
     which = row * columns + column

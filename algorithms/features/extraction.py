@@ -23,7 +23,7 @@ from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
 LEAST_VOXEL_M = 0.08
 """Smallest voxel chosen by itself [m]."""
 LEAST_WIDTH, TYPICAL_WIDTH = 0.45, 0.6
-"""Least standard width of a single and of a typical neighbourhood of voxels, in voxels (a full square of three: 0.87)."""
+"""Least standard width of a single and of a typical neighbourhood, in voxels (a full square of three has 0.87)."""
 FEW_CELLS = 300
 """Voxels do not grow beyond the size that leaves so few."""
 MIN_CELLS = 6

@@ -1,8 +1,8 @@
 """Honest covariance of a fitted surface, from patches instead of points.
 
 Neighbouring points share errors (waviness of the surface, range offsets of the instrument), so the white-noise
-covariance sigma^2 / n is far too small on real scans. The mean residuals of patches tell how much: a patch mean is taken
-as an observation with variance w^2 + s^2 / n, and w^2 is the value for which the weighted squared residuals of the
+covariance sigma^2 / n is far too small on real scans. The mean residuals of patches tell how much: a patch mean is
+taken as an observation of variance w^2 + s^2 / n, and w^2 is the value for which the weighted squared residuals of the
 patches are as large as their redundancy says (the estimator of Paule and Mandel, 1982, doi:10.6028/jres.087.022).
 On an ideal surface w vanishes and the formal covariance is left.
 """
@@ -10,13 +10,14 @@ On an ideal surface w vanishes and the formal covariance is left.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 
 from algorithms.arrays import Array, Matrix, Scalars
 
 LONG_WAVES = 4.0
-"""Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part of
-them: their share of the covariance is that of a quarter of the patches. Calibrated on walls and floors seen from two
-set-ups of known pose (tripod scans of a garage and of facades)."""
+"""Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part
+of them: their share of the covariance is that of a quarter of the patches. Calibrated on walls and floors seen from
+two set-ups of known pose (tripod scans of a garage and of facades)."""
 NUMERICAL_STD_M = 1e-9
 """Rounding of coordinates: keeps weights finite on exact data."""
 
@@ -27,7 +28,7 @@ class PatchFit:
 
     corrections: Array
     """(u,) corrections of the parameters."""
-    covariance: Matrix
+    covariance: Float64[Array, "u u"]
     """(u, u) covariance of the parameters."""
     waviness_variance: float
     """Variance of patch means beyond the noise of their points [m2]."""
@@ -61,11 +62,11 @@ def fit_patches(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, wa
 
 def honest_covariance(
     jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, waviness_variance: float
-) -> Matrix:
+) -> Float64[Array, "u u"]:
     """Give the covariance of the parameters with the share of the waviness counted `LONG_WAVES` times."""
     white = fit_patches(jacobian, misfits, noise_variances, 0.0).covariance
     wavy = fit_patches(jacobian, misfits, noise_variances, waviness_variance).covariance
-    return white + LONG_WAVES * (wavy - white)
+    return np.asarray(white + LONG_WAVES * (wavy - white))
 
 
 def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars) -> float:
@@ -79,9 +80,10 @@ def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scala
         left = misfits - jacobian @ fit.corrections
         return float(np.sum(left**2 / (noise_variances + waviness))) - redundancy
 
-    low, high = 0.0, float(np.mean(misfits**2))
-    if excess(low) <= 0:
+    if excess(0.0) <= 0:
         return 0.0
+    low: float = 0.0
+    high = float(np.mean(misfits**2))
     while excess(high) > 0:
         low, high = high, 4.0 * high
     while high - low > 0.02 * high:

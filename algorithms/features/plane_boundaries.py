@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Float64, Int64
 
-from algorithms.arrays import Array, Indices, Labels, Points, Scalars, Vectors2
-from algorithms.features.plane_fitting import FittedPlanes, renumber
+from algorithms.arrays import Array, Indices, Points, Scalars, Vectors2
+from algorithms.features.plane_fitting import FittedPlanes
 from algorithms.features.plane_segmentation_kernels import fill_rasters
 from algorithms.geometry.planes import Planes
 
@@ -24,12 +25,12 @@ class PlaneRasters:
 
     flat: Array
     """(sum,) uint8."""
-    starts: Indices
-    rows: Indices
-    columns: Indices
-    origins: Vectors2
+    starts: Int64[Array, "starts"]
+    rows: Int64[Array, "k"]
+    columns: Int64[Array, "k"]
+    origins: Float64[Array, "k 2"]
     """(k, 2) corner (u, v) of cell (0, 0) [m]."""
-    cell_sizes: Scalars
+    cell_sizes: Float64[Array, "k"]
     """(k,) [m]."""
 
     def __len__(self) -> int:
@@ -59,7 +60,7 @@ def bound_planes(
     *,
     min_area_m2: float,
     max_planes: int,
-) -> tuple[Planes, PlaneRasters, Indices]:
+) -> tuple[Planes, PlaneRasters, Int64[Array, "kept"]]:
     """Outline fitted planes and keep the large ones, those of most points first.
 
     Returns
@@ -127,7 +128,7 @@ def polygon_area(polygon: Vectors2) -> float:
     return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
-def boundaries_of(rasters: PlaneRasters) -> tuple[list[Vectors2], Scalars]:
+def boundaries_of(rasters: PlaneRasters) -> tuple[list[Array], Scalars]:
     """Give the outline of every plane in plane coordinates [m], and its area [m2]."""
     polygons = [outline(rasters.of(p)) * rasters.cell_sizes[p] + rasters.origins[p] for p in range(len(rasters))]
     return polygons, np.array([polygon_area(polygon) for polygon in polygons], dtype=np.float64)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from algorithms.arrays import Array, Bases, Flags, Indices, Labels, Matrices3, Points, Scalars
 from algorithms.features.patch_covariance import (
@@ -29,21 +29,21 @@ LEAST_WIDTH = 2.5
 class FittedPlanes:
     """Unbounded planes with covariance, and which point belongs to which."""
 
-    normals: Points
-    centroids: Points
-    bases: Bases
+    normals: Float64[Array, "k 3"]
+    centroids: Float64[Array, "k 3"]
+    bases: Float64[Array, "k 3 2"]
     """(k, 3, 2) columns E1 (longest extent), E2."""
-    covariances: Matrices3
+    covariances: Float64[Array, "k 3 3"]
     """(k, 3, 3) of (a1, a2, b)."""
-    noise_std_m: Scalars
-    point_counts: Indices
+    noise_std_m: Float64[Array, "k"]
+    point_counts: Int64[Array, "k"]
     extents: Float64[Array, "k 4"]
     """(k, 4) bounding rectangles u_min, v_min, u_max, v_max in plane coordinates [m]."""
     point_labels: Labels
     """(n,) plane of each point, -1 for none."""
 
     def __len__(self) -> int:
-        return self.normals.shape[0]
+        return len(self.normals)
 
     def select(self, which: Indices) -> "FittedPlanes":
         """Keep some of the planes."""
@@ -59,14 +59,16 @@ class FittedPlanes:
         )
 
 
-def renumber(labels: Labels, kept: Indices) -> Labels:
+def renumber(labels: Labels, kept: Int64[Array, "k"]) -> Labels:
     """Give labels new numbers: kept[i] becomes i, all others -1."""
     numbers = np.full(max(int(labels.max(initial=-1)), int(kept.max(initial=-1))) + 2, -1, dtype=np.int32)
     numbers[kept] = np.arange(len(kept))
     return np.asarray(numbers[labels])  # label -1 takes the last entry, which stays -1
 
 
-def frames_of_moments(moments: Float64[Array, "k 10"]) -> tuple[Bases, Points, Float64[Array, "k 3"]]:
+def frames_of_moments(
+    moments: Float64[Array, "k 10"],
+) -> tuple[Float64[Array, "k 3 2"], Float64[Array, "k 3"], Float64[Array, "k 3"]]:
     """Give basis (E1 longest), normal and the standard deviations along E1, E2, n of every row of moments."""
     k = len(moments)
     counts = np.maximum(moments[:, 0], 1.0)
@@ -82,14 +84,14 @@ def fit_planes(
     points: Points,
     cell_of_point: Labels,
     candidates: Array,
-    normals: Points,
-    centroids: Points,
+    normals: Float64[Array, "k 3"],
+    centroids: Float64[Array, "k 3"],
     noise_std_m: float,
     *,
     thickness_m: float,
     min_points: int,
     rounds: int = 3,
-) -> tuple[FittedPlanes, Indices]:
+) -> tuple[FittedPlanes, Int64[Array, "kept"]]:
     """Assign points to approximate planes and fit each from its points.
 
     Parameters
@@ -128,7 +130,7 @@ def fit_planes(
         normals = np.where(enough[:, None], fitted, normals)
         centroids = np.where(enough[:, None], moments[:, 1:4], centroids)
         noise = deviations[:, 2] * np.sqrt(moments[:, 0] / np.maximum(moments[:, 0] - 3.0, 1.0))
-        tolerances = np.clip(TRIM * noise, 0.5 * TRIM * noise_std_m, thickness_m)
+        tolerances = np.clip(TRIM * noise, max(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
     kept = np.flatnonzero((moments[:, 0] >= min_points) & (deviations[:, 1] > LEAST_WIDTH * deviations[:, 2]))
     normals, centroids, bases, noise = normals[kept], centroids[kept], bases[kept], noise[kept]
     labels = renumber(labels, kept)
@@ -152,11 +154,11 @@ def _sum_patches(
     points: Points,
     labels: Labels,
     shared: Flags,
-    normals: Points,
-    centroids: Points,
-    bases: Bases,
+    normals: Float64[Array, "k 3"],
+    centroids: Float64[Array, "k 3"],
+    bases: Float64[Array, "k 3 2"],
     extents: Float64[Array, "k 4"],
-) -> tuple[Float64[Array, "p 5"], Indices]:
+) -> tuple[Float64[Array, "p 5"], Int64[Array, "starts"]]:
     """Sum the points of every plane per patch: sums and the first patch of every plane."""
     counts = np.bincount(labels[labels >= 0], minlength=len(normals))
     spans = np.where(np.isfinite(extents[:, 2:]), extents[:, 2:] - extents[:, :2], 0.0)
@@ -170,7 +172,12 @@ def _sum_patches(
 
 
 def _adjust_patches(
-    sums: Float64[Array, "p 5"], starts: Indices, normals: Points, centroids: Points, bases: Bases, noise: Scalars
+    sums: Float64[Array, "p 5"],
+    starts: Int64[Array, "starts"],
+    normals: Points,
+    centroids: Points,
+    bases: Bases,
+    noise: Scalars,
 ) -> tuple[Points, Points, Bases, Matrices3]:
     """Refine every plane from its patch means and give its covariance."""
     k = len(normals)

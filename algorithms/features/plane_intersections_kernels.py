@@ -24,7 +24,7 @@ def _clip(u: float, v: float, du: float, dv: float, wide: float, high: float) ->
 
 
 @njit(cache=True, nogil=True)
-def common_support(
+def common_support(  # noqa: C901, PLR0912, PLR0915 - one compiled loop
     pairs: Array,
     points: Array,
     directions: Array,
@@ -41,7 +41,7 @@ def common_support(
     """Walk along each intersection line and find where both planes' (dilated) rasters are occupied.
 
     Returns (n, 4): start and end of the supported part along the direction from the given point, supported length, and
-    mean position of the support [m]; runs shorter than half of `min_lengths` are left out. Zero length if there is none.
+    mean position of the support [m]; runs shorter than half of `min_lengths` are left out. All zero if there is none.
     """
     n = pairs.shape[0]
     out = np.zeros((n, 4))
@@ -60,15 +60,15 @@ def common_support(
                     slope += directions[k, a] * bases[p, a, axis]
                 at[side, axis] = (position - origins[p, axis]) / cell_sizes[p]
                 step[side, axis] = slope / cell_sizes[p]
-            a, b = _clip(at[side, 0], at[side, 1], step[side, 0], step[side, 1], columns[p], rows[p])
-            low = max(low, a)
-            up = min(up, b)
+            enter, leave = _clip(at[side, 0], at[side, 1], step[side, 0], step[side, 1], columns[p], rows[p])
+            low = max(low, enter)
+            up = min(up, leave)
         if not up - low >= min_lengths[k]:
             continue
         stride = 0.5 * min(cell_sizes[pairs[k, 0]], cell_sizes[pairs[k, 1]])
         steps = int((up - low) / stride)
         shortest = 0.5 * min_lengths[k]
-        run = -1.0
+        run = -1
         first = np.inf
         last = -np.inf
         length = 0.0
@@ -98,7 +98,7 @@ def common_support(
                     last = max(last, end)
                     length += end - begin
                     moment += 0.5 * (end * end - begin * begin)
-                run = -1.0
+                run = -1
         if length > 0:
             out[k, 0] = first
             out[k, 1] = last

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.arrays import Array, Labels, Points, Scalars
+from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.plane_fitting import frames_of_moments
 from algorithms.features.plane_segmentation_kernels import (
     candidate_labels,
@@ -36,13 +37,13 @@ class PlaneRegions:
 
     cell_labels: Labels
     """(m,) region of each cell, -1 for none."""
-    normals: Points
+    normals: Float64[Array, "k 3"]
     """(k, 3) unit normals; towards the sensor when the cells' normals are."""
-    centroids: Points
+    centroids: Float64[Array, "k 3"]
     """(k, 3) [m]."""
 
     def __len__(self) -> int:
-        return self.normals.shape[0]
+        return len(self.normals)
 
 
 def typical_noise(surfaces: CellSurfaces) -> float:
@@ -85,7 +86,7 @@ def segment_planes(
     moments = region_moments(cells.moments, labels, int(labels.max(initial=-1)) + 1, cap)
     _, region_normals, deviations = frames_of_moments(moments)
     region_normals = _orient(region_normals, normals, labels)
-    tolerances = np.maximum(3.0 * deviations[:, 2], 3.0 * noise_std_m)
+    tolerances = 3.0 * np.maximum(deviations[:, 2], max(noise_std_m, NUMERICAL_STD_M))
     for _ in range(2):
         labels = dilate_labels(
             labels, cells.moments, cells.neighbours, region_normals, np.ascontiguousarray(moments[:, 1:4]), tolerances
@@ -98,7 +99,7 @@ def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> Array:
     return candidate_labels(regions.cell_labels, cells.neighbours, CANDIDATES)
 
 
-def region_moments(moments: Float64[Array, "m 10"], labels: Labels, count: int, cap: float) -> Float64[Array, "k 10"]:
+def region_moments(moments: Float64[Array, "n 10"], labels: Labels, count: int, cap: float) -> Float64[Array, "k 10"]:
     """Add the cells of every region, each with at most `cap` points: count, mean, central sums of products."""
     member = np.flatnonzero(labels >= 0)
     which = labels[member]
@@ -119,13 +120,13 @@ def region_moments(moments: Float64[Array, "m 10"], labels: Labels, count: int, 
     return out
 
 
-def _drop(labels: Labels, dropped: Flags) -> Labels:
+def _drop(labels: Labels, dropped: Bool[Array, "k"]) -> Labels:
     """Remove regions and number the rest anew."""
     numbers = np.where(dropped, -1, np.cumsum(~dropped) - 1).astype(np.int32)
     return np.asarray(np.where(labels >= 0, numbers[labels] if len(numbers) else -1, -1), dtype=np.int32)
 
 
-def _orient(region_normals: Points, normals: Points, labels: Labels) -> Points:
+def _orient(region_normals: Float64[Array, "k 3"], normals: Points, labels: Labels) -> Float64[Array, "k 3"]:
     """Turn region normals to the side most of their cells' normals point to."""
     member = labels >= 0
     agreement = np.einsum("ij,ij->i", normals[member], region_normals[labels[member]])
@@ -133,7 +134,7 @@ def _orient(region_normals: Points, normals: Points, labels: Labels) -> Points:
     return np.asarray(np.where(side[:, None] < 0, -region_normals, region_normals))
 
 
-def _curved(cells: SurfaceCells, normals: Points, labels: Labels, count: int) -> Flags:
+def _curved(cells: SurfaceCells, normals: Points, labels: Labels, count: int) -> Bool[Array, "k"]:
     """Find regions whose normals turn steadily across them: strips of pipes, tanks, vaults.
 
     The turn per metre is the regression of the normals' deviation on position; times the region's width
@@ -172,7 +173,7 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) 
         return labels
     moments = region_moments(cells.moments, labels, count, cap)
     touch = touching_labels(labels, cells.neighbours, count)
-    numbers = np.arange(count)
+    numbers: Array = np.arange(count)
     for _ in range(5):
         _, normals, _ = frames_of_moments(moments)
         pairs = np.argwhere(np.triu(touch, 1))

@@ -8,7 +8,7 @@ from algorithms.scans.normals_kernels import smallest_axis
 
 
 @njit(cache=True, nogil=True)
-def grow_regions(
+def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
     order: Array,
     moments: Array,
     normals: Array,
@@ -21,7 +21,8 @@ def grow_regions(
     """Grow regions of cells that lie on one plane, in the given order of seeds.
 
     A cell joins when its normal agrees with the region's plane and its mean lies on it; the plane is fitted anew
-    whenever the region has grown by a quarter. Regions below `min_cells` are dissolved. Returns labels and their number.
+    whenever the region has grown by a quarter. Regions below `min_cells` are dissolved. Returns labels and the number
+    of regions.
     """
     m = moments.shape[0]
     labels = np.full(m, -1, dtype=np.int32)

@@ -1,8 +1,9 @@
 """A scan thinned to one oriented point per voxel."""
 
 import numpy as np
+from jaxtyping import Float64
 
-from algorithms.arrays import Labels, Points
+from algorithms.arrays import Array, Labels
 from algorithms.features.scan_features import SurfaceSample
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
 from algorithms.scans.voxel_grid import voxel_cells
@@ -14,7 +15,7 @@ LEAST_COUNT = 3.0
 
 
 def sample_surface(
-    cells: SurfaceCells, surfaces: CellSurfaces, cell_labels: Labels, plane_normals: Points
+    cells: SurfaceCells, surfaces: CellSurfaces, cell_labels: Labels, plane_normals: Float64[Array, "k 3"]
 ) -> SurfaceSample:
     """Keep one cell per voxel, with the normal of its plane where it has one.
 

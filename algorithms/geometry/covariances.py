@@ -44,7 +44,7 @@ def intersection_jacobians(
 
     Returns
     -------
-    (n, 3, 2) bases of the lines and (n, 4, 6) Jacobians of (a1, a2, b1, b2) by (plane i: a1, a2, b; plane j: a1, a2, b).
+    (n, 3, 2) bases of the lines and (n, 4, 6) Jacobians of (a1, a2, b1, b2) by plane i's (a1, a2, b) and plane j's.
     """
     bases = bases_of(directions)
     system = np.stack([np.einsum("ni,nij->nj", normals_i, bases), np.einsum("ni,nij->nj", normals_j, bases)], axis=1)

@@ -9,7 +9,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def block_moments(
+def block_moments(  # noqa: PLR0915 - one compiled loop
     points: Array, index: Array, mixed: Array, sensor: Array, block: int, depth: float, least_depth: float
 ) -> tuple[Array, Array, Array]:
     """Sum the moments of blocks of block x block pixels.
@@ -84,7 +84,7 @@ def block_moments(
 
 
 @njit(cache=True, nogil=True)
-def block_neighbours(
+def block_neighbours(  # noqa: C901 - one compiled loop
     moments: Array, cell_of_block: Array, sensor: Array, step_rad: float, slope: float, least_jump: float
 ) -> tuple[Array, Array]:
     """Link blocks that touch in the grid and in space.

@@ -27,9 +27,7 @@ def angular_step(points: Points, grid: ScanGrid, sensor_m: Vector3) -> float:
     return max(steps, default=0.0)
 
 
-def mixed_pixels(
-    points: Points, grid: ScanGrid, sensor_m: Vector3, step_rad: float
-) -> Bool[Array, "rows columns"]:
+def mixed_pixels(points: Points, grid: ScanGrid, sensor_m: Vector3, step_rad: float) -> Bool[Array, "rows columns"]:
     """Mark the mixed pixels of a structured scan.
 
     A pixel is mixed when its range differs from both neighbours of its row, or of its column, by more than a surface

@@ -60,7 +60,8 @@ def smallest_axis(xx: float, xy: float, xz: float, yy: float, yz: float, zz: flo
 def pool_moments(moments: Array, neighbours: Array, cap: float, wanted: Array) -> Array:
     """Add the moments of every wanted cell and its neighbours, each with a weight of at most `cap` points.
 
-    Moments are count, mean, central sums of products; so are the pooled ones. Sums are formed about the cell's own mean.
+    Moments are count, mean, central sums of products; so are the pooled ones. Sums are formed about the cell's own
+    mean.
     """
     m = moments.shape[0]
     pooled = np.zeros((m, 10))

@@ -23,7 +23,7 @@ class SurfaceCells:
     """Typical distance of neighbouring cells [m]."""
 
     def __len__(self) -> int:
-        return self.moments.shape[0]
+        return len(self.moments)
 
     @property
     def counts(self) -> Scalars:

@@ -12,7 +12,7 @@ BITS = 20
 
 
 @njit(cache=True, nogil=True)
-def _slot(key: int, mask: int) -> int:
+def _slot(key: np.int64, mask: int) -> np.int64:
     """Spread a key over the table (Fibonacci hashing)."""
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64((h >> np.uint64(20)) & np.uint64(mask))
@@ -32,7 +32,7 @@ def _rehash(keys: Array, count: int, capacity: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def hash_points(points: Array, lower: Array, size: float) -> tuple[Array, Array, Array, Array]:
+def hash_points(points: Array, lower: Array, size: float) -> tuple[Array, Array, Array, Array]:  # noqa: PLR0915 - one compiled loop
     """Put points into voxels and sum their moments.
 
     Returns cell of each point (n,), keys (m,), hash table, and moments (m, 10): count, sums of coordinates relative to
