@@ -87,7 +87,8 @@ def _finish(work: Callable[[], bool]) -> None:
     try:
         code = REGISTERED if work() else NOT_REGISTERED
     except RefusedError as error:
-        _fail(str(error), BAD_INPUT if error.status < 500 else SERVICE_FAULT)
+        message = "\n".join([str(error), *getattr(error, "__notes__", [])])
+        _fail(message, BAD_INPUT if error.status < 500 else SERVICE_FAULT)
     except UnreachableError as error:
         _fail(str(error), SERVICE_FAULT)
     raise typer.Exit(code)

@@ -1,7 +1,7 @@
 """Talk to a running service, as any other client would: over HTTP."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -119,11 +119,6 @@ class ServiceClient:
     def dismiss(self, job_id: str) -> None:
         """Stop a job."""
         self._ask("DELETE", f"/jobs/{job_id}")
-
-    def delete_files(self, file_ids: Sequence[str]) -> None:
-        """Remove uploaded files."""
-        for file_id in file_ids:
-            self._ask("DELETE", f"/files/{file_id}")
 
     def _ask(self, method: str, path: str, **what: Any) -> Document:
         try:

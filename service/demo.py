@@ -16,7 +16,7 @@ from service.result_tables import DECIMALS, PARAMETERS, number, parameter_table
 
 Document = dict[str, Any]
 SEED = 2026
-ROWS, COLUMNS = 750, 1800
+ROWS, COLUMNS = 1000, 2400
 """About a million points per station."""
 
 
@@ -42,7 +42,7 @@ def run_demo(console: Console) -> bool:
             console.print(f"{file['name']}: {file['scans'][0]['points']:,} points")
         stations = stations_of(files)
         result = run_job(client, "register", {"stations": stations}, console)
-    _print_comparison(console, result, truth)
+    print_comparison(console, result, truth)
     console.print(f"{time.perf_counter() - started:.0f} s in all", style="dim")
     return bool(result["status"] == "registered")
 
@@ -70,7 +70,8 @@ def simulate_scans(folder: Path) -> tuple[Sequence[Path], dict[str, float]]:
     return paths, {key: float(value) for (key, _, _), value in zip(PARAMETERS, values, strict=True)}
 
 
-def _print_comparison(console: Console, result: Document, truth: dict[str, float]) -> None:
+def print_comparison(console: Console, result: Document, truth: dict[str, float]) -> None:
+    """Print verdict and reasons, then each parameter of the second station beside its truth."""
     second = result["stations"][1]
     for pair in result["pairs"]:
         console.print(f"{pair['source']} -> {pair['target']}: [bold]{pair['status']}[/bold]")

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from service.client import ServiceClient, UnreachableError
+from service.client import RefusedError, ServiceClient, UnreachableError
 
 START_WITHIN_S = 90.0
 STOP_WITHIN_S = 20.0
@@ -38,6 +38,10 @@ def embedded_service() -> Iterator[str]:
         try:
             _wait_until_ready(url, process, log)
             yield url
+        except RefusedError as error:
+            if error.status >= 500:  # the log goes with the folder
+                error.add_note(f"The end of the service's log:\n{_end_of(log)}")
+            raise
         finally:
             _stop(process)
 
@@ -54,9 +58,12 @@ def _wait_until_ready(url: str, process: "subprocess.Popen[bytes]", log: Path) -
     with ServiceClient(url) as client:
         while not client.ready():
             if process.poll() is not None or time.monotonic() > deadline:
-                end = log.read_text(errors="replace")[-2000:]
-                raise UnreachableError(url, f"the embedded service did not start. The end of its log:\n{end}")
+                raise UnreachableError(url, f"the embedded service did not start. The end of its log:\n{_end_of(log)}")
             time.sleep(0.2)
+
+
+def _end_of(log: Path) -> str:
+    return log.read_text(errors="replace")[-3000:]
 
 
 def _stop(process: "subprocess.Popen[bytes]") -> None:

@@ -31,10 +31,7 @@ def register_files(paths: Sequence[Path], url: str | None, output: Path | None, 
     """
     with chosen_service(url, console) as address, ServiceClient(address) as client:
         files = upload_files(client, paths, console)
-        try:
-            result = run_job(client, "register", {"stations": stations_of(files)}, console)
-        finally:
-            client.delete_files([file["id"] for file in files])
+        result = run_job(client, "register", {"stations": stations_of(files)}, console)
     if output is not None:
         output.write_text(json.dumps(result, indent=1), encoding="utf-8")
     print_result(console, result)
@@ -75,6 +72,7 @@ def upload_files(client: ServiceClient, paths: Sequence[Path], console: Console)
 def run_job(client: ServiceClient, process_id: str, inputs: Document, console: Console) -> Document:
     """Start a job and wait for its result with a bar; a break from the keyboard dismisses it."""
     job_id = client.execute(process_id, inputs)
+    console.print(f"{client.url}/jobs/{job_id}", style="dim")
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     try:
         with Progress(*columns, console=console) as bars:

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobStore, MemoryQueue
 from service.client import RefusedError, ServiceClient, UnreachableError
+from service.demo import print_comparison
 from service.dependencies import Adapters
 from service.main import create_app
 from service.ports import Job
@@ -141,6 +142,24 @@ def test_what_was_not_determined_is_said_in_words() -> None:
     assert text.count("not determined") == 1
     assert "parallel lines only" in text
     assert "no lines" in text
+
+
+def test_the_demo_measures_errors_in_standard_deviations_and_angles_the_short_way() -> None:
+    keys = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
+    truth = dict.fromkeys(keys, 0.0) | {"kappa_gon": 199.999}
+    pose = dict.fromkeys(keys, 0.0) | {"kappa_gon": -199.999, "tx_m": 0.003}
+    std = dict.fromkeys(keys, 0.001) | {"tz_m": None}
+    result = {
+        "status": "registered",
+        "pairs": [{"target": "A", "source": "B", "status": "accepted", "reasons": []}],
+        "stations": [{"name": "A"}, {"name": "B", "status": "registered", "world_from_scan": {**pose, "std": std}}],
+    }
+    console = Console(record=True, width=120)
+    print_comparison(console, result, truth)
+    rows = {line.split()[1]: line for line in console.export_text().splitlines() if line.startswith("│")}
+    assert "0.00200" in rows["κ"]
+    assert "3.00" in rows["X"]
+    assert rows["Z"].count("not determined") == 2
 
 
 @pytest.mark.parametrize(
