@@ -10,10 +10,12 @@ from enum import StrEnum
 
 LEAST_SCORE = 0.1
 """Below this score no pose is worth showing: wrong poses reach it by chance."""
-CLEAR_SCORE, CLEAR_RATIO = 0.3, 0.7
+CLEAR_SCORE, CLEAR_RATIO = 0.25, 0.7
 """A score that no wrong pose reached, with a runner-up that is clearly worse."""
-LONE_SCORE, LONE_RATIO = 0.15, 0.5
+LONE_SCORE, LONE_RATIO = 0.2, 0.5
 """A lower score (small overlap, an uncertain instrument position) is enough when nothing else comes near."""
+LEAST_SUPPORTERS = 6
+"""Lines and planes that both scans must see. Wrong poses lay few whole features on each other, however much fits."""
 BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
 """Without the instruments' positions free space says nothing, and symmetric rooms look alike: be stricter."""
 AMBIGUOUS_RATIO = 0.8
@@ -41,7 +43,7 @@ class Verification:
     rms_m: float
     """Rms point-to-plane distance in the overlap (points within 0.1 m) [m]; 0 when nothing overlaps."""
     support_share: float
-    """Mean of both scans' shares that fit in place and normal, directions weighted evenly, 0..1."""
+    """Mean of both scans' shares that fit in place and normal, each the geometric mean over the directions of normals, 0..1."""
     violation_share: float
     """Mean of both scans' shares that stand where the other instrument looked through, 0..1."""
     score: float
@@ -59,7 +61,7 @@ class Verdict:
     """Why, in words with figures."""
 
 
-def judge(verification: Verification, *, runner_up_score: float) -> Verdict:
+def judge(verification: Verification, *, runner_up_score: float, supporters: int) -> Verdict:
     """Judge a pose by how well the scans fit in it, and by how well they fit in the best clearly different one.
 
     Parameters
@@ -68,6 +70,8 @@ def judge(verification: Verification, *, runner_up_score: float) -> Verdict:
         What the surfaces say of the pose.
     runner_up_score
         Score of the best clearly different pose; 0 if there is none.
+    supporters
+        Lines and planes that both scans see in the pose.
     """
     score = verification.score
     ratio = max(runner_up_score, 0.0) / max(score, 1e-9)
@@ -83,12 +87,12 @@ def judge(verification: Verification, *, runner_up_score: float) -> Verdict:
         return Verdict(
             AcceptanceStatus.AMBIGUOUS, (f"{fit}, but a clearly different pose scores {runner_up_score:.2f}",)
         )
-    doubts = _doubts(verification, ratio)
+    doubts = _doubts(verification, ratio, supporters)
     status = AcceptanceStatus.DOUBTFUL if doubts else AcceptanceStatus.ACCEPTED
     return Verdict(status, (f"{fit}; the best other pose scores {runner_up_score:.2f}", *doubts))
 
 
-def _doubts(verification: Verification, ratio: float) -> list[str]:
+def _doubts(verification: Verification, ratio: float, supporters: int) -> list[str]:
     """Say what keeps a pose from being accepted; nothing when it is clear."""
     score = verification.score
     doubts = []
@@ -103,6 +107,8 @@ def _doubts(verification: Verification, ratio: float) -> list[str]:
             f"the score is not clear: {CLEAR_SCORE:.2f} with a runner-up below {CLEAR_RATIO:.0%} of it, or "
             f"{LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed"
         )
+    if supporters < LEAST_SUPPORTERS:
+        doubts.append(f"only {supporters} lines and planes are seen by both scans, {LEAST_SUPPORTERS} would be needed")
     if verification.overlap_decimetre < LEAST_OVERLAP:
         doubts.append(f"only {verification.overlap_decimetre:.0%} of the surface overlaps within 0.1 m")
     return doubts

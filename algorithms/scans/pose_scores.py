@@ -20,7 +20,7 @@ class PoseScores:
     """What speaks for and against h poses, both scans laid into each other."""
 
     support: Scalars
-    """(h,) mean of both scans' shares that fit, 0..1."""
+    """(h,) mean of both scans' shares that fit, each the geometric mean over the directions of normals, 0..1."""
     violation: Scalars
     """(h,) mean of both scans' shares in the other's free space, 0..1."""
     overlap: Scalars
@@ -69,6 +69,6 @@ def _scores(forward: Evidence, backward: Evidence) -> PoseScores:
     return PoseScores(
         support=support,
         violation=violation,
-        overlap=np.maximum(forward.support, backward.support),
+        overlap=np.maximum(forward.fitting, backward.fitting),
         score=support - VIOLATION_PENALTY * np.maximum(violation - VIOLATION_FLOOR, 0.0),
     )

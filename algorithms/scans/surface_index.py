@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Matrices3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.scans.range_image import conservative_nearest_m, spherical_range_image
 
 CELL_RAD = math.radians(1.0)
@@ -50,12 +50,13 @@ class SurfaceIndex:
 class Evidence:
     """What speaks for and against poses: weights relative to the moved surface, one entry a pose."""
 
-    support: Scalars
+    fitting: Scalars
     """(h,) share that lies on the other scan's surface with agreeing normals, 0..1."""
+    support: Scalars
+    """(h,) geometric mean of that share over three directions of normals, 0..1. A floor on a floor fits well and says
+    nothing of where the scan belongs on it: what counts is that walls of every direction fit as well."""
     violation: Scalars
     """(h,) share that lies in space the other scan saw to be empty, 0..1."""
-    elsewhere: Scalars
-    """(h,) share in known directions that neither fits nor violates (hidden, or beside a surface), 0..1."""
 
 
 @dataclass(frozen=True)
@@ -155,15 +156,40 @@ def evidence_of(
     from algorithms.scans import surface_index_kernels as kernels
 
     m = min(points, len(moved.points))
-    out = np.zeros((len(rotations), 3))
-    weights = moved.weights[:m]
+    out = np.zeros((len(rotations), 8))
+    weights, normals = moved.weights[:m], moved.normals[:m]
     kernels.evidence(
-        np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m), moved.points[:m], moved.normals[:m],
+        np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m), moved.points[:m], normals,
         weights, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m, fixed.nearest_m, fixed.sensor_m,
         fixed.cell_rad, limits.as_array(), out,
     )  # fmt: skip
-    out /= max(float(weights.sum()), 1e-12)
-    return Evidence(*(np.ascontiguousarray(column) for column in out.T))
+    total = max(float(weights.sum()), 1e-12)
+    fitting = out[:, 0] / total
+    return Evidence(
+        fitting=fitting,
+        support=_directional_mean(
+            out[:, 2:][:, _SYMMETRIC].reshape(-1, 3, 3) / total,
+            (normals * weights[:, None]).T @ normals / total,
+            fitting,
+        ),
+        violation=out[:, 1] / total,
+    )
+
+
+_SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+"""Where the nine entries of a symmetric 3x3 matrix stand among its six moments."""
+
+
+def _directional_mean(fitting_moments: Array, all_moments: Matrix3, fitting: Scalars) -> Scalars:
+    """Give the geometric mean of the fitting shares along the principal directions: (det F / det A)^(1/3).
+
+    Directions that hardly occur at all are credited with the overall share.
+    """
+    floor = 0.03
+    ratio = np.linalg.det(fitting_moments + (floor * fitting)[:, None, None] * np.eye(3)) / np.linalg.det(
+        all_moments + floor * np.eye(3)
+    )
+    return np.asarray(np.cbrt(np.clip(ratio, 0.0, 1.0)))
 
 
 def _owners(points: Points, spacing_m: float) -> tuple[float, Vector3, Array]:

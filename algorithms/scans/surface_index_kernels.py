@@ -10,7 +10,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True)
-def evidence(  # noqa: C901 - one loop, inlined for speed
+def evidence(  # noqa: PLR0915 - one loop, inlined for speed
     rotations: Array,
     translations: Array,
     points: Array,
@@ -27,7 +27,9 @@ def evidence(  # noqa: C901 - one loop, inlined for speed
     limits: Array,
     out: Array,
 ) -> Any:  # pragma: no cover - compiled
-    """Write for each pose (weight that fits, weight in free space, weight seen elsewhere) of the moved points.
+    """Write for each pose (weight that fits, weight in free space, moments of the normals that fit) of the points.
+
+    The moments are the six different sums of weight n n' (xx, xy, xz, yy, yz, zz), in the frame of the moved scan.
 
     `limits`: largest distance from the plane, smallest cosine of the normals, largest distance along the surface,
     margin and relative margin of free space. `nearest` of size zero: nothing is known of free space.
@@ -40,7 +42,7 @@ def evidence(  # noqa: C901 - one loop, inlined for speed
         t = translations[h]
         fits = 0.0
         free = 0.0
-        elsewhere = 0.0
+        xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(points.shape[0]):
             px, py, pz = points[k, 0], points[k, 1], points[k, 2]
             x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + t[0]
@@ -61,7 +63,14 @@ def evidence(  # noqa: C901 - one loop, inlined for speed
                         bz = r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az
                         cosine = bx * surface_normals[q, 0] + by * surface_normals[q, 1] + bz * surface_normals[q, 2]
                         if cosine >= min_cosine:
-                            fits += weights[k]
+                            w = weights[k]
+                            fits += w
+                            xx += w * ax * ax
+                            xy += w * ax * ay
+                            xz += w * ax * az
+                            yy += w * ay * ay
+                            yz += w * ay * az
+                            zz += w * az * az
                             continue
             if rows == 0:
                 continue
@@ -74,15 +83,12 @@ def evidence(  # noqa: C901 - one loop, inlined for speed
             row = min(rows - 1, int(math.acos(min(1.0, max(-1.0, z / distance))) / cell_rad))
             column = min(columns - 1, int((math.atan2(y, x) + math.pi) / cell_rad))
             seen = nearest[row, column]
-            if seen == np.inf:
-                continue
-            if distance < seen - margin - relative * seen:
+            if seen != np.inf and distance < seen - margin - relative * seen:
                 free += weights[k]
-            else:
-                elsewhere += weights[k]
         out[h, 0] = fits
         out[h, 1] = free
-        out[h, 2] = elsewhere
+        out[h, 2], out[h, 3], out[h, 4] = xx, xy, xz
+        out[h, 5], out[h, 6], out[h, 7] = yy, yz, zz
 
 
 @njit(cache=True)
