@@ -341,9 +341,10 @@ class Engine:
         try:
             while not run.done():
                 await asyncio.wait({run}, timeout=REPORT_INTERVAL_S)
-                if heard and not await written(*heard[-1]):
-                    return None
+                latest = heard[-1:]
                 heard.clear()
+                if latest and not await written(*latest[0]):
+                    return None
             output = run.result()
             return output if await written(1.0, "") else None
         finally:

@@ -47,15 +47,16 @@ def limit_resources(settings: Settings) -> None:
     """
     used = _data_bytes()
     _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
-    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (threads_per_step(settings) + 1))
+    # the hard limit later, so that it ends by SIGXCPU, which says why, and not by SIGKILL
+    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (threads_per_step(settings) + 1), grace=10)
     _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)
     _limit(resource.RLIMIT_CORE, 0)
 
 
-def _limit(which: int, value: int) -> None:
+def _limit(which: int, value: int, grace: int = 0) -> None:
     _, hard = resource.getrlimit(which)
-    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
-    resource.setrlimit(which, (value, value))
+    soft, later = (limit if hard == resource.RLIM_INFINITY else min(limit, hard) for limit in (value, value + grace))
+    resource.setrlimit(which, (soft, later))
 
 
 def _data_bytes() -> int:

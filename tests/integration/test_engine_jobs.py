@@ -71,6 +71,12 @@ def test_an_unexpected_error_keeps_its_details_to_the_log(service: Harness) -> N
     assert "a secret of the implementation" in (service.settings.data_dir / "worker.log").read_text()
 
 
+def test_a_fault_of_the_service_itself_fails_the_job_and_does_not_leave_it_waiting(service: Harness) -> None:
+    job = service.finished(service.submit([{"step": "a step without a name breaks the plan"}]))
+    assert job.problem is not None
+    assert (job.status, job.problem["status"]) == (JobStatus.FAILED, 503)
+
+
 def test_a_failing_step_stops_the_steps_beside_it(service: Harness) -> None:
     job = service.submit([{"step": "nap", "name": "beside", "seconds": 60}, {"step": "refuse", "name": "refusing"}])
     service.finished(job)
@@ -121,7 +127,7 @@ def test_what_the_queue_keeps_is_json(service: Harness) -> None:
     with service.engine.begin() as connection:
         kept = [
             *connection.execute(sa.text("SELECT inputs FROM workflow_input")).scalars(),
-            *connection.execute(sa.text("SELECT output FROM workflow_output")).scalars(),
+            *connection.execute(sa.text("SELECT coalesce(output, error) FROM workflow_output")).scalars(),
         ]
     assert len([json.loads(value) for value in kept]) == len(kept) > 2
 
