@@ -113,22 +113,30 @@ def outline(raster: Array) -> Vectors2:
     even-odd rule stay right. The outline runs a quarter of a cell inside the cells' outer borders.
     """
     enlarged = np.kron(raster, np.ones((2, 2), dtype=np.uint8))
-    rings, _ = cv2.findContours(enlarged, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    rings, hierarchy = cv2.findContours(enlarged, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    is_hole = hierarchy[0][:, 3] >= 0
     areas = [cv2.contourArea(ring) for ring in rings]
     order = sorted(range(len(rings)), key=lambda i: -areas[i])
-    kept = [rings[i] for i in order if areas[i] >= SMALLEST_RING] or [rings[order[0]]]
-    simplified = [cv2.approxPolyDP(ring, 1.0, closed=True)[:, 0] for ring in kept]
-    closed = [np.concatenate([ring, ring[:1]]) for ring in simplified]
-    return (np.concatenate([*closed, closed[0][:1]] if len(closed) > 1 else simplified) + 0.5) / 2.0
+    kept = [i for i in order if areas[i] >= SMALLEST_RING] or order[:1]
+    simplified = [_turned(cv2.approxPolyDP(rings[i], 1.0, closed=True)[:, 0], clockwise=bool(is_hole[i])) for i in kept]
+    if len(simplified) > 1:
+        home = simplified[0][:1]
+        simplified = [np.concatenate([ring, ring[:1], home]) for ring in simplified]
+    return (np.concatenate(simplified) + 0.5) / 2.0
 
 
-def polygon_area(polygon: Vectors2) -> float:
-    """Give the area inside a polygon (shoelace formula)."""
+def _turned(ring: Array, *, clockwise: bool) -> Array:
+    """Give a ring the wanted sense of rotation."""
+    return ring if (signed_area(ring.astype(np.float64)) < 0) == clockwise else ring[::-1]
+
+
+def signed_area(polygon: Vectors2) -> float:
+    """Give the area inside a polygon (shoelace formula), negative when it runs clockwise."""
     x, y = polygon.T
-    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def boundaries_of(rasters: PlaneRasters) -> tuple[list[Array], Scalars]:
     """Give the outline of every plane in plane coordinates [m], and its area [m2]."""
     polygons = [outline(rasters.of(p)) * rasters.cell_sizes[p] + rasters.origins[p] for p in range(len(rasters))]
-    return polygons, np.array([polygon_area(polygon) for polygon in polygons], dtype=np.float64)
+    return polygons, np.array([abs(signed_area(polygon)) for polygon in polygons], dtype=np.float64)

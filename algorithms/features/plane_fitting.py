@@ -13,6 +13,7 @@ from algorithms.features.patch_covariance import (
     honest_covariance,
     shrink_variances,
 )
+from algorithms.features.plane_curvature import curved_regions
 from algorithms.features.plane_segmentation_kernels import label_moments, label_points, patch_sums, plane_extents
 
 PATCHES = 32
@@ -132,22 +133,41 @@ def fit_planes(
         noise = deviations[:, 2] * np.sqrt(moments[:, 0] / np.maximum(moments[:, 0] - 3.0, 1.0))
         tolerances = np.clip(TRIM * noise, max(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
     kept = np.flatnonzero((moments[:, 0] >= min_points) & (deviations[:, 1] > LEAST_WIDTH * deviations[:, 2]))
-    normals, centroids, bases, noise = normals[kept], centroids[kept], bases[kept], noise[kept]
-    labels = renumber(labels, kept)
+    planes, flat = _from_points(points, renumber(labels, kept), shared, normals[kept], centroids[kept], bases[kept])
+    return planes.select(flat), kept[flat]
+
+
+def _from_points(
+    points: Points,
+    labels: Labels,
+    shared: Flags,
+    normals: Float64[Array, "k 3"],
+    centroids: Float64[Array, "k 3"],
+    bases: Float64[Array, "k 3 2"],
+) -> tuple[FittedPlanes, Int64[Array, "flat"]]:
+    """Adjust planes from patches of their points; also say which of them are flat."""
     extents = plane_extents(points, labels, centroids, bases)
     sums, starts = _sum_patches(points, labels, shared, normals, centroids, bases, extents)
-    normals, centroids, bases, covariances = _adjust_patches(sums, starts, normals, centroids, bases, noise)
-    fitted_planes = FittedPlanes(
-        normals=normals,
-        centroids=centroids,
-        bases=bases,
+    used = np.flatnonzero(sums[:, 0] > 0)
+    owner = (np.searchsorted(starts, used, side="right") - 1).astype(np.int32)
+    means = sums[used, 1:4] / sums[used, :1]
+    half_widths = 0.5 * np.maximum(extents[:, 2:] - extents[:, :2], 0.0)
+    flat = ~curved_regions(owner, means[:, :2], means[:, 2], sums[used, 0], half_widths)
+    squares = np.bincount(owner, sums[used, 4], minlength=len(normals))
+    counts = np.bincount(owner, sums[used, 0], minlength=len(normals))
+    noise = np.sqrt(squares / np.maximum(counts - 3.0, 1.0))
+    turned, moved, frames, covariances = _adjust_patches(sums, starts, normals, centroids, bases, noise)
+    planes = FittedPlanes(
+        normals=turned,
+        centroids=moved,
+        bases=frames,
         covariances=covariances,
         noise_std_m=noise,
         point_counts=np.bincount(labels[labels >= 0], minlength=len(normals)).astype(np.int64),
-        extents=plane_extents(points, labels, centroids, bases),
+        extents=plane_extents(points, labels, moved, frames),
         point_labels=labels,
     )
-    return fitted_planes, kept
+    return planes, np.flatnonzero(flat)
 
 
 def _sum_patches(

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from algorithms.arrays import Array, Labels, Points, Scalars
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
+from algorithms.features.plane_curvature import curved_regions
 from algorithms.features.plane_fitting import frames_of_moments
 from algorithms.features.plane_segmentation_kernels import (
     candidate_labels,
@@ -22,8 +23,6 @@ NORMAL_LIMIT = float(np.cos(np.deg2rad(15.0)))
 """Cosine of the largest angle between a cell's normal and its region's."""
 FLATNESS = 0.4
 """Largest ratio of the deviations across and along a neighbourhood for its normal to be used."""
-BEND_LIMIT_RAD = float(np.deg2rad(5.0))
-"""A region whose normals turn by more from end to end is curved."""
 UNEVENNESS_M = 0.0015
 """Deviation of built surfaces from a plane over some metres (standard deviation; DIN 18202 allows 10 mm over 4 m).
 Without it uneven floors break into pieces that differ from scan to scan; a door leaf 3 cm off its wall stays apart."""
@@ -81,7 +80,7 @@ def segment_planes(
     labels, count = grow_regions(
         order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, thickness(noise_std_m), min_cells
     )
-    labels = _drop(labels, _curved(cells, normals, labels, count))
+    labels = _drop(labels, _curved(cells, labels, count))
     labels = _merge(cells, labels, noise_std_m, cap)
     moments = region_moments(cells.moments, labels, int(labels.max(initial=-1)) + 1, cap)
     _, region_normals, deviations = frames_of_moments(moments)
@@ -134,36 +133,17 @@ def _orient(region_normals: Float64[Array, "k 3"], normals: Points, labels: Labe
     return np.asarray(np.where(side[:, None] < 0, -region_normals, region_normals))
 
 
-def _curved(cells: SurfaceCells, normals: Points, labels: Labels, count: int) -> Bool[Array, "k"]:
-    """Find regions whose normals turn steadily across them: strips of pipes, tanks, vaults.
-
-    The turn per metre is the regression of the normals' deviation on position; times the region's width
-    (sqrt(12) standard deviations) it is the bend, compared with a fixed limit and with its own uncertainty.
-    """
+def _curved(cells: SurfaceCells, labels: Labels, count: int) -> Bool[Array, "k"]:
+    """Find bent regions from the means of their cells."""
     moments = region_moments(np.column_stack([np.ones(len(cells)), cells.moments[:, 1:]]), labels, count, 1.0)
-    bases, region_normals, deviations = frames_of_moments(moments)
+    bases, normals, deviations = frames_of_moments(moments)
     member = np.flatnonzero(labels >= 0)
     which = labels[member]
-    own = normals[member]
-    region = region_normals[which]
-    own = own * np.sign(np.einsum("ij,ij->i", own, region))[:, None]
-    used = np.einsum("ij,ij->i", own, own) > 0.5
     offset = cells.means[member] - moments[which, 1:4]
-    curved = np.zeros(count, dtype=np.bool_)
-    for axis in (0, 1):
-        along = bases[which, :, axis]
-        s = np.where(used, np.einsum("ij,ij->i", offset, along), 0.0)
-        turn = np.where(used, np.einsum("ij,ij->i", own, along), 0.0)
-        square = np.maximum(np.bincount(which, s * s, minlength=count), 1e-12)
-        slope = np.bincount(which, s * turn, minlength=count) / square
-        left = np.bincount(which, (turn - slope[which] * s) ** 2, minlength=count)
-        # normals are pooled over about nine cells, so only a ninth of them is independent
-        independent = np.maximum(np.bincount(which, used, minlength=count) / 9.0 - 1.0, 1.0)
-        width = np.sqrt(12.0) * deviations[:, axis]
-        bend = np.abs(slope) * width
-        uncertainty = np.sqrt(12.0 * left / (9.0 * independent**2))
-        curved |= (bend > BEND_LIMIT_RAD) & (bend > 3.0 * uncertainty)
-    return curved
+    positions = np.einsum("ij,ijk->ik", offset, bases[which])
+    heights = np.einsum("ij,ij->i", offset, normals[which])
+    # an evenly filled strip is sqrt(3) standard deviations wide to each side
+    return curved_regions(which, positions, heights, np.ones(len(which)), np.sqrt(3.0) * deviations[:, :2])
 
 
 def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) -> Labels:

@@ -106,8 +106,8 @@ def test_blocks_on_both_sides_of_a_depth_edge_are_not_neighbours():
 
 
 def test_points_between_two_depths_are_mixed_pixels():
-    columns = 90
-    edge = 43
+    columns = 720
+    edge = 301
 
     def range_of(a, _):
         column = np.round(a / (2 * np.pi / columns)).astype(int)
