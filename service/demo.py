@@ -3,6 +3,7 @@
 import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,9 @@ def run_demo(console: Console) -> bool:
     with ExitStack() as running:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="tieline-demo-")))
         with console.status("scanning a house from two stations (simulated) and starting the service"):
+            simulation = running.enter_context(ThreadPoolExecutor(1)).submit(simulate_scans, folder)
             url = running.enter_context(embedded_service())
-            paths, truth = simulate_scans(folder)
+            paths, truth = simulation.result()
         client = running.enter_context(ServiceClient(url))
         files = upload_files(client, paths, console)
         for file in files:
