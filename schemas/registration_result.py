@@ -11,8 +11,10 @@ class Coarse(Document):
     """Registration without first guess: the hypothesis that won."""
 
     target_from_source: tuple[Row4, Row4, Row4, Row4]
-    support: float = Field(description="Weighted number of lines and planes that agree with the hypothesis.")
-    runner_up_support: float | None
+    support: int = Field(description="Lines and planes that both scans see in this pose.")
+    score: float = Field(description="Share of the surface that fits, less a penalty for violated free space, to 1.")
+    runner_up_support: int | None = Field(description="The same count for the best clearly different pose.")
+    runner_up_score: float | None
     runner_up_target_from_source: tuple[Row4, Row4, Row4, Row4] | None = None
     hypotheses_tested: int
 
@@ -43,6 +45,12 @@ class Adjustment(Document):
     iterations: int
     converged: bool
     global_test: GlobalTest | None
+    test_variance_factor: float = Field(
+        description="Variance factor that the tests of single lines and planes allow for (robust estimate, at least 1)."
+    )
+    largest_external_effects: dict[str, float] = Field(
+        description="Largest effect of an error that stays undetected on each parameter (rad, m)."
+    )
 
 
 class LineTest(Document):
@@ -66,7 +74,18 @@ class Correspondence(Document):
     redundancy: float = Field(description="Sum of the four redundancy numbers, 0 to 4.")
     test: LineTest | None
     mdb: list[float | None] = Field(description="Minimal detectable blunder of each residual (rad, rad, m, m).")
-    external_effect: dict[str, float | None] | None
+    state: str = Field(description="used, removed, reinstated or not-controlled")
+
+
+class PlaneCorrespondence(Document):
+    """Two planes taken for one, observed beside the lines."""
+
+    target_plane: str
+    source_plane: str
+    angle_gon: float
+    distance_m: float
+    statistic: float = Field(description="Test value of the pair, chi-square distributed.")
+    degrees_of_freedom: float
     state: str = Field(description="used, removed, reinstated or not-controlled")
 
 
@@ -74,6 +93,7 @@ class Outlier(Document):
     """A pair of lines that was removed (or put back), when and why."""
 
     line: str
+    kind: str = Field(description="line or plane")
     step: int
     statistic: float
     change: str = Field(description="removed or reinstated")
@@ -85,8 +105,8 @@ class Accuracy(Document):
 
     mean_std_rotation_gon: float | None
     mean_std_translation_m: float | None
-    max_angle_gon: float
-    max_distance_m: float
+    max_angle_gon: float | None
+    max_distance_m: float | None
 
 
 class WeakDirection(Document):
@@ -122,6 +142,7 @@ class Pair(Document):
     coarse: Coarse | None
     adjustment: Adjustment | None
     correspondences: list[Correspondence]
+    plane_correspondences: list[PlaneCorrespondence]
     outliers: list[Outlier]
     accuracy: Accuracy | None
     weak_directions: list[WeakDirection]

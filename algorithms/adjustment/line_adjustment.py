@@ -6,10 +6,13 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.line_line import LineLine
+from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.problem import Problem, SourcePlaneCovariances, TargetPlaneCovariances
 from algorithms.adjustment.rank import UserOrigins, WeakDirection, centred_frame, weak_directions
-from algorithms.adjustment.reports import LineReport, Removal, line_report, removals_in_words
+from algorithms.adjustment.reports import LineReport, PlaneReport, Removal, line_report, plane_report, removals_in_words
 from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
 from algorithms.adjustment.testing import (
     GlobalTest,
@@ -22,23 +25,6 @@ from algorithms.arrays import Array, IndexPairs, Matrices3, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import OptionalTriple, PoseEstimate
-
-
-@dataclass(frozen=True)
-class AdjustmentOptions:
-    """How to adjust and test."""
-
-    alpha_global: float = 0.05
-    """Probability that the global test rejects a good adjustment."""
-    alpha_single: float = 0.001
-    """Probability that a good correspondence fails its test."""
-    power: float = 0.80
-    """Probability with which an error of the smallest detectable size is found."""
-    max_removed_share: float = 0.5
-    """Largest share of the correspondences that may be removed; 0 tests without removing."""
-    max_iterations: int = 20
-    """Limit of rounds in each adjustment."""
-
 
 DEFAULT_OPTIONS = AdjustmentOptions()
 
@@ -90,7 +76,11 @@ class LineAdjustment:
     """Limit of |w| / sigma0 where sigma0 is estimated (Pope's tau); None below redundancy 2."""
     t_critical: float
     """Limit of the line statistic T with four degrees of freedom."""
+    test_variance_factor: float
+    """Variance factor that tests of single lines and planes allow for: 1 where the scans' own noise explains most
+    residuals, else the robust estimate from all correspondences, so that uneven walls are not taken for blunders."""
     lines: LineReport
+    planes: PlaneReport
     removals: tuple[Removal, ...]
     """Removed and reinstated correspondences in order."""
     largest_external_effects: dict[str, float]
@@ -121,6 +111,7 @@ def adjust_lines(
     correspondences: IndexPairs,
     start: RigidTransform,
     *,
+    planes: PlanePlane | None = None,
     target_plane_covariances: TargetPlaneCovariances | None = None,
     source_plane_covariances: SourcePlaneCovariances | None = None,
     options: AdjustmentOptions = DEFAULT_OPTIONS,
@@ -138,30 +129,42 @@ def adjust_lines(
         (n, 2) numbers of target line and source line, one to one.
     start
         Target from source, within the convergence region of the linearisation (a few degrees are ample).
+    planes
+        Planes that both scans see, as further observations. Their covariances then also correlate the lines, whose
+        parents they are.
     target_plane_covariances, source_plane_covariances
-        (p, 3, 3) of the planes that `Lines.parents` counts, (a1, a2, b) of `Planes.covariances`.
+        Only without `planes`: (p, 3, 3) of the planes that `Lines.parents` counts, (a1, a2, b) of `Planes.covariances`.
     options
         Significance levels and limits.
 
     Raises
     ------
     TooFewCorrespondencesError
-        Below two correspondences.
+        Below two correspondences, lines and planes together.
     InvalidInputError
         When a line occurs twice, the number of a line or plane does not exist, or a covariance is not positive
         definite.
     """
-    _check_correspondences(correspondences, len(target), len(source))
+    _check_one_to_one(correspondences, len(target), len(source), "line")
+    lines = LineLine(target, source, correspondences)
+    observations: tuple[Observation, ...] = (lines,)
+    if planes is not None:
+        _check_one_to_one(planes.pairs, len(planes.target), len(planes.source), "plane")
+        observations = (lines, planes)
+        target_plane_covariances, source_plane_covariances = planes.target.covariances, planes.source.covariances
     _check_planes(target, target_plane_covariances, "target")
     _check_planes(source, source_plane_covariances, "source")
-    matches = LineLine(target, source, correspondences)
+    matches = Problem(observations, target_plane_covariances, source_plane_covariances)
+    if len(matches) < 2:
+        raise TooFewCorrespondencesError(len(matches), 2, "lines" if planes is None else "lines and planes")
     origins = UserOrigins(matches.target_points().mean(axis=0), matches.source_points().mean(axis=0))
-    reduced = matches.about(origins.target_m, origins.source_m)
-    problem = Problem((reduced,), target_plane_covariances, source_plane_covariances)
+    problem = matches.about(origins.target_m, origins.source_m)
     reduced_start = RigidTransform.from_components(
         np.asarray(start.translation) - (origins.target_m - start.rotation.apply(origins.source_m)), start.rotation
     )
-    rules = SnoopingRules(options.alpha_single, options.max_removed_share, options.max_iterations)
+    rules = SnoopingRules(
+        options.alpha_single, options.max_removed_share, options.max_iterations, options.robust_variance
+    )
     result = adjust_and_snoop(problem, reduced_start, rules, origins)
     solution, used = result.solution, problem.selected(result.used)
     reduced_pose = PoseEstimate(solution.pose, solution.cofactors, result.rank.null_space)
@@ -183,8 +186,12 @@ def adjust_lines(
         w_critical=normal_critical_value(options.alpha_single),
         tau_critical=tau_critical_value(options.alpha_single, solution.redundancy),
         t_critical=float(stats.chi2.isf(options.alpha_single, 4)),
-        lines=line_report(reduced, result, components),
-        removals=removals_in_words(reduced, result, options.alpha_single),
+        test_variance_factor=result.variance_factor,
+        lines=line_report(lines.about(origins.target_m, origins.source_m), result, components, options.alpha_single),
+        planes=plane_report(
+            None if planes is None else planes.about(origins.target_m, origins.source_m), len(lines), result
+        ),
+        removals=removals_in_words(problem.observations, result, options.alpha_single),
         largest_external_effects=_largest_effects(components.external, solution.pose, origins.source_m, centroid),
         centroid_m=centroid + origins.target_m,
         centroid_std_m=reduced_pose.position_std_m(centroid),
@@ -204,17 +211,17 @@ def _largest_effects(
     return {name: float(effect) for name, effect in zip(EFFECT_NAMES, largest, strict=True)}
 
 
-def _check_correspondences(correspondences: IndexPairs, target_count: int, source_count: int) -> None:
-    if len(correspondences) < 2:
-        raise TooFewCorrespondencesError(len(correspondences), 2)
+def _check_one_to_one(pairs: IndexPairs, target_count: int, source_count: int, kind: str) -> None:
     for column, count, name in ((0, target_count, "target"), (1, source_count, "source")):
-        numbers = correspondences[:, column]
-        if numbers.min() < 0 or numbers.max() >= count:
-            raise InvalidInputError("correspondences", f"a {name} line number is not in 0..{count - 1}")
+        numbers = pairs[:, column]
+        if len(numbers) and (numbers.min() < 0 or numbers.max() >= count):
+            raise InvalidInputError("correspondences", f"a {name} {kind} number is not in 0..{count - 1}")
         values, counts = np.unique(numbers, return_counts=True)
         if (counts > 1).any():
             twice = ", ".join(str(value) for value in values[counts > 1])
-            raise InvalidInputError("correspondences", f"{name} line {twice} occurs more than once", "match one to one")
+            raise InvalidInputError(
+                "correspondences", f"{name} {kind} {twice} occurs more than once", "match one to one"
+            )
 
 
 def _check_planes(lines: Lines, plane_covariances: Matrices3 | None, name: str) -> None:

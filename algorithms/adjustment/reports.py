@@ -1,11 +1,15 @@
 """What each line contributes and how well it fits, for the reader (MATH 3.5, 4, 7)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.line_line import LineLine
+from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.snooping import Change, CorrespondenceState, SnoopingResult
 from algorithms.adjustment.testing import NOT_CONTROLLED, ComponentTests
 from algorithms.arrays import Array, Flags, Labels, Matrix, Scalars, Vectors2
@@ -42,8 +46,28 @@ class LineReport:
     """(n,) T of the whole line; for removed lines against their prediction."""
     degrees: Scalars
     """(n,) degrees of freedom of T."""
+    critical: Scalars
+    """(n,) limit of T; inf where nothing is controlled."""
     p_values: Scalars
     """(n,) probability of a larger T in a good line."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneReport:
+    """One row for each pair of planes, in the order they were given."""
+
+    states: Labels
+    """(n,) `CorrespondenceState`."""
+    angles_rad: Scalars
+    """(n,) angle between the moved source plane and the target plane [rad]."""
+    offsets_m: Scalars
+    """(n,) distance of the moved source plane from the target plane at the target's centroid [m]."""
+    statistics: Scalars
+    """(n,) T of the pair; for removed pairs against their prediction."""
+    degrees: Scalars
+    """(n,) degrees of freedom of T."""
+    p_values: Scalars
+    """(n,) probability of a larger T in a good pair."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +78,11 @@ class Removal:
     """Number of the adjustment after which it happened."""
     change: Change
     correspondence: int
-    """Row in the list of correspondences."""
-    target_line: int
-    source_line: int
+    """Number of the correspondence: lines first, then planes, each in the order given."""
+    kind: str
+    """``line`` or ``plane``."""
+    target_number: int
+    source_number: int
     statistic: float
     """T at that step."""
     critical: float
@@ -65,7 +91,7 @@ class Removal:
     """In words."""
 
 
-def line_report(lines: LineLine, result: SnoopingResult, components: ComponentTests) -> LineReport:
+def line_report(lines: LineLine, result: SnoopingResult, components: ComponentTests, alpha: float) -> LineReport:
     """Gather the figures of each line.
 
     Parameters
@@ -75,55 +101,95 @@ def line_report(lines: LineLine, result: SnoopingResult, components: ComponentTe
     result
         Solution and tests.
     components
-        Component tests of the used correspondences.
+        Component tests of the used correspondences; lines come first.
+    alpha
+        Level of the tests.
     """
+    n = len(lines)
+    used, rows = result.used[:n], 4 * int(result.used[:n].sum())
     residuals = lines.linearised(result.solution.pose).residuals
     tilts = residuals[:, :2]
     places = _middle_of_common_piece(lines, result.solution.pose)
-    redundancy = _spread(components.redundancy, result.used, 0.0)
+    redundancy = _spread(components.redundancy[:rows], used, 0.0)
+    controlled = _spread(components.controlled[:rows], used, 0.0) > 0.0
+    degrees = result.tests.degrees[:n]
+    # standardised with the variance that the tests allow for
+    root = np.sqrt(result.variance_factor)
     return LineReport(
-        states=_states(result, redundancy),
+        states=_states(result, slice(0, n), np.asarray((redundancy < NOT_CONTROLLED).all(axis=1))),
         angles_rad=np.arctan(np.linalg.norm(tilts, axis=1)),
         offsets_m=residuals[:, 2:] + places[:, None] * tilts,
         tilts_rad=tilts,
         residuals=residuals,
-        w=_spread(components.w, result.used, 0.0),
+        w=_spread(components.w[:rows], used, 0.0) / root,
         redundancy=redundancy,
-        controlled=_spread(components.controlled, result.used, 0.0) > 0.0,
-        detectable=_spread(components.detectable, result.used, np.inf),
-        statistics=result.tests.statistics,
-        degrees=result.tests.degrees,
-        p_values=result.tests.p_values,
+        controlled=controlled,
+        detectable=_spread(components.detectable[:rows], used, np.inf) * root,
+        statistics=result.tests.statistics[:n],
+        degrees=degrees,
+        critical=np.where(degrees > 0, stats.chi2.isf(alpha, np.maximum(degrees, 1.0)), np.inf),
+        p_values=result.tests.p_values[:n],
     )
 
 
-def removals_in_words(lines: LineLine, result: SnoopingResult, alpha: float) -> tuple[Removal, ...]:
+def plane_report(planes: PlanePlane | None, first: int, result: SnoopingResult) -> PlaneReport:
+    """Gather the figures of each pair of planes.
+
+    Parameters
+    ----------
+    planes
+        All pairs of planes, reduced frames; None for none.
+    first
+        Number of the block of the first pair.
+    result
+        Solution and tests.
+    """
+    if planes is None:
+        none = np.empty(0)
+        return PlaneReport(np.empty(0, dtype=np.int32), none, none, none, none, none)
+    rows = slice(first, first + len(planes))
+    residuals = planes.linearised(result.solution.pose).residuals
+    degrees = result.tests.degrees[rows]
+    return PlaneReport(
+        states=_states(result, rows, degrees == 0),
+        angles_rad=np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
+        offsets_m=np.abs(residuals[:, 2]),
+        statistics=result.tests.statistics[rows],
+        degrees=degrees,
+        p_values=result.tests.p_values[rows],
+    )
+
+
+def removals_in_words(observations: Sequence[Observation], result: SnoopingResult, alpha: float) -> tuple[Removal, ...]:
     """Tell the history of removals and reinstatements."""
-    residuals = lines.linearised(result.solution.pose).residuals
+    kinds = ["line" if isinstance(part, LineLine) else "plane" for part in observations for _ in range(len(part))]
+    numbers = np.vstack([part.pairs for part in observations])
+    residuals = [r for part in observations for r in part.linearised(result.solution.pose).residuals]
     removals = []
     for step in result.steps:
-        target, source = (int(number) for number in lines.pairs[step.block])
-        tilt = float(np.arctan(np.linalg.norm(residuals[step.block, :2]))) * GON_PER_RAD
-        offset = float(np.linalg.norm(residuals[step.block, 2:])) * 1e3
+        kind, (target, source) = kinds[step.block], (int(number) for number in numbers[step.block])
+        tilt = float(np.arctan(np.linalg.norm(residuals[step.block][:2]))) * GON_PER_RAD
+        offset = float(np.linalg.norm(residuals[step.block][2:])) * 1e3
         sign = "exceeds" if step.change is Change.REMOVED else "is within"
         reason = (
-            f"target line {target} and source line {source}: T = {step.statistic:.1f} {sign} the limit "
-            f"{step.critical:.2f} ({alpha:.2%}); in the final pose they differ by {tilt:.3f} gon and {offset:.1f} mm"
+            f"T = {step.statistic:.1f} {sign} the limit {step.critical:.2f} ({alpha:.2%}); in the final pose the two "
+            f"{kind}s differ by {tilt:.3f} gon and {offset:.1f} mm"
         )
         if step.inseparable_from:
-            others = ", ".join(f"({lines.pairs[k, 0]}, {lines.pairs[k, 1]})" for k in step.inseparable_from)
+            others = ", ".join(f"{kinds[k]}s ({numbers[k][0] + 1}, {numbers[k][1] + 1})" for k in step.inseparable_from)
             reason += f"; the tests cannot separate this pair from {others}"
         removals.append(
-            Removal(step.step, step.change, step.block, target, source, step.statistic, step.critical, reason)
+            Removal(step.step, step.change, step.block, kind, target, source, step.statistic, step.critical, reason)
         )
     return tuple(removals)
 
 
-def _states(result: SnoopingResult, redundancy: Matrix) -> Labels:
-    states = np.full(len(result.used), int(CorrespondenceState.USED), dtype=np.int32)
-    states[result.reinstated] = int(CorrespondenceState.REINSTATED)
-    states[(redundancy < NOT_CONTROLLED).all(axis=1)] = int(CorrespondenceState.NOT_CONTROLLED)
-    states[~result.used] = int(CorrespondenceState.REMOVED)
+def _states(result: SnoopingResult, rows: slice, not_controlled: Flags) -> Labels:
+    used = result.used[rows]
+    states = np.full(len(used), int(CorrespondenceState.USED), dtype=np.int32)
+    states[result.reinstated[rows]] = int(CorrespondenceState.REINSTATED)
+    states[not_controlled] = int(CorrespondenceState.NOT_CONTROLLED)
+    states[~used] = int(CorrespondenceState.REMOVED)
     return states
 
 

@@ -20,6 +20,9 @@ FEWEST_BLOCKS = 2
 INSEPARABLE = 0.9
 """Above this correlation of two test values either could be the wrong one (MATH 4.5)."""
 
+MEDIAN_SPREAD = 1.15
+"""Standard deviation of sqrt(n) times the median of n values of T over its expectation, three degrees of freedom."""
+
 
 class CorrespondenceState(IntEnum):
     """What became of a correspondence."""
@@ -67,7 +70,9 @@ class SnoopingResult:
     reinstated: Flags
     """(n,) True for those that had been out and came back."""
     tests: BlockTests
-    """Tests of all correspondences, of unused ones against their prediction."""
+    """Tests of all correspondences, of unused ones against their prediction; T is divided by `variance_factor`."""
+    variance_factor: float
+    """What single tests allow for, at least 1."""
     steps: tuple[SnoopingStep, ...]
 
 
@@ -81,6 +86,8 @@ class SnoopingRules:
     """No more than this share of the correspondences is removed; 0 tests without removing."""
     max_iterations: int
     """Rounds of each adjustment."""
+    robust_variance: bool = False
+    """Whether tests allow for a variance factor estimated robustly from all correspondences."""
 
 
 def adjust_and_snoop(
@@ -99,6 +106,17 @@ def adjust_and_snoop(
     origins
         Where the origins of the reduced frames lie in the user's frames.
     """
+    result = _snooped(problem, start, rules, origins, 1.0)
+    if not rules.robust_variance or result.used.all():
+        return result
+    factor = robust_variance_factor(result.tests)
+    return result if factor == 1.0 else _snooped(problem, result.solution.pose, rules, origins, factor)
+
+
+def _snooped(
+    problem: Problem, start: RigidTransform, rules: SnoopingRules, origins: UserOrigins, factor: float
+) -> SnoopingResult:
+    """Snoop with tests that allow for a variance factor."""
     n = len(problem)
     used, reinstated = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     most_removed = min(int(rules.max_removed_share * n), n - FEWEST_BLOCKS)
@@ -109,7 +127,7 @@ def adjust_and_snoop(
         solution, rank = _adjusted(part, pose, rules.max_iterations, origins)
         adjustments += 1
         pose = solution.pose
-        tests = _all_tests(problem, used, solution)
+        tests = _all_tests(problem, used, solution).with_variance(factor)
         # What has been put back stays: so the loop ends.
         candidates = np.where(used & ~reinstated, tests.p_values, np.inf)
         worst = _worst(candidates, tests)
@@ -123,7 +141,27 @@ def adjust_and_snoop(
             steps.append(_step(adjustments, Change.REINSTATED, best, tests, rules.alpha, ()))
             used[best] = reinstated[best] = True
             continue
-        return SnoopingResult(solution, rank, used, reinstated, tests, tuple(steps))
+        return SnoopingResult(solution, rank, used, reinstated, tests, factor, tuple(steps))
+
+
+def robust_variance_factor(tests: BlockTests) -> float:
+    """Estimate the variance factor from the median of T over its expected median, blunders notwithstanding.
+
+    Parameters
+    ----------
+    tests
+        Of all correspondences in a pose that blunders do not bend; removed ones count too.
+
+    Returns
+    -------
+    The factor; 1 where the median does not clearly contradict the a-priori variances (by two of its own standard
+    deviations).
+    """
+    controlled = tests.degrees > 0
+    if not controlled.any():
+        return 1.0
+    factor = float(np.median(tests.statistics[controlled] / stats.chi2.median(tests.degrees[controlled])))
+    return factor if factor > 1.0 + 2.0 * MEDIAN_SPREAD / np.sqrt(controlled.sum()) else 1.0
 
 
 def _adjusted(

@@ -71,6 +71,11 @@ class BlockTests:
     p_values: Scalars
     """(n,) probability of a larger T in a good observation; 1 where nothing is controlled."""
 
+    def with_variance(self, factor: float) -> "BlockTests":
+        """Give the tests for covariances multiplied by a variance factor."""
+        statistics = self.statistics / factor
+        return BlockTests(statistics, self.degrees, _p_values(statistics, self.degrees))
+
 
 def global_test(omega: float, redundancy: int, alpha: float) -> GlobalTest:
     """Test Omega two-sided against chi-square with the given redundancy."""
@@ -186,5 +191,8 @@ def _tests(system: LinearSystem, residual_covariances: list[Array]) -> BlockTest
         statistics.append((np.where(seen, turned**2, 0.0) / np.where(seen, values, 1.0)).sum(axis=1))
         degrees.append(seen.sum(axis=1).astype(np.float64))
     t, f = np.concatenate(statistics), np.concatenate(degrees)
-    p_values = np.where(f > 0, stats.chi2.sf(t, np.maximum(f, 1.0)), 1.0)
-    return BlockTests(t, f, p_values)
+    return BlockTests(t, f, _p_values(t, f))
+
+
+def _p_values(statistics: Scalars, degrees: Scalars) -> Scalars:
+    return np.where(degrees > 0, stats.chi2.sf(statistics, np.maximum(degrees, 1.0)), 1.0)

@@ -26,4 +26,4 @@ class Cylinders:
     """(n,) number of points."""
 
     def __len__(self) -> int:
-        return self.radii_m.shape[0]
+        return len(self.radii_m)

@@ -44,7 +44,7 @@ class Lines:
     Lines that share a plane are correlated through it."""
 
     def __len__(self) -> int:
-        return self.anchors.shape[0]
+        return len(self.anchors)
 
     def __getitem__(self, which: "Array | slice | list[int]") -> "Lines":
         """Select lines by an index array, mask or slice (not by one number)."""

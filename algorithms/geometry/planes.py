@@ -31,7 +31,7 @@ class Planes:
     """(n + 1,) polygon of plane k is boundary[splits[k]:splits[k + 1]], closed implicitly."""
 
     def __len__(self) -> int:
-        return self.normals.shape[0]
+        return len(self.normals)
 
     def boundary_of(self, k: int) -> Array:
         """Give the boundary polygon of plane k, (p, 2), in plane coordinates [m]."""

@@ -42,7 +42,7 @@ def chain_poses(stations: Sequence[str], links: Sequence[StationLink]) -> Mappin
     -------
     Poses first-station from station by name; stations without connection are absent.
     """
-    graph = nx.Graph()
+    graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(stations)
     for number, link in enumerate(links):
         known = graph.get_edge_data(link.target, link.source)

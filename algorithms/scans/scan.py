@@ -18,12 +18,12 @@ class ScanGrid:
     @property
     def rows(self) -> int:
         """Number of rows (vertical circle)."""
-        return self.index.shape[0]
+        return int(self.index.shape[0])
 
     @property
     def columns(self) -> int:
         """Number of columns (horizontal circle)."""
-        return self.index.shape[1]
+        return int(self.index.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,9 @@ class Scan:
     """Pose stored in the file (maps full coordinates, not reduced ones)."""
 
     def __len__(self) -> int:
-        return self.points.shape[0]
+        return len(self.points)
 
     @property
     def bounds_m(self) -> Array:
         """Bounding box in full coordinates, (2, 3): minimum and maximum [m]."""
-        return np.stack([self.points.min(axis=0), self.points.max(axis=0)]) + self.origin_m
+        return np.asarray(np.stack([self.points.min(axis=0), self.points.max(axis=0)]) + self.origin_m)

@@ -2,16 +2,17 @@
 
 import math
 
-from algorithms.matching.matching import CoarseRegistration
-from algorithms.quality.acceptance import Verification
+import numpy as np
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
-from algorithms.adjustment.snooping import Change, CorrespondenceState
+from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.lines import LineSource
-from algorithms.registration.base import PairResult
+from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.quality.acceptance import Verification
+from algorithms.registration.base import FineRegistration, PairResult
 from schemas.registration_result import (
     Accuracy,
     Adjustment,
@@ -22,10 +23,11 @@ from schemas.registration_result import (
     Outlier,
     Overlap,
     Pair,
+    PlaneCorrespondence,
     WeakDirection,
 )
 from service.use_cases.pose_documents import matrix_rows, pose_document
-from service.use_cases.run_lines_report import line_name
+from service.use_cases.run_lines_report import line_name, plane_name
 
 STATE_NAMES = {
     CorrespondenceState.USED: "used",
@@ -51,28 +53,28 @@ def pair_document(
     timings_s
         Seconds of each part.
     """
-    adjustment = result.adjustment
-    pose = None
-    if result.pose is not None:
-        pose = pose_document(
-            result.pose,
-            target=target,
-            source=source,
-            centroid_m=result.centroid_m,
-            a_posteriori=adjustment is not None and adjustment.variance_factor > 1.0,
-        )
+    fine = result.fine
     return Pair(
         target=target,
         source=source,
         status=result.status.value,
         reasons=list(result.reasons),
-        target_from_source=pose,
+        target_from_source=None
+        if fine is None
+        else pose_document(
+            fine.pose,
+            target=target,
+            source=source,
+            centroid_m=fine.centroid_m,
+            a_posteriori=fine.adjustment.variance_factor > 1.0,
+        ),
         coarse=None if result.coarse is None else _coarse(result.coarse),
-        adjustment=None if adjustment is None else _adjustment(adjustment),
-        correspondences=_correspondences(result, target_features, target, source),
-        outliers=_outliers(result, target, source),
-        accuracy=None if adjustment is None else _accuracy(result, adjustment),
-        weak_directions=[] if adjustment is None else _weak(adjustment),
+        adjustment=None if fine is None else _adjustment(fine),
+        correspondences=[] if fine is None else _correspondences(fine, target_features, target, source),
+        plane_correspondences=[] if fine is None else _plane_correspondences(fine, target, source),
+        outliers=[] if fine is None else _outliers(fine.adjustment, target, source),
+        accuracy=None if fine is None else _accuracy(fine),
+        weak_directions=[] if fine is None else _weak(fine.adjustment),
         overlap=None if result.verification is None else _overlap(result.verification),
         timings_s=timings_s,
     )
@@ -82,16 +84,18 @@ def _coarse(coarse: CoarseRegistration) -> Coarse:
     return Coarse(
         target_from_source=matrix_rows(coarse.target_from_source),
         support=coarse.support,
-        runner_up_support=coarse.runner_up_support,
+        score=coarse.score,
+        runner_up_score=None if coarse.runner_up is None else coarse.runner_up_score,
+        runner_up_support=None if coarse.runner_up is None else coarse.runner_up_support,
         runner_up_target_from_source=None if coarse.runner_up is None else matrix_rows(coarse.runner_up),
         hypotheses_tested=coarse.hypotheses_tested,
     )
 
 
-def _adjustment(adjustment: LineAdjustment) -> Adjustment:
-    test = adjustment.global_test
+def _adjustment(fine: FineRegistration) -> Adjustment:
+    adjustment, test = fine.adjustment, fine.adjustment.global_test
     return Adjustment(
-        model="gauss-helmert-lines",
+        model="gauss-helmert-lines-planes" if len(fine.planes) else "gauss-helmert-lines",
         observations=adjustment.observation_count,
         independent_observations=adjustment.independent_condition_count,
         unknowns=6,
@@ -108,20 +112,19 @@ def _adjustment(adjustment: LineAdjustment) -> Adjustment:
             lower=test.lower,
             upper=test.upper,
             alpha=test.alpha,
-            passed=test.verdict is GlobalVerdict.PASSED,
+            passed=test.verdict is GlobalVerdict.ACCEPTED,
         ),
+        test_variance_factor=adjustment.test_variance_factor,
+        largest_external_effects=adjustment.largest_external_effects,
     )
 
 
 def _correspondences(
-    result: PairResult, target_features: ScanFeatures, target: str, source: str
+    fine: FineRegistration, target_features: ScanFeatures, target: str, source: str
 ) -> list[Correspondence]:
-    adjustment = result.adjustment
-    if adjustment is None:
-        return []
-    report = adjustment.lines
+    report = fine.adjustment.lines
     out = []
-    for k, (i, j) in enumerate(result.correspondences):
+    for k, (i, j) in enumerate(fine.lines):
         degrees = float(report.degrees[k])
         out.append(
             Correspondence(
@@ -146,40 +149,54 @@ def _correspondences(
                     float(m) if good else None
                     for m, good in zip(report.detectable[k], report.controlled[k], strict=True)
                 ],
-                external_effect=None,
                 state=STATE_NAMES[CorrespondenceState(int(report.states[k]))],
             )
         )
     return out
 
 
-def _outliers(result: PairResult, target: str, source: str) -> list[Outlier]:
-    if result.adjustment is None:
-        return []
+def _plane_correspondences(fine: FineRegistration, target: str, source: str) -> list[PlaneCorrespondence]:
+    report = fine.adjustment.planes
+    return [
+        PlaneCorrespondence(
+            target_plane=f"{target}/{plane_name(int(i))}",
+            source_plane=f"{source}/{plane_name(int(j))}",
+            angle_gon=float(report.angles_rad[k]) * GON_PER_RAD,
+            distance_m=float(report.offsets_m[k]),
+            statistic=float(report.statistics[k]),
+            degrees_of_freedom=float(report.degrees[k]),
+            state=STATE_NAMES[CorrespondenceState(int(report.states[k]))],
+        )
+        for k, (i, j) in enumerate(fine.planes)
+    ]
+
+
+def _outliers(adjustment: LineAdjustment, target: str, source: str) -> list[Outlier]:
+    names = {"line": line_name, "plane": plane_name}
     return [
         Outlier(
-            line=f"{target}/{line_name(removal.target_line)} – {source}/{line_name(removal.source_line)}",
+            line=f"{target}/{names[removal.kind](removal.target_number)} – "
+            f"{source}/{names[removal.kind](removal.source_number)}",
+            kind=removal.kind,
             step=removal.step,
             statistic=removal.statistic,
             change=removal.change.value,
             why=removal.reason,
         )
-        for removal in result.adjustment.removals
-        if removal.change in {Change.REMOVED, Change.REINSTATED}
+        for removal in adjustment.removals
     ]
 
 
-def _accuracy(result: PairResult, adjustment: LineAdjustment) -> Accuracy:
-    pose = result.pose
-    rotation = [] if pose is None else [s for s in pose.omega_phi_kappa_std_rad if s is not None]
-    shift = [] if pose is None else [s for s in pose.translation_std_m if s is not None]
-    used = adjustment.lines.states != int(CorrespondenceState.REMOVED)
-    angles, offsets = adjustment.lines.angles_rad[used], adjustment.lines.offsets_m[used]
+def _accuracy(fine: FineRegistration) -> Accuracy:
+    rotation = [s for s in fine.pose.omega_phi_kappa_std_rad if s is not None]
+    shift = [s for s in fine.pose.translation_std_m if s is not None]
+    report = fine.adjustment.lines
+    used = report.states != int(CorrespondenceState.REMOVED)
     return Accuracy(
         mean_std_rotation_gon=sum(rotation) / 3.0 * GON_PER_RAD if len(rotation) == 3 else None,
         mean_std_translation_m=sum(shift) / 3.0 if len(shift) == 3 else None,
-        max_angle_gon=float(angles.max()) * GON_PER_RAD,
-        max_distance_m=float(math.sqrt((offsets**2).sum(axis=1).max())),
+        max_angle_gon=float(report.angles_rad[used].max()) * GON_PER_RAD if used.any() else None,
+        max_distance_m=float(np.linalg.norm(report.offsets_m[used], axis=1).max()) if used.any() else None,
     )
 
 

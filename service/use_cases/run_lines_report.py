@@ -65,6 +65,11 @@ def line_name(number: int) -> str:
     return f"L{number + 1}"
 
 
+def plane_name(number: int) -> str:
+    """Name a plane of a scan; numbers start at 1."""
+    return f"P{number + 1}"
+
+
 def _lines(features: ScanFeatures) -> list[ExtractedLine]:
     lines = features.lines
     starts, ends = lines.end_points
@@ -84,7 +89,7 @@ def _lines(features: ScanFeatures) -> list[ExtractedLine]:
                 start_m=vector(starts[k] + features.origin_m),
                 end_m=vector(ends[k] + features.origin_m),
                 length_m=float(lines.lengths[k]),
-                planes=[] if is_axis else [f"P{p + 1}" for p in parents],
+                planes=[] if is_axis else [plane_name(p) for p in parents],
                 cylinder=f"C{parents[0] + 1}" if is_axis else None,
             )
         )
@@ -95,7 +100,7 @@ def _planes(features: ScanFeatures) -> list[ExtractedPlane]:
     planes = features.planes
     return [
         ExtractedPlane(
-            name=f"P{k + 1}",
+            name=plane_name(k),
             normal=vector(planes.normals[k]),
             centroid_m=vector(planes.centroids[k] + features.origin_m),
             basis=(vector(planes.bases[k, :, 0]), vector(planes.bases[k, :, 1])),

@@ -3,7 +3,9 @@
 import time
 
 import numpy as np
+from pydantic import TypeAdapter
 
+from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
 from service.ports import Json, StepContext
 from service.use_cases.feature_store import load_features
 from service.use_cases.run_features import SEED
@@ -11,7 +13,6 @@ from service.use_cases.run_features import SEED
 
 def register_pair(context: StepContext, arguments: Json) -> Json:
     """Register one pair and store its document; give key, status and counts."""
-    from algorithms.registration import method_from_options
     from algorithms.registration.base import RegistrationProblem
     from service.use_cases.pair_documents import pair_document
     from service.use_cases.timed_progress import TimedProgress
@@ -21,7 +22,7 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
         *(load_features(context.blobs.local_path(side["features"])) for side in (target, source))
     )
     progress = TimedProgress(context.progress, time.perf_counter)
-    method = method_from_options(arguments["method"])
+    method = method_of(arguments["method"])
     result = method.register(problem, progress=progress, rng=np.random.default_rng(SEED))
     document = pair_document(
         result, problem.target, target=target["name"], source=source["name"], timings_s=progress.finished()
@@ -29,3 +30,9 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
     context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
     return {"pair": key, "status": document.status}
+
+
+def method_of(request: Json) -> RegistrationMethod:
+    """Build the method with its options from a validated request; `auto` stands for the default."""
+    options = {name: value for name, value in request.items() if name != "method"}
+    return TypeAdapter(DEFAULT_METHOD).validate_python(options)

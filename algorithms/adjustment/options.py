@@ -1,0 +1,25 @@
+"""Options of adjustment and testing; light to import, because the web process describes them."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le, Lt
+
+
+@dataclass(frozen=True)
+class AdjustmentOptions:
+    """How to adjust and test."""
+
+    alpha_global: Annotated[float, Gt(0.0), Lt(1.0)] = 0.05
+    """Probability that the global test rejects a good adjustment."""
+    alpha_single: Annotated[float, Gt(0.0), Lt(1.0)] = 0.001
+    """Probability that a good correspondence fails its test."""
+    power: Annotated[float, Gt(0.0), Lt(1.0)] = 0.80
+    """Probability with which an error of the smallest detectable size is found."""
+    max_removed_share: Annotated[float, Ge(0.0), Le(0.9)] = 0.5
+    """Largest share of the correspondences that may be removed; 0 tests without removing."""
+    max_iterations: Annotated[int, Ge(1), Le(1000)] = 20
+    """Limit of rounds in each adjustment."""
+    robust_variance: bool = True
+    """Where the residuals of most features are larger than the scans' own noise explains (uneven walls), test single
+    features with the correspondingly larger variance instead of calling half of them outliers."""

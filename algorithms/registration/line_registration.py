@@ -1,0 +1,143 @@
+"""The work of the method `lines`: matching, adjustment with correspondences found anew, verification."""
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.line_adjustment import LineAdjustment, adjust_lines
+from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.adjustment.testing import GlobalVerdict
+from algorithms.arrays import IndexPairs
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.matching.coarse_registration import CoarseRegistration, match_features
+from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
+from algorithms.progress import Progress
+from algorithms.quality.acceptance import AcceptanceStatus, Verdict, judge
+from algorithms.quality.overlap import verify_pose
+from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.lines import LinesMethod
+
+GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
+"""Largest angle [rad] and distance [m] of corresponding features in each round; the pose improves in between."""
+LEAST_REDUNDANCY = 10
+"""Conditions beyond the six parameters without which no test means anything."""
+LEAST_USED_SHARE = 0.5
+"""Below this share of agreeing correspondences the pose is doubtful."""
+
+
+def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progress: Progress) -> PairResult:
+    """Register two scans; every failure becomes a result with its status and reasons.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    method
+        Options.
+    progress
+        Is told the steps.
+    """
+    target, source = problem.target, problem.source
+    try:
+        progress.report(0.0, "matching")
+        coarse = match_features(target, source, method.matching)
+    except DegenerateGeometryError as error:
+        return PairResult.without_pose(PairStatus.DEGENERATE, str(error))
+    except TooFewCorrespondencesError as error:
+        return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
+    progress.report(0.6, "adjustment")
+    try:
+        fine = _adjusted(problem, method, coarse.target_from_source)
+    except TooFewCorrespondencesError as error:
+        return PairResult(
+            PairStatus.REJECTED, (f"a pose was found, but nothing to adjust it by: {error}",), coarse, None, None
+        )
+    progress.report(0.9, "verification")
+    verification = verify_pose(target, source, fine.adjustment.pose.target_from_source)
+    verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=len(fine.lines) + len(fine.planes))
+    status, reasons = _status(coarse, fine, verdict)
+    return PairResult(status, reasons, coarse, fine, verification)
+
+
+def _adjusted(problem: RegistrationProblem, method: LinesMethod, start: RigidTransform) -> FineRegistration:
+    """Adjust, find the correspondences anew in the better pose, and so on until they stay the same."""
+    target, source = problem.target, problem.source
+    pose, fine = start, None
+    for max_angle_rad, max_distance_m in GATES:
+        limits = {"max_angle_rad": max_angle_rad, "max_distance_m": max_distance_m}
+        lines = corresponding_lines(target, source, pose, **limits)
+        planes = corresponding_planes(target, source, pose, **limits) if method.planes else _no_pairs()
+        if fine is not None and np.array_equal(fine.lines, lines) and np.array_equal(fine.planes, planes):
+            break
+        adjustment = adjust_lines(
+            target.lines,
+            source.lines,
+            lines,
+            pose,
+            planes=PlanePlane(target.planes, source.planes, planes),
+            options=method.adjustment,
+        )
+        fine = FineRegistration(
+            lines,
+            planes,
+            adjustment,
+            adjustment.pose_a_posteriori.moved_to_origins(target.origin_m, source.origin_m),
+            adjustment.centroid_m + target.origin_m,
+        )
+        pose = adjustment.pose.target_from_source
+    if fine is None:
+        raise TooFewCorrespondencesError(0, 2, "lines and planes")
+    return fine
+
+
+def _no_pairs() -> IndexPairs:
+    return np.empty((0, 2), dtype=np.int64)
+
+
+def _status(coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict) -> tuple[PairStatus, tuple[str, ...]]:
+    """Join what surfaces, runner-up and adjustment say; the most severe decides."""
+    adjustment = fine.adjustment
+    reasons = [*verdict.reasons, *_remarks(adjustment)]
+    if verdict.status is AcceptanceStatus.REJECTED:
+        return PairStatus.REJECTED, tuple(reasons)
+    if adjustment.rank < 6:
+        free = "; ".join(adjustment.free_directions)
+        return PairStatus.DEGENERATE, (
+            f"the geometry determines only {adjustment.rank} of 6 parameters, free: {free}. {adjustment.advice}",
+            *reasons,
+        )
+    if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
+        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
+    doubts = _doubts(adjustment, fine)
+    if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
+        return PairStatus.DOUBTFUL, (*reasons, *doubts)
+    return PairStatus.ACCEPTED, tuple(reasons)
+
+
+def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
+    """Say what keeps an adjusted pose from being accepted."""
+    doubts = []
+    if not adjustment.converged:
+        doubts.append("the adjustment did not settle")
+    if adjustment.redundancy < LEAST_REDUNDANCY:
+        doubts.append(
+            f"only {adjustment.redundancy} conditions more than parameters: errors could hide "
+            f"({LEAST_REDUNDANCY} would be needed)"
+        )
+    kept = [states != CorrespondenceState.REMOVED for states in (adjustment.lines.states, adjustment.planes.states)]
+    used, all_ = sum(int(k.sum()) for k in kept), len(fine.lines) + len(fine.planes)
+    if used < LEAST_USED_SHARE * all_:
+        doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
+    return doubts
+
+
+def _remarks(adjustment: LineAdjustment) -> list[str]:
+    """Say what the reader of an accepted pose should know."""
+    remarks = []
+    if adjustment.sigma0 is not None and adjustment.global_test.verdict is GlobalVerdict.TOO_LARGE:
+        remarks.append(
+            f"the residuals are {adjustment.sigma0:.1f} times what the scans' own noise explains (uneven surfaces, or "
+            "objects that moved); the standard deviations are enlarged accordingly"
+        )
+    remarks += [f"weakly determined: {weak.description} ({weak.std_m * 1e3:.0f} mm)" for weak in adjustment.weak]
+    return remarks
