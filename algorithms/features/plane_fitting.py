@@ -183,10 +183,12 @@ def _sum_patches(
     counts = np.bincount(labels[labels >= 0], minlength=len(normals))
     spans = np.where(np.isfinite(extents[:, 2:]), extents[:, 2:] - extents[:, :2], 0.0)
     patches = np.clip(counts / POINTS_PER_PATCH, 4.0, PATCHES)
-    # a long narrow plane still needs as many patches as a square one, hence the second term
-    sizes = np.maximum(np.sqrt(spans[:, 0] * spans[:, 1] / patches), spans[:, 0] / patches) + 1e-6
-    columns = (spans[:, 0] / sizes).astype(np.int64) + 1
-    rows = (spans[:, 1] / sizes).astype(np.int64) + 1
+    # at least four patches across a long narrow plane: with fewer a bend would not show
+    rows = np.clip(np.rint(np.sqrt(patches * spans[:, 1] / np.maximum(spans[:, 0], 1e-9))), 4.0, PATCHES).astype(
+        np.int64
+    )
+    columns = np.clip(np.rint(patches / rows), 4.0, PATCHES).astype(np.int64)
+    sizes = np.stack([spans[:, 0] / columns, spans[:, 1] / rows], axis=1) * (1.0 + 1e-9) + 1e-12
     starts = np.concatenate([[0], np.cumsum(columns * rows)]).astype(np.int64)
     return patch_sums(points, labels, shared, centroids, normals, bases, extents, sizes, starts, columns), starts
 

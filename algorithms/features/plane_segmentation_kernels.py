@@ -296,8 +296,8 @@ def patch_sums(
             u += x * bases[p, a, 0]
             v += x * bases[p, a, 1]
             r += x * normals[p, a]
-        row = int((v - extents[p, 1]) / patch_sizes[p])
-        column = int((u - extents[p, 0]) / patch_sizes[p])
+        row = int((v - extents[p, 1]) / patch_sizes[p, 1])
+        column = int((u - extents[p, 0]) / patch_sizes[p, 0])
         s = out[starts[p] + row * columns[p] + column]
         s[0] += 1.0
         s[1] += u
