@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from algorithms.arrays import Array, Bases, Flags, Indices, Labels, Matrices3, Points, Scalars
 from algorithms.features.patch_covariance import (
@@ -147,12 +147,13 @@ def _from_points(
 ) -> tuple[FittedPlanes, Int64[Array, "flat"]]:
     """Adjust planes from patches of their points; also say which of them are flat."""
     extents = plane_extents(points, labels, centroids, bases)
-    sums, starts = _sum_patches(points, labels, shared, normals, centroids, bases, extents)
+    sums, starts, columns = _sum_patches(points, labels, shared, normals, centroids, bases, extents)
     used = np.flatnonzero(sums[:, 0] > 0)
     owner = (np.searchsorted(starts, used, side="right") - 1).astype(np.int32)
     means = sums[used, 1:4] / sums[used, :1]
     half_widths = 0.5 * np.maximum(extents[:, 2:] - extents[:, :2], 0.0)
     flat = ~curved_regions(owner, means[:, :2], means[:, 2], sums[used, 0], half_widths)
+    flat &= _in_one_piece(owner, (used - starts[owner]) // columns[owner], len(normals))
     squares = np.bincount(owner, sums[used, 4], minlength=len(normals))
     counts = np.bincount(owner, sums[used, 0], minlength=len(normals))
     noise = np.sqrt(squares / np.maximum(counts - 3.0, 1.0))
@@ -170,6 +171,15 @@ def _from_points(
     return planes, np.flatnonzero(flat)
 
 
+def _in_one_piece(owner: Labels, row: Indices, count: int) -> Bool[Array, "k"]:
+    """Find planes without a gap across their whole length: one with a gap cuts a pipe in two lines."""
+    occupied = np.zeros((count, PATCHES), dtype=np.bool_)
+    occupied[owner, row] = True
+    first = np.argmax(occupied, axis=1)
+    last = PATCHES - 1 - np.argmax(occupied[:, ::-1], axis=1)
+    return np.asarray(occupied.sum(axis=1) == last - first + 1)
+
+
 def _sum_patches(
     points: Points,
     labels: Labels,
@@ -178,8 +188,8 @@ def _sum_patches(
     centroids: Float64[Array, "k 3"],
     bases: Float64[Array, "k 3 2"],
     extents: Float64[Array, "k 4"],
-) -> tuple[Float64[Array, "p 5"], Int64[Array, "starts"]]:
-    """Sum the points of every plane per patch: sums and the first patch of every plane."""
+) -> tuple[Float64[Array, "p 5"], Int64[Array, "starts"], Int64[Array, "k"]]:
+    """Sum the points of every plane per patch: sums, the first patch of every plane, and its patches in a row."""
     counts = np.bincount(labels[labels >= 0], minlength=len(normals))
     spans = np.where(np.isfinite(extents[:, 2:]), extents[:, 2:] - extents[:, :2], 0.0)
     patches = np.clip(counts / POINTS_PER_PATCH, 4.0, PATCHES)
@@ -190,7 +200,8 @@ def _sum_patches(
     columns = np.clip(np.rint(patches / rows), 4.0, PATCHES).astype(np.int64)
     sizes = np.stack([spans[:, 0] / columns, spans[:, 1] / rows], axis=1) * (1.0 + 1e-9) + 1e-12
     starts = np.concatenate([[0], np.cumsum(columns * rows)]).astype(np.int64)
-    return patch_sums(points, labels, shared, centroids, normals, bases, extents, sizes, starts, columns), starts
+    sums = patch_sums(points, labels, shared, centroids, normals, bases, extents, sizes, starts, columns)
+    return sums, starts, columns
 
 
 def _adjust_patches(

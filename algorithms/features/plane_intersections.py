@@ -47,6 +47,9 @@ def intersect_planes(planes: Planes, rasters: PlaneRasters, *, min_length_m: flo
         pairs, points, directions, planes.centroids, planes.bases,
         _reaching(rasters), rasters.starts, rasters.rows, rasters.columns, rasters.origins, rasters.cell_sizes, least,
     )  # fmt: skip
+    # the reach prolongs the common piece at both ends as well
+    reach = REACH_CELLS * np.minimum(rasters.cell_sizes[i], rasters.cell_sizes[j])
+    support += np.stack([reach, -reach, -2.0 * reach, np.zeros_like(reach)], axis=1)
     met = support[:, 2] >= least
     pairs, support = pairs[met], support[met]
     i, j = pairs.T

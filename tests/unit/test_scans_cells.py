@@ -84,21 +84,21 @@ def test_a_single_scan_line_has_no_normal():
 
 
 def test_grid_blocks_close_the_circle():
-    points, grid = polar_scan(lambda a, e: np.full_like(a, 5.0))
+    points, grid = polar_scan(lambda a, _e: np.full_like(a, 5.0))
     cells = grid_cells(points, grid, np.zeros(3))
     first, last = cells.cell_of_point[grid.index[20, 0]], cells.cell_of_point[grid.index[20, -1]]
     assert last in cells.neighbours[first]
 
 
 def test_grid_blocks_of_a_sector_have_two_ends():
-    points, grid = polar_scan(lambda a, e: np.full_like(a, 5.0), width_rad=1.5)
+    points, grid = polar_scan(lambda a, _e: np.full_like(a, 5.0), width_rad=1.5)
     cells = grid_cells(points, grid, np.zeros(3))
     first, last = cells.cell_of_point[grid.index[20, 0]], cells.cell_of_point[grid.index[20, -1]]
     assert last not in cells.neighbours[first]
 
 
 def test_blocks_on_both_sides_of_a_depth_edge_are_not_neighbours():
-    points, grid = polar_scan(lambda a, e: np.where(a < 3.0, 4.0, 7.0))
+    points, grid = polar_scan(lambda a, _e: np.where(a < 3.0, 4.0, 7.0))
     cells = grid_cells(points, grid, np.zeros(3))
     edge = int(np.argmax(np.arange(90) * 2 * np.pi / 90 >= 3.0))
     near, far = cells.cell_of_point[grid.index[20, edge - 1]], cells.cell_of_point[grid.index[20, edge]]
@@ -121,6 +121,6 @@ def test_points_between_two_depths_are_mixed_pixels():
 
 
 def test_a_steep_floor_has_no_mixed_pixels():
-    points, grid = polar_scan(lambda a, e: 1.8 / np.sin(np.maximum(-e, 0.02)), columns=400, rows=200, width_rad=1.0)
+    points, grid = polar_scan(lambda _a, e: 1.8 / np.sin(np.maximum(-e, 0.02)), columns=400, rows=200, width_rad=1.0)
     mixed = mixed_pixels(points, grid, np.zeros(3), angular_step(points, grid, np.zeros(3)))
     assert not mixed.any()
