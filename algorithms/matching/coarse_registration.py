@@ -37,7 +37,7 @@ class CoarseRegistration:
     score: float
     """Support share minus the penalty for violated free space; comparable between poses of one pair."""
     support_share: float
-    """Mean of both scans' shares of surface that fits the other's, each the geometric mean over the directions of normals, 0..1."""
+    """Mean of both scans' shares of surface that fits the other's, each a geometric mean over directions, 0..1."""
     violation_share: float
     """Mean of both scans' shares of surface that stands where the other looked through, 0..1."""
     overlap: float

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Array
 from algorithms.errors import DegenerateGeometryError
 from algorithms.features.scan_features import ScanFeatures
 
@@ -52,7 +52,7 @@ def free_freedoms(features: ScanFeatures) -> Array:
     return np.array(columns).T
 
 
-def _null_directions(lines: Points, normals: Points) -> Array:
+def _null_directions(lines: Array, normals: Array) -> Array:
     """Find the directions of shift that no feature resists: a line resists across itself, a plane along its normal."""
     rows = [np.eye(3) - np.outer(d, d) for d in lines] + [n[None] for n in normals]
     if not rows:
@@ -68,7 +68,7 @@ def _null_directions(lines: Points, normals: Points) -> Array:
     return np.array(free).reshape(-1, 3).T
 
 
-def _free_turns(lines: Points, normals: Points, anchors: Points) -> list[Array]:
+def _free_turns(lines: Array, normals: Array, anchors: Array) -> list[Array]:
     """Find the axes about which a turn changes nothing: the common normal of planes, or the only line."""
     directions = np.vstack([lines, normals])
     if len(directions) == 0:

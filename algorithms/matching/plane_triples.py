@@ -4,6 +4,8 @@ Every pair of planes with equal normals fixes one component of the translation. 
 directions, in all combinations, give the translations (MATCHING 2.4). This helps where lines are few.
 """
 
+from typing import TypeAlias
+
 import numpy as np
 
 from algorithms.arrays import Array, Indices, Matrices3, Points, Scalars, Vector3
@@ -20,6 +22,9 @@ SAME_DIRECTION_COSINE = 0.995
 AGREEING_COSINE = 0.985
 """Moved normals within 10 degrees of a normal of the other scan agree."""
 VOTE_BIN_M = 0.1
+
+_Planes: TypeAlias = tuple[Array, Array, Array]
+"""Normals (p, 3), centroids (p, 3) and areas (p,)."""
 
 
 def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float) -> Motions:
@@ -43,7 +48,7 @@ def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: 
     return joined([_translations(rotation, chosen[0], chosen[1]) for rotation in rotations])
 
 
-def direction_classes(normals: Points, weights: Scalars) -> tuple[Points, Scalars]:
+def direction_classes(normals: Points, weights: Scalars) -> tuple[Array, Array]:
     """Gather normals into classes of one direction (signed), by falling weight; give mean directions and weights."""
     remaining = np.ones(len(normals), dtype=np.bool_)
     means, totals = [], []
@@ -59,15 +64,13 @@ def direction_classes(normals: Points, weights: Scalars) -> tuple[Points, Scalar
     return np.array(means).reshape(-1, 3)[order], np.array(totals)[order]
 
 
-def _largest(planes: Planes) -> tuple[Points, Points, Scalars]:
+def _largest(planes: Planes) -> _Planes:
     """Give normals, centroids and areas of the largest planes."""
     order = np.argsort(-planes.areas_m2, kind="stable")[:MAX_PLANES]
     return planes.normals[order], planes.centroids[order], planes.areas_m2[order]
 
 
-def _rotations(
-    target: tuple[Points, Points, Scalars], source: tuple[Points, Points, Scalars], max_angle_rad: float
-) -> Matrices3:
+def _rotations(target: _Planes, source: _Planes, max_angle_rad: float) -> Matrices3:
     """Find the rotations that lay most normals on normals: each pair of directions of equal angle proposes one."""
     directions_t, weights_t = (part[:MAX_DIRECTIONS] for part in direction_classes(target[0], target[2]))
     directions_s, weights_s = (part[:MAX_DIRECTIONS] for part in direction_classes(source[0], source[2]))
@@ -108,9 +111,7 @@ def _frames(first: Points, second: Points) -> Array:
     return np.stack([u, v, np.cross(u, v)], axis=2)
 
 
-def _translations(
-    rotation: Array, target: tuple[Points, Points, Scalars], source: tuple[Points, Points, Scalars]
-) -> Motions:
+def _translations(rotation: Array, target: _Planes, source: _Planes) -> Motions:
     """Combine the strongest offset votes of three independent directions."""
     normals, centroids, areas = target
     moved_normals, moved_centroids = source[0] @ rotation.T, source[1] @ rotation.T
@@ -158,7 +159,7 @@ def _orthonormal(vectors: list[Vector3]) -> Array:
     return np.asarray(np.linalg.qr(np.array(vectors).T)[0].T)
 
 
-def _peaks(offsets: Scalars, weights: Scalars) -> tuple[Scalars, Scalars]:
+def _peaks(offsets: Scalars, weights: Scalars) -> tuple[Array, Array]:
     """Find the offsets with most votes: mean of the votes within a bin's width around each peak."""
     bins: Indices = np.floor((offsets - offsets.min()) / VOTE_BIN_M).astype(np.int64)
     counts = np.bincount(bins, weights=weights, minlength=int(bins.max()) + 1)

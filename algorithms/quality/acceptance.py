@@ -14,6 +14,9 @@ CLEAR_SCORE, CLEAR_RATIO = 0.25, 0.7
 """A score that no wrong pose reached, with a runner-up that is clearly worse."""
 LONE_SCORE, LONE_RATIO = 0.2, 0.5
 """A lower score (small overlap, an uncertain instrument position) is enough when nothing else comes near."""
+FEATURE_SCORE, FEATURE_RATIO, FEATURE_SUPPORTERS, FEATURE_FACTOR = 0.12, 0.3, 40, 8
+"""A still lower score is enough when dozens of whole lines and planes lie on each other and hardly any in the other
+pose: an uncertain instrument position lowers the score, never the number of common features."""
 LEAST_SUPPORTERS = 6
 """Lines and planes that both scans must see. Wrong poses lay few whole features on each other, however much fits."""
 BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
@@ -43,7 +46,7 @@ class Verification:
     rms_m: float
     """Rms point-to-plane distance in the overlap (points within 0.1 m) [m]; 0 when nothing overlaps."""
     support_share: float
-    """Mean of both scans' shares that fit in place and normal, each the geometric mean over the directions of normals, 0..1."""
+    """Mean of both scans' shares that fit in place and normal, each a geometric mean over directions, 0..1."""
     violation_share: float
     """Mean of both scans' shares that stand where the other instrument looked through, 0..1."""
     score: float
@@ -61,7 +64,7 @@ class Verdict:
     """Why, in words with figures."""
 
 
-def judge(verification: Verification, *, runner_up_score: float, supporters: int) -> Verdict:
+def judge(verification: Verification, *, runner_up_score: float, supporters: int, runner_up_supporters: int) -> Verdict:
     """Judge a pose by how well the scans fit in it, and by how well they fit in the best clearly different one.
 
     Parameters
@@ -70,8 +73,8 @@ def judge(verification: Verification, *, runner_up_score: float, supporters: int
         What the surfaces say of the pose.
     runner_up_score
         Score of the best clearly different pose; 0 if there is none.
-    supporters
-        Lines and planes that both scans see in the pose.
+    supporters, runner_up_supporters
+        Lines and planes that both scans see in the pose, and in the other one.
     """
     score = verification.score
     ratio = max(runner_up_score, 0.0) / max(score, 1e-9)
@@ -87,12 +90,12 @@ def judge(verification: Verification, *, runner_up_score: float, supporters: int
         return Verdict(
             AcceptanceStatus.AMBIGUOUS, (f"{fit}, but a clearly different pose scores {runner_up_score:.2f}",)
         )
-    doubts = _doubts(verification, ratio, supporters)
+    doubts = _doubts(verification, ratio, supporters, runner_up_supporters)
     status = AcceptanceStatus.DOUBTFUL if doubts else AcceptanceStatus.ACCEPTED
     return Verdict(status, (f"{fit}; the best other pose scores {runner_up_score:.2f}", *doubts))
 
 
-def _doubts(verification: Verification, ratio: float, supporters: int) -> list[str]:
+def _doubts(verification: Verification, ratio: float, supporters: int, runner_up_supporters: int) -> list[str]:
     """Say what keeps a pose from being accepted; nothing when it is clear."""
     score = verification.score
     doubts = []
@@ -102,10 +105,19 @@ def _doubts(verification: Verification, ratio: float, supporters: int) -> list[s
                 "the position of an instrument is unknown, so free space could not be tested: a score of "
                 f"{BLIND_SCORE:.2f} and a runner-up below {BLIND_RATIO:.0%} of it would be needed"
             )
-    elif not ((score >= CLEAR_SCORE and ratio <= CLEAR_RATIO) or (score >= LONE_SCORE and ratio <= LONE_RATIO)):
+    elif not (
+        (score >= CLEAR_SCORE and ratio <= CLEAR_RATIO)
+        or (score >= LONE_SCORE and ratio <= LONE_RATIO)
+        or (
+            score >= FEATURE_SCORE
+            and ratio <= FEATURE_RATIO
+            and supporters >= max(FEATURE_SUPPORTERS, FEATURE_FACTOR * runner_up_supporters)
+        )
+    ):
         doubts.append(
             f"the score is not clear: {CLEAR_SCORE:.2f} with a runner-up below {CLEAR_RATIO:.0%} of it, or "
-            f"{LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed"
+            f"{LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed ({FEATURE_SCORE:.2f} if "
+            f"{FEATURE_SUPPORTERS} lines and planes agree)"
         )
     if supporters < LEAST_SUPPORTERS:
         doubts.append(f"only {supporters} lines and planes are seen by both scans, {LEAST_SUPPORTERS} would be needed")

@@ -16,6 +16,8 @@ MAX_HIDDEN_SHARE = 0.22
 NEAREST_SURFACE_M = (0.05, 3.5)
 """A terrestrial instrument stands on something: its nearest measured surface is within these bounds [m]. Without this
 bound a bird's-eye view of a street explains the cloud as well as the true position does."""
+FAR_FROM_SURFACE_M = 10.0
+"""A given position is not tried when no surface is nearer: the origin of a moved cloud is no instrument [m]."""
 COARSE_CELLS, FINE_CELLS = 32, 96
 COARSE_POINTS, FINE_POINTS = 8_000, 40_000
 MAX_CANDIDATES = 4_000
@@ -38,7 +40,7 @@ class SensorEstimate:
     """0 (any other position explains the cloud as well) to 1 (none does)."""
 
 
-def hidden_shares(points: Points, normals: Points, positions: Points, *, cells: int, spacing_m: float) -> Array:
+def hidden_shares(points: Points, normals: Points, positions: Array, *, cells: int, spacing_m: float) -> Array:
     """Give for each position the share of points hidden behind a nearer surface.
 
     Parameters
@@ -114,11 +116,11 @@ def estimate_sensor_position(
         return SensorEstimate(None, 1.0, 1.0, np.inf, 0.0)
     shares = hidden_shares(points[coarse], normals[coarse], raster, cells=COARSE_CELLS, spacing_m=1.3 * spacing)
     starts = [raster[k] for k in _distinct(raster, shares, apart_m=1.5 * step, most=12)]
-    trials: list[tuple[Points, Array]] = []
+    trials: list[tuple[Array, Array]] = []
     refined = [_refine(points, normals, tree, (start, 0.5 * step, spacing), trials) for start in starts]
     refined.sort(key=lambda item: item[0])
     best_share, best = refined[0]
-    if candidate_m is not None:
+    if candidate_m is not None and NEAREST_SURFACE_M[0] < float(tree.query(candidate_m)[0]) < FAR_FROM_SURFACE_M:
         share = float(hidden_shares(points, normals, candidate_m[None], cells=FINE_CELLS, spacing_m=spacing)[0])
         # The file's own origin needs only be about as good as the best of thousands of tried positions.
         if share <= 1.5 * best_share + 0.01:
@@ -135,7 +137,7 @@ def estimate_sensor_position(
     return SensorEstimate(np.asarray(best, dtype=np.float64), best_share, runner_up, spread, confidence)
 
 
-def _distinct(positions: Points, shares: Array, *, apart_m: float, most: int) -> list[int]:
+def _distinct(positions: Array, shares: Array, *, apart_m: float, most: int) -> list[int]:
     """Pick the positions with the smallest shares that lie apart from each other."""
     chosen: list[int] = []
     for k in np.argsort(shares, kind="stable"):
@@ -158,7 +160,7 @@ def _refine(
     normals: Points,
     tree: "cKDTree[None]",
     start: tuple[Vector3, float, float],
-    trials: list[tuple[Points, Array]],
+    trials: list[tuple[Array, Array]],
 ) -> tuple[float, Vector3]:
     """Walk downhill from `start` (position, first step, spacing) in ever smaller steps: a count has no derivative."""
     best, step, spacing_m = start

@@ -1,0 +1,138 @@
+"""Poses found without a first guess on small simulated scans."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.errors import DegenerateGeometryError
+from algorithms.features.extraction import extract_features
+from algorithms.features.options import FeatureOptions
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.matching.coarse_registration import CoarseRegistration, MatchingOptions, match_features
+from algorithms.matching.correspondences import corresponding_lines, corresponding_planes, mutual_best
+from algorithms.progress import NoProgress
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import simulate_stations
+from algorithms.simulation.scenes import SCENES
+
+SCANNER = VirtualScanner(rows=200, columns=480, mixed_pixels=False)
+OPTIONS = MatchingOptions()
+
+
+@cache
+def scene_features(name: str) -> tuple[list[ScanFeatures], list[RigidTransform]]:
+    """Features of the first two stations, each scan moved by a random motion, and world_from_scan of the moved ones."""
+    scene = SCENES[name]()
+    scans = list(simulate_stations(scene, scene.stations[:2], SCANNER, np.random.default_rng(0)))
+    features, poses = [], []
+    for k, scan in enumerate(scans):
+        rng = np.random.default_rng(40 + k)
+        motion = RigidTransform.from_components(rng.uniform(-30.0, 30.0, 3), Rotation.random(random_state=70 + k))
+        moved = replace(
+            scan,
+            points=np.ascontiguousarray(motion.apply(scan.points)),
+            sensor_m=motion.apply(np.zeros(3) if scan.sensor_m is None else scan.sensor_m),
+            grid=None,
+        )
+        features.append(extract_features(moved, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0)))
+        poses.append(scene.stations[k] * motion.inv())
+    return features, poses
+
+
+@cache
+def hall() -> CoarseRegistration:
+    features, _ = scene_features("pipe_hall")
+    return match_features(features[0], features[1], OPTIONS)
+
+
+def _errors(pose: RigidTransform, truth: RigidTransform, centre: np.ndarray) -> tuple[float, float]:
+    turn = np.degrees((pose.rotation.inv() * truth.rotation).magnitude())
+    return float(turn), float(np.linalg.norm(pose.apply(centre) - truth.apply(centre)))
+
+
+def test_two_moved_scans_of_a_pipe_hall_find_each_other() -> None:
+    features, poses = scene_features("pipe_hall")
+    turn, shift = _errors(hall().target_from_source, poses[0].inv() * poses[1], features[1].surface.points.mean(axis=0))
+    # Good enough to find correspondences: the fine adjustment needs 1 degree and 0.1 m.
+    assert turn < 0.2
+    assert shift < 0.03
+
+
+def test_a_clear_answer_is_not_called_ambiguous() -> None:
+    assert not hall().ambiguous
+
+
+def test_the_runner_up_is_a_clearly_different_pose_with_a_lower_score() -> None:
+    features, _ = scene_features("pipe_hall")
+    answer = hall()
+    assert answer.runner_up is not None
+    turn, shift = _errors(answer.runner_up, answer.target_from_source, features[1].surface.points.mean(axis=0))
+    assert turn > 4.5 or shift > 0.3
+    assert answer.runner_up_score < answer.score
+
+
+def test_the_same_scans_give_the_same_answer() -> None:
+    features, _ = scene_features("pipe_hall")
+    again = match_features(features[0], features[1], OPTIONS)
+    np.testing.assert_array_equal(again.target_from_source.as_matrix(), hall().target_from_source.as_matrix())
+
+
+def test_swapping_source_and_target_inverts_the_pose() -> None:
+    features, _ = scene_features("pipe_hall")
+    swapped = match_features(features[1], features[0], OPTIONS)
+    turn, shift = _errors(
+        swapped.target_from_source.inv(), hall().target_from_source, features[1].surface.points.mean(axis=0)
+    )
+    # Both runs polish from different hypotheses; they meet within a fraction of the point spacing.
+    assert turn < 0.1
+    assert shift < 0.02
+
+
+def test_parallel_pipes_only_are_refused_with_rank_five() -> None:
+    features, _ = scene_features("parallel_pipes")
+    with pytest.raises(DegenerateGeometryError) as refusal:
+        match_features(features[0], features[1], OPTIONS)
+    assert refusal.value.rank == 5
+    assert "translation along" in refusal.value.free_directions[0]
+
+
+def test_a_single_plane_is_refused_with_rank_three() -> None:
+    features, _ = scene_features("single_plane")
+    with pytest.raises(DegenerateGeometryError) as refusal:
+        match_features(features[0], features[1], OPTIONS)
+    assert refusal.value.rank == 3
+
+
+def test_corresponding_lines_lie_on_each_other() -> None:
+    features, _ = scene_features("pipe_hall")
+    pose = hall().target_from_source
+    pairs = corresponding_lines(features[0], features[1], pose, max_angle_rad=0.03, max_distance_m=0.1)
+    ours, theirs = features[0].lines, features[1].lines
+    turned = pose.rotation.apply(theirs.directions[pairs[:, 1]])
+    angles = np.linalg.norm(np.cross(turned, ours.directions[pairs[:, 0]]), axis=1)
+    assert len(pairs) >= 4
+    assert angles.max() < 0.03
+
+
+def test_correspondences_are_one_to_one() -> None:
+    features, _ = scene_features("pipe_hall")
+    pose = hall().target_from_source
+    for find in (corresponding_lines, corresponding_planes):
+        pairs = find(features[0], features[1], pose, max_angle_rad=0.03, max_distance_m=0.1)
+        assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs) > 0
+
+
+def test_corresponding_planes_look_to_the_same_side() -> None:
+    features, _ = scene_features("pipe_hall")
+    pose = hall().target_from_source
+    pairs = corresponding_planes(features[0], features[1], pose, max_angle_rad=0.03, max_distance_m=0.1)
+    turned = pose.rotation.apply(features[1].planes.normals[pairs[:, 1]])
+    assert np.einsum("ij,ij->i", turned, features[0].planes.normals[pairs[:, 0]]).min() > np.cos(0.03)
+
+
+def test_only_mutual_best_pairs_count() -> None:
+    cost = np.array([[1.0, 2.0, np.inf], [0.5, 3.0, np.inf], [np.inf, np.inf, np.inf]])
+    np.testing.assert_array_equal(mutual_best(cost), [[1, 0]])
