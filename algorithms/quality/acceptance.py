@@ -64,7 +64,9 @@ class Verdict:
     """Why, in words with figures."""
 
 
-def judge(verification: Verification, *, runner_up_score: float, supporters: int, runner_up_supporters: int) -> Verdict:
+def judge(
+    verification: Verification, *, runner_up_score: float, supporters: int, runner_up_supporters: int | None = None
+) -> Verdict:
     """Judge a pose by how well the scans fit in it, and by how well they fit in the best clearly different one.
 
     Parameters
@@ -74,7 +76,8 @@ def judge(verification: Verification, *, runner_up_score: float, supporters: int
     runner_up_score
         Score of the best clearly different pose; 0 if there is none.
     supporters, runner_up_supporters
-        Lines and planes that both scans see in the pose, and in the other one.
+        Lines and planes that both scans see in the pose, and in the other one (None: not counted; many features never
+        make up for a low score then).
     """
     score = verification.score
     ratio = max(runner_up_score, 0.0) / max(score, 1e-9)
@@ -95,7 +98,7 @@ def judge(verification: Verification, *, runner_up_score: float, supporters: int
     return Verdict(status, (f"{fit}; the best other pose scores {runner_up_score:.2f}", *doubts))
 
 
-def _doubts(verification: Verification, ratio: float, supporters: int, runner_up_supporters: int) -> list[str]:
+def _doubts(verification: Verification, ratio: float, supporters: int, runner_up_supporters: int | None) -> list[str]:
     """Say what keeps a pose from being accepted; nothing when it is clear."""
     score = verification.score
     doubts = []
@@ -111,6 +114,7 @@ def _doubts(verification: Verification, ratio: float, supporters: int, runner_up
         or (
             score >= FEATURE_SCORE
             and ratio <= FEATURE_RATIO
+            and runner_up_supporters is not None
             and supporters >= max(FEATURE_SUPPORTERS, FEATURE_FACTOR * runner_up_supporters)
         )
     ):
