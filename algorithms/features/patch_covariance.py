@@ -53,7 +53,9 @@ def fit_patches(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, wa
     weights = 1.0 / (noise_variances + waviness_variance)
     scale = np.maximum(np.sqrt(np.mean(jacobian**2, axis=0)), 1e-12)
     scaled = jacobian / scale
-    covariance = np.linalg.pinv((scaled * weights[:, None]).T @ scaled, hermitian=True)
+    normal = (scaled * weights[:, None]).T @ scaled
+    # the ridge keeps the system of points on a line solvable; such a plane gets a huge standard deviation
+    covariance = np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(scale)))
     corrections = covariance @ (scaled.T @ (weights * misfits))
     return PatchFit(
         corrections / scale, covariance / np.outer(scale, scale), waviness_variance, len(misfits) - len(scale)
@@ -89,7 +91,7 @@ def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scala
     while high - low > 0.02 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    return 0.5 * (low + high)
+    return float(0.5 * (low + high))
 
 
 def shrink_variances(variances: Scalars, redundancies: Scalars, prior_redundancy: float = 6.0) -> Scalars:

@@ -12,6 +12,18 @@ BITS = 20
 
 
 @njit(cache=True, nogil=True)
+def bounds(points: Array) -> tuple[Array, Array]:
+    """Give the smallest and largest coordinates of points, (3,) each: faster than reducing along the long axis."""
+    low = points[0].copy()
+    high = points[0].copy()
+    for i in range(points.shape[0]):
+        for a in range(3):
+            low[a] = min(low[a], points[i, a])
+            high[a] = max(high[a], points[i, a])
+    return low, high
+
+
+@njit(cache=True, nogil=True)
 def _slot(key: np.int64, mask: int) -> np.int64:
     """Spread a key over the table (Fibonacci hashing)."""
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
