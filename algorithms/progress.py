@@ -1,9 +1,10 @@
 """How a computation tells how far it is, and learns that it should stop."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Receive progress. An implementation may raise `CancelledError` to stop the computation."""
 
