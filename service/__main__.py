@@ -1,4 +1,4 @@
-"""The command line: ``tieline serve | worker | register | demo``."""
+"""The command line: ``tieline serve | worker | migrate | register | demo``."""
 
 import signal
 import sys
@@ -39,6 +39,17 @@ def serve(
         run_service(settings)
     except (ServiceError, OSError) as error:
         _fail(f"the service cannot run: {error}", SERVICE_FAULT)
+
+
+@app.command()
+def migrate() -> None:
+    """Bring the database up to date and exit; `serve` does it by itself, several machines do it once beforehand."""
+    from service.launcher import prepare
+
+    try:
+        prepare(_settings())
+    except (ServiceError, OSError) as error:
+        _fail(f"the database cannot be brought up to date: {error}", SERVICE_FAULT)
 
 
 @app.command()

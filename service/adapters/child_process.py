@@ -24,13 +24,10 @@ from service.settings import Settings
 
 LAST_WORDS_LINES = 12
 LINE_BYTES = 1 << 26
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Loops over points: as many threads as the step may use."""
+SINGLE_THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Matrices of some hundred rows: a second thread gains nothing on an idle machine and costs a factor on a busy one."""
 log = structlog.get_logger()
 
 
@@ -132,7 +129,10 @@ class ChildProcesses:
 
     def _environment(self) -> Mapping[str, str]:
         """Set what must be known before the libraries are imported."""
-        return dict.fromkeys(THREAD_VARIABLES, str(threads_per_step(self._settings)))
+        return {
+            **dict.fromkeys(THREAD_VARIABLES, str(threads_per_step(self._settings))),
+            **dict.fromkeys(SINGLE_THREAD_VARIABLES, "1"),
+        }
 
 
 def remove_left_scratch(settings: Settings) -> None:
