@@ -1,7 +1,7 @@
 """Decide whether a pose is to be trusted: accepted, doubtful, rejected or ambiguous, with reasons in words and figures.
 
-The limits come from data: every pair of the development sets (garage, yard, flat, street, hall, corridor; 106 pairs,
-each scan moved by a random rigid motion), the best wrong pose of each pair, and pairs of scans of different places. A
+The limits come from data: every pair of the development sets (garage, yard, flat, street, hall, corridor; 86 pairs,
+each scan moved by a random rigid motion), the best wrong pose of each, and 60 pairs of scans of different places. A
 wrong pose called accepted is the worst outcome, so every limit leaves a gap to the best wrong pose seen.
 """
 
