@@ -143,7 +143,7 @@ def _refine(points: Points, own: Array, row: Array, noise_std_m: float) -> tuple
         if len(own) < MIN_POINTS:
             return None
         thin = points[own[:: max(1, len(own) // THINNED)]]
-        radius = float(adjust_cylinder(thin, anchor, direction, radius, 5, huber)[0][0])
+        radius = float(adjust_cylinder(thin, anchor, direction, radius, 5, huber)[0])
         offset = points[own] - anchor
         misfit = np.abs(np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1) - radius)
         limit = 3.5 * max(1.4826 * float(np.median(misfit)), NUMERICAL_STD_M)

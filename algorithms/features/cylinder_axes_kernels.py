@@ -20,7 +20,7 @@ def _frame(d: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int, huber: float) -> tuple[Array, float]:  # noqa: C901 - one compiled loop
+def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int, huber: float) -> Array:  # noqa: C901 - one compiled loop
     """Fit a cylinder geometrically (distance to axis minus radius) by Gauss-Newton with Huber weights.
 
     Five parameters: two tilts and two shifts of the axis across itself, and the radius. `c` and `d` are changed in
@@ -81,7 +81,7 @@ def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int
         step = np.max(np.abs(x5))
         if step < 1e-10 or not 0.0 < r < 1e3:
             break
-    return np.array([r, rms, step]), rms
+    return np.array([r, rms, step])
 
 
 @njit(cache=True, nogil=True)
@@ -252,7 +252,7 @@ def search_cylinders(  # noqa: C901, PLR0912, PLR0915 - one compiled loop
                 if found < min_cells or found <= previous:
                     break
                 previous = found
-                fit, _ = adjust_cylinder(means[room[:found]], c, d, r, 6, noise + 0.02 * r)
+                fit = adjust_cylinder(means[room[:found]], c, d, r, 6, noise + 0.02 * r)
                 r = fit[0]
                 if not 0.7 * min_radius <= r <= 1.3 * max_radius:
                     break

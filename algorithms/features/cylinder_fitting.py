@@ -57,7 +57,7 @@ def fit_cylinder(
         Expected noise: deviations beyond two of it are weighted down.
     """
     c, d = anchor.copy(), direction.copy()
-    (radius, _, _), _ = adjust_cylinder(points, c, d, radius_m, ITERATIONS, max(2.0 * noise_std_m, NUMERICAL_STD_M))
+    radius, _, _ = adjust_cylinder(points, c, d, radius_m, ITERATIONS, max(2.0 * noise_std_m, NUMERICAL_STD_M))
     if not (0.5 * radius_m < radius < 2.0 * radius_m and np.isfinite(d).all()):
         return None
     basis = bases_of(d[None])[0]

@@ -14,10 +14,12 @@ from jaxtyping import Float64
 
 from algorithms.arrays import Array, Matrix, Scalars
 
-LONG_WAVES = 4.0
+LONG_WAVES = 8.0
 """Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part
-of them: their share of the covariance is that of a quarter of the patches. Calibrated on walls and floors seen from
+of them: their share of the covariance is that of an eighth of the patches. Calibrated on walls and floors seen from
 two set-ups of known pose (tripod scans of a garage and of facades)."""
+SIGNIFICANCE = 1.5
+"""Standard deviations by which patches must scatter too much before a surface is called wavy."""
 NUMERICAL_STD_M = 1e-9
 """Rounding of coordinates: keeps weights finite on exact data."""
 
@@ -72,8 +74,12 @@ def honest_covariance(
 
 
 def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars) -> float:
-    """Estimate the variance of patch means beyond the noise of their points [m2]; zero if the noise explains them."""
-    redundancy = len(misfits) - jacobian.shape[1]
+    """Estimate the variance of patch means beyond the noise of their points [m2].
+
+    It is zero while the squared residuals exceed their redundancy by no more than `SIGNIFICANCE` standard deviations:
+    otherwise half of all ideal surfaces would be called wavy by chance.
+    """
+    redundancy = len(misfits) - int(jacobian.shape[1])
     if redundancy < 1:
         return 0.0
 
@@ -82,7 +88,7 @@ def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scala
         left = misfits - jacobian @ fit.corrections
         return float(np.sum(left**2 / (noise_variances + waviness))) - redundancy
 
-    if excess(0.0) <= 0:
+    if excess(0.0) <= SIGNIFICANCE * np.sqrt(2.0 * redundancy):
         return 0.0
     low: float = 0.0
     high = float(np.mean(misfits**2))

@@ -26,7 +26,7 @@ def intersect_planes(planes: Planes, rasters: PlaneRasters, *, min_length_m: flo
     rasters
         Their occupied cells.
     min_length_m
-        Least length of the common piece; three raster cells are needed as well.
+        Least length of the common piece; one and a half raster cells are needed as well.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def intersect_planes(planes: Planes, rasters: PlaneRasters, *, min_length_m: flo
     # the reach prolongs the common piece at both ends as well
     reach = REACH_CELLS * np.minimum(rasters.cell_sizes[i], rasters.cell_sizes[j])
     support += np.stack([reach, -reach, -2.0 * reach, np.zeros_like(reach)], axis=1)
-    met = support[:, 2] >= least
+    met = support[:, 2] >= np.maximum(min_length_m, least / 2.0)
     pairs, support = pairs[met], support[met]
     i, j = pairs.T
     anchors = points[met] + support[:, 3:] * directions[met]
