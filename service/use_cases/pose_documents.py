@@ -43,7 +43,7 @@ def pose_document(
     """
     matrix = pose.target_from_source.as_matrix()
     x, y, z, w = pose.rotation.as_quat(canonical=True)
-    angles = pose.omega_phi_kappa_rad * GON_PER_RAD
+    angles = pose.omega_phi_kappa_rad * GON_PER_RAD + 0.0  # no minus zero
     angle_std = [None if s is None else s * GON_PER_RAD for s in pose.omega_phi_kappa_std_rad]
     shift_std = pose.translation_std_m
     determined = pose.null_space.shape[1] == 0

@@ -5,7 +5,7 @@ import io
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.geometry.angles import GON_PER_RAD, angles_from_rotation
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.spanning_tree import StationLink, chain_poses
+from algorithms.registration import DEFAULT_METHOD
 from schemas.poses import Pose
 from schemas.registration_result import (
     Artifact,
@@ -29,6 +30,7 @@ from service.ports import BlobStore, Json, StepContext
 from service.use_cases.pose_documents import fixed_pose_document, pose_document
 from service.use_cases.run_features import SEED
 from service.use_cases.run_lines_report import software
+from service.use_cases.run_pair import method_of
 
 PARAMETERS = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
 
@@ -154,7 +156,11 @@ def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -
         timings.update(part)
     return Provenance(
         software=software(),
-        method=inputs["method"],
+        method={
+            "method": DEFAULT_METHOD.name,
+            "requested": inputs["method"]["method"],
+            **asdict(method_of(inputs["method"])),
+        },
         seed=SEED,
         inputs=[
             InputFile(
