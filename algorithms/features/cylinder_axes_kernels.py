@@ -12,11 +12,19 @@ from algorithms.scans.normals_kernels import smallest_axis
 @njit(cache=True, nogil=True)
 def _frame(d: Array) -> tuple[Array, Array]:
     """Give two unit vectors across d."""
-    helper = np.zeros(3)
-    helper[np.argmin(np.abs(d))] = 1.0
-    e1 = np.cross(helper, d)
-    e1 /= np.sqrt(np.sum(e1 * e1))
-    return e1, np.cross(d, e1)
+    k = 0
+    for a in range(3):
+        if abs(d[a]) < abs(d[k]):
+            k = a
+    e1 = np.zeros(3)  # unit vector k x d
+    e1[(k + 1) % 3] = -d[(k + 2) % 3]
+    e1[(k + 2) % 3] = d[(k + 1) % 3]
+    e1 /= math.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
+    e2 = np.empty(3)
+    for a in range(3):
+        i, j = (a + 1) % 3, (a + 2) % 3
+        e2[a] = d[i] * e1[j] - d[j] * e1[i]
+    return e1, e2
 
 
 @njit(cache=True, nogil=True)
@@ -144,20 +152,25 @@ def _hypothesis(members: Array, means: Array, normals: Array, c: Array, d: Array
     g = np.zeros(3)
     row = np.ones(3)
     for i in members:
-        offset = means[i] - origin
-        row[0] = np.sum(offset * e1)
-        row[1] = np.sum(offset * e2)
+        row[0] = 0.0
+        row[1] = 0.0
+        for a in range(3):
+            row[0] += (means[i, a] - origin[a]) * e1[a]
+            row[1] += (means[i, a] - origin[a]) * e2[a]
         square = row[0] ** 2 + row[1] ** 2
         for a in range(3):
             g[a] += row[a] * square
             for b in range(3):
                 N[a, b] += row[a] * row[b]
-    N += 1e-12 * np.trace(N) * np.eye(3)
+    ridge = 1e-12 * (N[0, 0] + N[1, 1] + N[2, 2])
+    for a in range(3):
+        N[a, a] += ridge
     x = np.linalg.solve(N, g)
     u = 0.5 * x[0]
     v = 0.5 * x[1]
     square = x[2] + u * u + v * v
-    c[:] = origin + u * e1 + v * e2
+    for a in range(3):
+        c[a] = origin[a] + u * e1[a] + v * e2[a]
     return math.sqrt(square) if square > 0 else 0.0
 
 
@@ -192,13 +205,18 @@ def _grow(
             if other < 0 or mark[other] == stamp or labels[other] >= 0:
                 continue
             mark[other] = stamp
-            offset = means[other] - c
-            offset -= np.sum(offset * d) * d
-            q = np.sqrt(np.sum(offset * offset))
+            x = means[other, 0] - c[0]
+            y = means[other, 1] - c[1]
+            z = means[other, 2] - c[2]
+            s = x * d[0] + y * d[1] + z * d[2]
+            x -= s * d[0]
+            y -= s * d[1]
+            z -= s * d[2]
+            q = math.sqrt(x * x + y * y + z * z)
             if abs(q - r) > tolerance or q <= 0.0:
                 continue
-            normal = normals[other]
-            if np.sum(normal * normal) > 0.5 and abs(np.sum(normal * offset)) < 0.85 * q:
+            nx, ny, nz = normals[other, 0], normals[other, 1], normals[other, 2]
+            if nx * nx + ny * ny + nz * nz > 0.5 and abs(nx * x + ny * y + nz * z) < 0.85 * q:
                 continue
             room[found] = other
             found += 1
