@@ -1,19 +1,54 @@
-"""The computations that run in processes of their own, by name."""
+"""The computations that run in processes of their own, by name.
+
+Each imports its module when it runs, because every step starts a process: only what the step needs is loaded.
+"""
 
 from collections.abc import Callable, Mapping
 
 from service.ports import Json, StepContext
-from service.use_cases.run_echo import echo
-from service.use_cases.run_features import extract_features_of_scan, inspect_uploaded_file
-from service.use_cases.run_lines_report import report_lines
-from service.use_cases.run_pair import register_pair
-from service.use_cases.run_registration_report import report_registration
+
+
+def _inspect_file(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_features import inspect_uploaded_file
+
+    return inspect_uploaded_file(context, arguments)
+
+
+def _features(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_features import extract_features_of_scan
+
+    return extract_features_of_scan(context, arguments)
+
+
+def _register_pair(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_pair import register_pair
+
+    return register_pair(context, arguments)
+
+
+def _report_registration(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_registration_report import report_registration
+
+    return report_registration(context, arguments)
+
+
+def _report_lines(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_lines_report import report_lines
+
+    return report_lines(context, arguments)
+
+
+def _echo(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_echo import echo
+
+    return echo(context, arguments)
+
 
 STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
-    "inspect-file": inspect_uploaded_file,
-    "features": extract_features_of_scan,
-    "register-pair": register_pair,
-    "report-registration": report_registration,
-    "report-lines": report_lines,
-    "echo": echo,
+    "inspect-file": _inspect_file,
+    "features": _features,
+    "register-pair": _register_pair,
+    "report-registration": _report_registration,
+    "report-lines": _report_lines,
+    "echo": _echo,
 }

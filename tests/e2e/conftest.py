@@ -1,0 +1,27 @@
+"""One running service for all tests that do not kill it, and small scans to send to it."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.e2e.running_service import RunningService, running_service
+from tests.e2e.virtual_scans import simulate, write_scans
+
+
+def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.e2e)
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    with running_service(tmp_path_factory.mktemp("service")) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def house(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Path]:
+    """Two stations of the house."""
+    return write_scans(tmp_path_factory.mktemp("house"), simulate("house"))
