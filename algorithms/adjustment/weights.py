@@ -69,10 +69,19 @@ def whitening_of(system: LinearSystem) -> Whitening:
         return Whitening(blockwise)
     # In units of each block the diagonal blocks are unit matrices, so one threshold fits tilts and offsets.
     normalised = blockwise @ (blockwise @ system.joint_covariance).T
-    values, vectors = linalg.eigh(0.5 * (normalised + normalised.T), driver="evd")
+    values, vectors = _eigen(0.5 * (normalised + normalised.T))
     kept = values > _dependent_share(system)
     rows = (vectors[:, kept] / np.sqrt(values[kept])).T
     return Whitening(np.asarray((blockwise.T @ rows.T).T))
+
+
+def _eigen(symmetric: Array) -> tuple[Array, Array]:
+    """Give eigenvalues and eigenvectors; the fast divide-and-conquer driver fails on rare clustered spectra."""
+    try:
+        values, vectors = linalg.eigh(symmetric, driver="evd")
+    except np.linalg.LinAlgError:
+        values, vectors = linalg.eigh(symmetric, driver="ev")
+    return values, vectors
 
 
 def _dependent_share(system: LinearSystem) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, IndexPairs
+from algorithms.arrays import Array, IndexPairs, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
 from algorithms.matching.line_pairs import DescribedLines, described_lines
@@ -13,7 +13,8 @@ MAX_GAP_M = 0.5
 MAX_BISECTOR_ANGLE_RAD = np.radians(15.0)
 MAX_RADIUS_DIFFERENCE = 0.1
 """Radii of one pipe agree within this share of the larger, or within a centimetre."""
-MAX_PLANE_GAP_M = 0.3
+LEAST_COMMON_SHARE = 0.5
+"""So much of the smaller piece must lie on the larger one: walls are not flat enough to compare different pieces."""
 
 
 def corresponding_lines(
@@ -79,7 +80,7 @@ def corresponding_planes(
     """Find the planes that both scans see.
 
     Oriented normals and the distance of each plane at the other's centroid must agree within the limits, and the
-    bounded pieces must overlap or nearly so; each must be the other's nearest.
+    bounded pieces must overlap by half of the smaller; each must be the other's nearest.
 
     Parameters
     ----------
@@ -106,14 +107,13 @@ def corresponding_planes(
     # With a small overlap one of the two distances is extrapolated far beyond the plane's own piece.
     distances = np.minimum(on_ours, on_theirs)
     i, j = np.nonzero((angles <= max_angle_rad) & (distances <= max_distance_m))
-    gaps = _plane_gaps(ours, theirs, target_from_source, np.column_stack([i, j]))
-    usable = gaps <= MAX_PLANE_GAP_M
-    i, j = i[usable], j[usable]
+    shares, depths = _common_pieces(ours, theirs, target_from_source, np.column_stack([i, j]))
+    usable = shares >= LEAST_COMMON_SHARE
+    i, j, depths = i[usable], j[usable], depths[usable]
     cost = np.full(angles.shape, np.inf)
-    nearness = np.maximum(gaps[usable], 0.0) / MAX_PLANE_GAP_M
     cost[i, j] = (
-        (distances[i, j] / max_distance_m) ** 2 + (angles[i, j] / max_angle_rad) ** 2 + nearness**2
-        - 0.5 * np.clip(-gaps[usable], 0.0, 2.0)  # pieces that overlap by metres are surely the same
+        (distances[i, j] / max_distance_m) ** 2 + (angles[i, j] / max_angle_rad) ** 2
+        - 0.5 * np.minimum(depths, 2.0)  # pieces that overlap by metres are surely the same
     )  # fmt: skip
     return mutual_best(cost)
 
@@ -140,9 +140,19 @@ def _alike(ours: DescribedLines, theirs: DescribedLines, rotation: Array) -> Arr
     return np.asarray(same_kind & np.where(edge, bisectors & openings, radii))
 
 
-def _plane_gaps(ours: Planes, theirs: Planes, target_from_source: RigidTransform, pairs: IndexPairs) -> Array:
-    """Measure the gap between the boxes around two bounded pieces in the target plane, negative where they overlap."""
-    gaps = np.empty(len(pairs))
+def _common_pieces(
+    ours: Planes, theirs: Planes, target_from_source: RigidTransform, pairs: IndexPairs
+) -> tuple[Scalars, Scalars]:
+    """Measure how far the boxes around two bounded pieces overlap in the target plane.
+
+    Returns
+    -------
+    shares
+        (n,) common area over the area of the smaller box, 0..1.
+    depths
+        (n,) smaller side of the common box, 0 where there is none [m].
+    """
+    shares, depths = np.zeros(len(pairs)), np.zeros(len(pairs))
     corners: dict[int, Array] = {}
     for k, (i, j) in enumerate(pairs):
         if int(j) not in corners:
@@ -151,7 +161,9 @@ def _plane_gaps(ours: Planes, theirs: Planes, target_from_source: RigidTransform
         own = ours.boundary_of(int(i))
         other = (corners[int(j)] - ours.centroids[i]) @ ours.bases[i]
         if len(own) == 0 or len(other) == 0:
-            gaps[k] = np.inf
             continue
-        gaps[k] = np.max(np.maximum(own.min(axis=0) - other.max(axis=0), other.min(axis=0) - own.max(axis=0)))
-    return gaps
+        common = np.minimum(own.max(axis=0), other.max(axis=0)) - np.maximum(own.min(axis=0), other.min(axis=0))
+        smaller = min(np.prod(np.ptp(own, axis=0)), np.prod(np.ptp(other, axis=0)))
+        depths[k] = max(common.min(), 0.0)
+        shares[k] = np.prod(np.maximum(common, 0.0)) / max(smaller, 1e-12)
+    return shares, depths

@@ -21,6 +21,8 @@ GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
 """Largest angle [rad] and distance [m] of corresponding features in each round; the pose improves in between."""
 LEAST_REDUNDANCY = 10
 """Conditions beyond the six parameters without which no test means anything."""
+SURFACE_SIGMAS = 3.0
+"""So many standard deviations may lines and planes differ from the surfaces at their centroid, plus the noise."""
 LEAST_USED_SHARE = 0.5
 """Below this share of agreeing correspondences the pose is doubtful."""
 
@@ -55,7 +57,8 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
     progress.report(0.9, "verification")
     verification = verify_pose(target, source, fine.adjustment.pose.target_from_source)
     verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=len(fine.lines) + len(fine.planes))
-    status, reasons = _status(coarse, fine, verdict)
+    noise = max(target.noise_std_m, source.noise_std_m)
+    status, reasons = _status(coarse, fine, verdict, noise)
     return PairResult(status, reasons, coarse, fine, verification)
 
 
@@ -94,7 +97,9 @@ def _no_pairs() -> IndexPairs:
     return np.empty((0, 2), dtype=np.int64)
 
 
-def _status(coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict) -> tuple[PairStatus, tuple[str, ...]]:
+def _status(
+    coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict, allowance_m: float
+) -> tuple[PairStatus, tuple[str, ...]]:
     """Join what surfaces, runner-up and adjustment say; the most severe decides."""
     adjustment = fine.adjustment
     reasons = [*verdict.reasons, *_remarks(adjustment)]
@@ -108,7 +113,7 @@ def _status(coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict
         )
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    doubts = _doubts(adjustment, fine)
+    doubts = [*_doubts(adjustment, fine), *_contradictions(coarse, adjustment, allowance_m)]
     if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
         return PairStatus.DOUBTFUL, (*reasons, *doubts)
     return PairStatus.ACCEPTED, tuple(reasons)
@@ -129,6 +134,33 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
     if used < LEAST_USED_SHARE * all_:
         doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
     return doubts
+
+
+def _contradictions(coarse: CoarseRegistration, adjustment: LineAdjustment, allowance_m: float) -> list[str]:
+    """Compare with the pose in which all surfaces fit best: it rests on other data than the planes that were matched.
+
+    Parameters
+    ----------
+    coarse
+        Its pose was polished on the whole surfaces.
+    adjustment
+        Fine registration.
+    allowance_m
+        How well the polished pose is known by itself: about the noise of single points [m].
+    """
+    centroid = adjustment.centroid_m
+    shift = coarse.target_from_source.apply(adjustment.pose.target_from_source.inv().apply(centroid)) - centroid
+    std = np.array([np.inf if s is None else s for s in adjustment.centroid_std_m]) * np.sqrt(
+        adjustment.variance_factor
+    )
+    if (np.abs(shift) <= SURFACE_SIGMAS * std + allowance_m).all():
+        return []
+    return [
+        (
+            f"lines and planes shift the pose by {np.linalg.norm(shift) * 1e3:.0f} mm from the best fit of the surfaces, "
+            f"more than their standard deviation of {np.linalg.norm(std) * 1e3:.0f} mm explains"
+        )
+    ]
 
 
 def _remarks(adjustment: LineAdjustment) -> list[str]:
