@@ -157,8 +157,8 @@ def _contradictions(coarse: CoarseRegistration, adjustment: LineAdjustment, allo
         return []
     return [
         (
-            f"lines and planes shift the pose by {np.linalg.norm(shift) * 1e3:.0f} mm from the best fit of the surfaces, "
-            f"more than their standard deviation of {np.linalg.norm(std) * 1e3:.0f} mm explains"
+            f"lines and planes shift the pose by {np.linalg.norm(shift) * 1e3:.0f} mm from the best fit of the "
+            f"surfaces, more than their standard deviation of {np.linalg.norm(std) * 1e3:.0f} mm explains"
         )
     ]
 
