@@ -87,5 +87,6 @@ def _scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[
         yield FieldFault(f"{where}/file", f"there is no file '{scan.file}'; POST /files uploads one")
     elif not file.scans:
         yield FieldFault(f"{where}/file", f"the file '{file.name}' holds no scan")
-    elif scan.index >= len(file.scans):
-        yield FieldFault(f"{where}/index", f"the file '{file.name}' holds {len(file.scans)} scan(s), numbered from 0")
+    elif scan.index not in (numbers := [found["index"] for found in file.scans]):
+        listed = ", ".join(map(str, numbers[:20])) + (", …" if len(numbers) > 20 else "")
+        yield FieldFault(f"{where}/index", f"the file '{file.name}' holds {len(numbers)} scan(s), numbered {listed}")

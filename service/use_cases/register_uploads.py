@@ -46,7 +46,7 @@ async def register_uploads(
 
 
 def _submit(intake: FileIntake, jobs: JobStore, files: Sequence[StoredFile], options: Any, now: datetime) -> Job:
-    scans = [{"file": file.id, "index": index} for file in files for index in range(len(file.scans))]
+    scans = [{"file": file.id, "index": scan["index"]} for file in files for scan in file.scans]
     if len(scans) < 2:
         detail = f"a registration needs at least two scans, {len(scans)} came"
         raise InvalidRequestError(detail, [FieldFault("/scan", detail)])

@@ -77,10 +77,11 @@ class RunningService:
         self.url = words[4]
         self.http = httpx.Client(base_url=self.url, timeout=120.0)
 
-    def stop(self) -> None:
+    def stop(self) -> int:
+        """Stop in order; give the exit code."""
         self.http.close()
         self._launcher.terminate()
-        self._launcher.wait(20)
+        return self._launcher.wait(20)
 
     def kill_everything(self) -> None:
         """End launcher, API, worker and computation at once, as a power cut does."""

@@ -1,14 +1,14 @@
 """kill -9 in the middle of a registration: it goes on to the right result, and finished steps are not repeated."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
 
+from service.formats.e57_writer import write_e57
 from tests.e2e.running_service import Document, RunningService, alive, running_service, wait_until
-from tests.e2e.virtual_scans import first_from_second
+from tests.e2e.virtual_scans import first_from_second, simulate
 
 
 @pytest.fixture(scope="module")
@@ -18,9 +18,11 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 
 
 @pytest.fixture(scope="module")
-def stations(service: RunningService, house: Sequence[Path]) -> Sequence[Document]:
-    files = [service.upload(path) for path in house]
-    return [{"name": f"S{k}", "scan": {"file": file["id"], "index": 0}} for k, file in enumerate(files, start=1)]
+def stations(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -> Sequence[Document]:
+    path = tmp_path_factory.mktemp("house") / "house.e57"
+    write_e57(path, simulate("house"))
+    file = service.upload(path)["id"]
+    return [{"name": f"S{k + 1}", "scan": {"file": file, "index": k}} for k in range(2)]
 
 
 def comparing(service: RunningService, job: str) -> Sequence[psutil.Process]:
@@ -78,5 +80,11 @@ def test_dismissing_ends_the_computation_within_five_seconds_and_leaves_nothing(
     wait_until(lambda: all_ended(computations) and service.computations() == [], 5.0)
     assert (service.stored(), service.job(job)["status"]) == (before, "dismissed")
     assert service.echo()
-    for station in stations:
-        assert service.http.delete(f"/files/{station['scan']['file']}").status_code == 204
+
+
+def test_sigterm_in_the_middle_of_a_job_leaves_no_process(
+    service: RunningService, stations: Sequence[Document]
+) -> None:
+    comparing(service, service.execute("register", {"stations": stations}))
+    family = service.processes()
+    assert (len(family), service.stop(), all_ended(family)) == (4, 0, True)

@@ -1,6 +1,5 @@
-"""kill -9 of a computation or a worker: the job goes on, and finished steps are not repeated."""
+"""A worker stops or is killed: another goes on with its job, and finished steps are not repeated."""
 
-import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,15 +44,6 @@ def submit(service: Harness, name: str) -> tuple[str, int]:
 def how_often(service: Harness, name: str) -> tuple[int, int]:
     """Count the starts of the short step and the ends of the long one."""
     return len(service.events("start", f"{name}-short")), len(service.events("end", f"{name}-long"))
-
-
-def test_a_killed_computation_runs_again(service: Harness) -> None:
-    with_two_workers(service)
-    job, computing = submit(service, "child")
-    os.kill(computing, signal.SIGKILL)
-    finished = service.finished(job)
-    assert (finished.status, finished.attempts) == (JobStatus.SUCCESSFUL, 1)
-    assert how_often(service, "child") == (1, 1)
 
 
 def test_a_worker_that_stops_in_order_hands_its_step_over_without_counting_an_attempt(service: Harness) -> None:
