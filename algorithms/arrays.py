@@ -25,6 +25,8 @@ Floats32: TypeAlias = Float32[Array, "n"]
 Colors: TypeAlias = UInt8[Array, "n 3"]
 Indices: TypeAlias = Int64[Array, "n"]
 IndexPairs: TypeAlias = Int64[Array, "n 2"]
+OtherIndexPairs: TypeAlias = Int64[Array, "m 2"]
+"""Pairs beside others of a different number."""
 Labels: TypeAlias = Int32[Array, "n"]
 GridIndex: TypeAlias = Int32[Array, "rows columns"]
 Flags: TypeAlias = Bool[Array, "n"]

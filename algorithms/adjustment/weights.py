@@ -86,7 +86,8 @@ def _eigen(symmetric: Array) -> tuple[Array, Array]:
 
 def _dependent_share(system: LinearSystem) -> float:
     """Give the variance share below which a combination of residuals counts as bound; tilts come first in a block."""
-    tilts = max(float(np.diagonal(blocks, axis1=1, axis2=2)[:, :2].max()) for blocks in system.covariances)
+    diagonals = [np.diagonal(blocks, axis1=1, axis2=2)[:, :2] for blocks in system.covariances]
+    tilts = max(float(diagonal.max(initial=0.0)) for diagonal in diagonals)
     return float(np.clip(DEPENDENT_PER_TILT_VARIANCE * tilts, SMALLEST_DEPENDENT_SHARE, LARGEST_DEPENDENT_SHARE))
 
 

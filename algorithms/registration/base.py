@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
-from algorithms.arrays import IndexPairs, Vector3
+from algorithms.arrays import IndexPairs, OtherIndexPairs, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
@@ -39,7 +39,7 @@ class FineRegistration:
 
     lines: IndexPairs
     """(n, 2) numbers of corresponding target and source lines."""
-    planes: IndexPairs
+    planes: OtherIndexPairs
     """(m, 2) numbers of corresponding target and source planes."""
     adjustment: LineAdjustment
     """Between the reduced frames."""

@@ -1,0 +1,127 @@
+"""What every registration method owes its user; driven by the union of methods."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.features.extraction import extract_features
+from algorithms.features.options import FeatureOptions
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.progress import NoProgress
+from algorithms.registration import RegistrationMethod
+from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import simulate_stations
+from algorithms.simulation.scenes import SCENES
+
+METHODS = get_args(RegistrationMethod) or (RegistrationMethod,)
+SCANNER = VirtualScanner(rows=240, columns=560, mixed_pixels=False)
+every_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+
+
+def extracted(scan: Any) -> ScanFeatures:
+    return extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
+
+
+@cache
+def stations(name: str) -> tuple[tuple[ScanFeatures, ...], RigidTransform]:
+    """Features of two stations of a scene and the true target_from_source."""
+    scene = SCENES[name]()
+    scans = simulate_stations(scene, scene.stations[:2], SCANNER, np.random.default_rng(3))
+    return tuple(extracted(scan) for scan in scans), scene.stations[0].inv() * scene.stations[1]
+
+
+@cache
+def registered(method: Any, name: str, *, swapped: bool = False) -> PairResult:
+    (target, source), _ = stations(name)
+    problem = RegistrationProblem(source, target) if swapped else RegistrationProblem(target, source)
+    return method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+
+
+def error_of(estimate: RigidTransform, truth: RigidTransform) -> np.ndarray:
+    turn = (truth.rotation * estimate.rotation.inv()).as_rotvec()
+    return np.concatenate([turn, np.asarray(truth.translation) - np.asarray(estimate.translation)])
+
+
+@every_method
+def test_a_known_pose_is_recovered_and_accepted_with_an_honest_covariance(method: Any) -> None:
+    result = registered(method, "pipe_hall")
+    assert result.status is PairStatus.ACCEPTED
+    assert result.fine is not None
+    error = error_of(result.fine.pose.target_from_source, stations("pipe_hall")[1])
+    # 99.9 % of chi-square with six degrees of freedom is 22.5; one scene, one seed
+    assert error @ np.linalg.solve(result.fine.pose.covariance, error) < 22.5
+    assert np.linalg.norm(error[3:]) < 0.002
+
+
+@every_method
+def test_the_same_input_gives_the_same_answer(method: Any) -> None:
+    (target, source), _ = stations("pipe_hall")
+    again = method().register(RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(5))
+    first = registered(method, "pipe_hall")
+    assert again.fine is not None
+    assert first.fine is not None
+    np.testing.assert_array_equal(
+        again.fine.pose.target_from_source.as_matrix(), first.fine.pose.target_from_source.as_matrix()
+    )
+
+
+@every_method
+def test_swapping_the_scans_inverts_the_answer(method: Any) -> None:
+    there, back = registered(method, "pipe_hall"), registered(method, "pipe_hall", swapped=True)
+    assert there.fine is not None
+    assert back.fine is not None
+    difference = error_of(back.fine.pose.inverse().target_from_source, there.fine.pose.target_from_source)
+    # the search is not symmetric, so a few other correspondences may be used: within the standard deviations
+    assert (np.abs(difference) < 3.0 * np.sqrt(np.diag(there.fine.pose.covariance))).all()
+
+
+@every_method
+def test_parallel_pipes_are_degenerate_and_the_free_shift_is_named(method: Any) -> None:
+    result = registered(method, "parallel_pipes")
+    assert result.status is PairStatus.DEGENERATE
+    assert "translation along" in result.reasons[0]
+
+
+@every_method
+def test_a_single_plane_is_degenerate(method: Any) -> None:
+    assert registered(method, "single_plane").status is PairStatus.DEGENERATE
+
+
+@every_method
+def test_scans_of_different_places_are_never_accepted(method: Any) -> None:
+    problem = RegistrationProblem(stations("pipe_hall")[0][0], stations("house")[0][1])
+    result = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    assert result.status is not PairStatus.ACCEPTED
+    assert result.reasons
+
+
+@every_method
+def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
+    (target, source), truth = stations("pipe_hall")
+    origin = np.array([500_000.0, 5_300_000.0, 400.0])
+    problem = RegistrationProblem(replace(target, origin_m=origin), source)
+    far = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    near = registered(method, "pipe_hall")
+    assert far.fine is not None
+    assert near.fine is not None
+    shift = far.fine.pose.translation_m - near.fine.pose.translation_m
+    np.testing.assert_allclose(shift, origin, atol=1e-8)  # the spacing of doubles there is 1e-9 m
+    np.testing.assert_allclose(far.fine.pose.covariance, near.fine.pose.covariance, rtol=1e-6, atol=1e-18)
+    assert truth is not None
+
+
+@every_method
+def test_a_tilted_instrument_changes_nothing(method: Any) -> None:
+    scene = SCENES["pipe_hall"]()
+    tilt = RigidTransform.from_rotation(Rotation.from_euler("x", 90, degrees=True))
+    poses = [scene.stations[0], scene.stations[1] * tilt]
+    target, source = (extracted(s) for s in simulate_stations(scene, poses, SCANNER, np.random.default_rng(4)))
+    result = method().register(RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0))
+    assert result.status is PairStatus.ACCEPTED
+    assert result.fine is not None
+    assert np.linalg.norm(error_of(result.fine.pose.target_from_source, poses[0].inv() * poses[1])[3:]) < 0.005
