@@ -126,6 +126,9 @@ class FileStore(Protocol):
     def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
         """List, newest first, with the number of all."""
 
+    def count_with_content(self, sha256: str) -> int:
+        """Count the files with this content."""
+
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import networkx as nx
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
@@ -42,6 +41,8 @@ def chain_poses(stations: Sequence[str], links: Sequence[StationLink]) -> Mappin
     -------
     Poses first-station from station by name; stations without connection are absent.
     """
+    import networkx as nx  # half a second that only a report needs
+
     graph: nx.Graph[str] = nx.Graph()
     graph.add_nodes_from(stations)
     for number, link in enumerate(links):

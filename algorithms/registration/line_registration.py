@@ -21,8 +21,10 @@ GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
 """Largest angle [rad] and distance [m] of corresponding features in each round; the pose improves in between."""
 LEAST_REDUNDANCY = 10
 """Conditions beyond the six parameters without which no test means anything."""
-SURFACE_SIGMAS = 3.0
-"""So many standard deviations may lines and planes differ from the surfaces at their centroid, plus the noise."""
+SURFACE_SIGMAS, SURFACE_NOISES = 3.0, 2.0
+"""So many standard deviations of the pose and of the noise may lines and planes differ from the surfaces."""
+WORST_STD_M = 0.02
+"""Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
 LEAST_USED_SHARE = 0.5
 """Below this share of agreeing correspondences the pose is doubtful."""
 
@@ -57,8 +59,7 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
     progress.report(0.9, "verification")
     verification = verify_pose(target, source, fine.adjustment.pose.target_from_source)
     verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=len(fine.lines) + len(fine.planes))
-    noise = max(target.noise_std_m, source.noise_std_m)
-    status, reasons = _status(coarse, fine, verdict, noise)
+    status, reasons = _status(problem, coarse, fine, verdict)
     return PairResult(status, reasons, coarse, fine, verification)
 
 
@@ -98,7 +99,7 @@ def _no_pairs() -> IndexPairs:
 
 
 def _status(
-    coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict, allowance_m: float
+    problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict
 ) -> tuple[PairStatus, tuple[str, ...]]:
     """Join what surfaces, runner-up and adjustment say; the most severe decides."""
     adjustment = fine.adjustment
@@ -113,7 +114,7 @@ def _status(
         )
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    doubts = [*_doubts(adjustment, fine), *_contradictions(coarse, adjustment, allowance_m)]
+    doubts = [*_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
     if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
         return PairStatus.DOUBTFUL, (*reasons, *doubts)
     return PairStatus.ACCEPTED, tuple(reasons)
@@ -133,32 +134,37 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
     used, all_ = sum(int(k.sum()) for k in kept), len(fine.lines) + len(fine.planes)
     if used < LEAST_USED_SHARE * all_:
         doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
+    scale = np.sqrt(adjustment.variance_factor)
+    doubts += [
+        f"the geometry hardly determines the {weak.description} "
+        f"(standard deviation {weak.std_m * scale * 1e3:.0f} mm): {weak.advice}"
+        for weak in adjustment.weak
+        if weak.std_m * scale > WORST_STD_M
+    ]
     return doubts
 
 
-def _contradictions(coarse: CoarseRegistration, adjustment: LineAdjustment, allowance_m: float) -> list[str]:
+def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
     """Compare with the pose in which all surfaces fit best: it rests on other data than the planes that were matched.
 
-    Parameters
-    ----------
-    coarse
-        Its pose was polished on the whole surfaces.
-    adjustment
-        Fine registration.
-    allowance_m
-        How well the polished pose is known by itself: about the noise of single points [m].
+    Compared is where the matched features come to lie; the surfaces' pose is known by itself to about the noise of
+    single points.
     """
-    centroid = adjustment.centroid_m
-    shift = coarse.target_from_source.apply(adjustment.pose.target_from_source.inv().apply(centroid)) - centroid
-    std = np.array([np.inf if s is None else s for s in adjustment.centroid_std_m]) * np.sqrt(
-        adjustment.variance_factor
-    )
-    if (np.abs(shift) <= SURFACE_SIGMAS * std + allowance_m).all():
+    target, adjustment = problem.target, fine.adjustment
+    pose = adjustment.pose_a_posteriori
+    points = np.vstack([target.lines.anchors[fine.lines[:, 0]], target.planes.centroids[fine.planes[:, 0]]])
+    shifts = coarse.target_from_source.apply(pose.target_from_source.inv().apply(points)) - points
+    stds = np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
+    allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
+    excess = (np.abs(shifts) - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
+    worst = int(np.argmax(excess))
+    if excess[worst] <= 0.0:
         return []
     return [
         (
-            f"lines and planes shift the pose by {np.linalg.norm(shift) * 1e3:.0f} mm from the best fit of the "
-            f"surfaces, more than their standard deviation of {np.linalg.norm(std) * 1e3:.0f} mm explains"
+            f"lines and planes shift the scan by up to {np.linalg.norm(shifts[worst]) * 1e3:.0f} mm from the best fit "
+            f"of the surfaces, more than the standard deviation of {np.linalg.norm(stds[worst]) * 1e3:.0f} mm there "
+            "explains"
         )
     ]
 

@@ -240,6 +240,12 @@ class DatabaseFileStore:
             rows = connection.execute(query).mappings().all()
         return [_file(row) for row in rows], number
 
+    def count_with_content(self, sha256: str) -> int:
+        """Count the files with this content."""
+        query = sa.select(sa.func.count()).select_from(files).where(files.c.sha256 == sha256)
+        with _reading(self._engine) as connection:
+            return int(connection.execute(query).scalar_one())
+
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
         with self._engine.begin() as connection:

@@ -126,6 +126,10 @@ class MemoryFileStore:
         found = sorted(self._files.values(), key=lambda file: (file.created, file.id), reverse=True)
         return found[offset : offset + limit], len(found)
 
+    def count_with_content(self, sha256: str) -> int:
+        """Count the files with this content."""
+        return sum(file.sha256 == sha256 for file in self._files.values())
+
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
         return self._files.pop(file_id, None) is not None

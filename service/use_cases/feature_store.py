@@ -1,7 +1,5 @@
 """Keep the features of a scan as one blob, so that no later job extracts them again."""
 
-import hashlib
-import json
 import types
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -10,18 +8,8 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from algorithms.features.scan_features import ScanFeatures
-from service.ports import Json
-
-FEATURE_VERSION = 1
-"""Raise when extraction gives other features for the same scan and options."""
 
 T = TypeVar("T")
-
-
-def feature_key(sha256: str, scan_index: int, options: Json) -> str:
-    """Name the blob of a scan's features by content, scan number, options and version of the extraction."""
-    what = json.dumps([FEATURE_VERSION, sha256, scan_index, options], sort_keys=True)
-    return f"features/{hashlib.sha256(what.encode()).hexdigest()}.npz"
 
 
 def save_features(path: Path, features: ScanFeatures) -> None:

@@ -6,9 +6,12 @@ import time
 import numpy as np
 from pydantic import TypeAdapter
 
+from algorithms.features.options import FeatureOptions
+from algorithms.features.scan_features import ScanFeatures
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
-from service.use_cases.feature_store import feature_key, load_features, save_features
+from service.use_cases.feature_keys import feature_key
+from service.use_cases.feature_store import load_features, save_features
 
 SEED = 0
 """Every computation draws from a generator with this seed: the same input gives the same answer."""
@@ -36,30 +39,18 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
 
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
-    from algorithms.features.extraction import extract_features
-    from algorithms.features.options import FeatureOptions
-    from service.formats import read_scan
-
     key = feature_key(arguments["sha256"], arguments["index"], arguments["options"])
     timings = {"read": 0.0, "features": 0.0}
-    if not context.blobs.exists(key):
-        options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
-        started = time.perf_counter()
-        context.progress.report(0.0, "reading")
-        path = context.blobs.local_path(f"files/{arguments['file']}")
-        scan = read_scan(path, arguments["filename"], arguments["index"], _limits(context))
-        timings["read"] = time.perf_counter() - started
-        started = time.perf_counter()
-        features = extract_features(scan, options, progress=context.progress, rng=np.random.default_rng(SEED))
-        timings["features"] = time.perf_counter() - started
+    if context.blobs.exists(key):
+        features = load_features(context.blobs.local_path(key))
+    else:
+        features, timings = _extracted(context, arguments)
         scratch = context.blobs.scratch()
         try:
             save_features(scratch / "features.npz", features)
             context.blobs.put_file(key, scratch / "features.npz")
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
-    else:
-        features = load_features(context.blobs.local_path(key))
     return {
         "features": key,
         "sha256": arguments["sha256"],
@@ -73,6 +64,20 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
         },
         "timings_s": timings,
     }
+
+
+def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dict[str, float]]:
+    from algorithms.features.extraction import extract_features
+    from service.formats import read_scan
+
+    options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
+    started = time.perf_counter()
+    context.progress.report(0.0, "reading")
+    path = context.blobs.local_path(f"files/{arguments['file']}")
+    scan = read_scan(path, arguments["filename"], arguments["index"], _limits(context))
+    read = time.perf_counter()
+    features = extract_features(scan, options, progress=context.progress, rng=np.random.default_rng(SEED))
+    return features, {"read": read - started, "features": time.perf_counter() - read}
 
 
 def _limits(context: StepContext) -> ReadLimits:

@@ -16,6 +16,7 @@ from service.errors import (
 )
 from service.ports import BlobStore, FileStore, JobStore, StepRunner, StoredFile
 from service.settings import Settings
+from service.use_cases.feature_keys import features_of_content
 from service.use_cases.identifiers import is_identifier, new_identifier
 
 BYTES_BETWEEN_DISK_CHECKS = 64_000_000
@@ -152,7 +153,7 @@ def find_file(file_id: str, files: FileStore) -> StoredFile:
 
 
 def delete_file(file_id: str, files: FileStore, jobs: JobStore, blobs: BlobStore) -> None:
-    """Remove a file that no unfinished job reads.
+    """Remove a file that no unfinished job reads, and the features of its scans unless a twin needs them.
 
     Raises
     ------
@@ -167,6 +168,8 @@ def delete_file(file_id: str, files: FileStore, jobs: JobStore, blobs: BlobStore
         raise JobNotFinishedError(f"file '{file.name}'", user.id)
     files.delete(file_id)
     blobs.delete_prefix(blob_key(file_id))
+    if files.count_with_content(file.sha256) == 0:
+        blobs.delete_prefix(features_of_content(file.sha256))
 
 
 def _existing(path: Path) -> Path:

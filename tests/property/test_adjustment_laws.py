@@ -258,7 +258,11 @@ def test_a_wrong_correspondence_is_named_and_removed(shared):
     planes = {"target_plane_covariances": target_planes, "source_plane_covariances": source_planes}
     result = adjust_lines(moved, source, one_to_one(len(source)), pose, **(planes if shared else {}))
     assert [removal.correspondence for removal in result.removals] == [13]
-    assert (result.removals[0].kind, result.removals[0].target_number, result.removals[0].source_number) == ("line", 13, 13)
+    assert (result.removals[0].kind, result.removals[0].target_number, result.removals[0].source_number) == (
+        "line",
+        13,
+        13,
+    )
     assert result.lines.states[13] == CorrespondenceState.REMOVED
     assert np.linalg.norm(result.lines.offsets_m[13]) == pytest.approx(0.1, abs=0.02)
     assert normalised_error(result.pose, pose) < stats.chi2.isf(1e-4, 6)

@@ -10,7 +10,8 @@ from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
-from service.use_cases.feature_store import feature_key, load_features, save_features
+from service.use_cases.feature_keys import feature_key
+from service.use_cases.feature_store import load_features, save_features
 
 
 def some_features() -> ScanFeatures:
