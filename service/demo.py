@@ -83,7 +83,7 @@ def print_comparison(console: Console, result: Document, truth: dict[str, float]
     if pose is None:
         console.print(f"{second['name']}: {second['status']}")
         return
-    columns = ("truth", "estimate", "error", "std", "error / std")
+    columns = ("truth", "estimate", "", "error / std", "error", "std")
     table = parameter_table(f"{second['name']} in the frame of {result['stations'][0]['name']}", columns)
     for key, letter, unit in PARAMETERS:
         decimals = DECIMALS[unit]
@@ -91,9 +91,11 @@ def print_comparison(console: Console, result: Document, truth: dict[str, float]
         error = _difference(pose[key], truth[key], unit)
         table.add_row(
             letter,
-            *(number(value, decimals) for value in (truth[key], pose[key], error, std)),
-            number(error / std if std else None, 2),
+            *(number(value, decimals) for value in (truth[key], pose[key])),
             unit,
+            number(error / std if std else None, 2),
+            *(number(None if value is None else 1e3 * value, 3) for value in (error, std)),
+            f"m{unit}",
         )
     console.print(table)
 

@@ -51,8 +51,15 @@ def _station(station: Document) -> Iterator[RenderableType]:
         yield f"{station['name']}: {station['status']}" + (f" ({station['reason']})" if station.get("reason") else "")
     else:
         std = pose["std"] or {}
-        table = parameter_table(f"{station['name']}: {station['status']}", ("estimate", "std"))
+        table = parameter_table(f"{station['name']}: {station['status']}", ("estimate", "", "std"))
         for key, letter, unit in PARAMETERS:
             decimals = DECIMALS[unit]
-            table.add_row(letter, number(pose[key], decimals), number(std.get(key), decimals), unit)
+            deviation = std.get(key)
+            table.add_row(
+                letter,
+                number(pose[key], decimals),
+                unit,
+                number(None if deviation is None else 1e3 * deviation, 3),
+                f"m{unit}",
+            )
         yield table
