@@ -7,7 +7,6 @@ from pathlib import Path
 # by side. The service sets the same for its computations.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import pytest
 from jaxtyping import install_import_hook
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -23,11 +22,3 @@ def _checked_modules() -> list[str]:
 
 
 install_import_hook(_checked_modules(), "beartype.beartype")
-
-
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file in one process, and those of the running service in one: they share what is costly."""
-    for item in items:
-        shared = item.path.parent.name == "e2e" and "kill" not in item.path.stem
-        item.add_marker(pytest.mark.xdist_group("running service" if shared else str(item.path)))

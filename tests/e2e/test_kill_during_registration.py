@@ -42,7 +42,7 @@ def all_ended(processes: Sequence[psutil.Process]) -> bool:
 
 
 def feature_files(service: RunningService) -> dict[str, int]:
-    return {path.name: path.stat().st_mtime_ns for path in (service.data / "blobs" / "features").iterdir()}
+    return {path.name: path.stat().st_mtime_ns for path in (service.data / "blobs" / "features").rglob("*.npz")}
 
 
 def test_a_job_survives_the_death_of_its_computation_of_its_worker_and_of_the_whole_service(

@@ -157,7 +157,7 @@ def test_the_demo_measures_errors_in_standard_deviations_and_angles_the_short_wa
     console = Console(record=True, width=120)
     print_comparison(console, result, truth)
     rows = {line.split()[1]: line for line in console.export_text().splitlines() if line.startswith("│")}
-    assert "0.00200" in rows["κ"]
+    assert "2.000" in rows["κ"]
     assert "3.00" in rows["X"]
     assert rows["Z"].count("not determined") == 2
 
