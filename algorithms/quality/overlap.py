@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Scalars
+from algorithms.arrays import Indices, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.quality.acceptance import Verification
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
@@ -71,14 +71,24 @@ def surface_distances(
     -------
     off
         (n,) distance of each moved point from the tangent plane of the nearest point [m]; the distance itself where
-        that has no normal.
+        that has no normal; inf where nothing is within a metre or so.
     aside
         (n,) distance along that plane beyond the disc the nearest point stands for (0.75 voxels) [m].
     """
     if len(fixed.points) == 0 or len(moved.points) == 0:
         return np.full(len(moved.points), np.inf), np.full(len(moved.points), np.inf)
     points = fixed_from_moved.apply(moved.points)
-    _, nearest = cKDTree(fixed.points).query(points)
+    # what is farther matters to no figure, and looking for it takes most of the time where scans hardly overlap
+    reach = 2.0 * (FAR_M + fixed.voxel_size_m)
+    lengths, found = cKDTree(fixed.points).query(points, distance_upper_bound=reach)
+    nearest = np.asarray(found, dtype=np.int64)
+    near = np.flatnonzero(np.isfinite(lengths))
+    off, aside = np.full(len(points), np.inf), np.full(len(points), np.inf)
+    off[near], aside[near] = _apart(fixed, points[near], nearest[near])
+    return off, aside
+
+
+def _apart(fixed: SurfaceSample, points: Points, nearest: Indices) -> tuple[Scalars, Scalars]:
     normals = fixed.normals[nearest]
     differences = points - fixed.points[nearest]
     off = np.abs(np.einsum("ij,ij->i", differences, normals))

@@ -19,7 +19,7 @@ from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 
 METHODS = get_args(RegistrationMethod) or (RegistrationMethod,)
-SCANNER = VirtualScanner(rows=240, columns=560, mixed_pixels=False)
+SCANNER = VirtualScanner(rows=160, columns=400, mixed_pixels=False)
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 
 
