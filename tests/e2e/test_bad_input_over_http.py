@@ -14,6 +14,8 @@ import pytest
 
 from tests.e2e.running_service import RunningService, wait_until
 
+pytestmark = pytest.mark.service
+
 FORMATS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "formats"
 BROKEN_FILES_OF_OTHERS = (
     "e57/bad-crc.e57",

@@ -10,6 +10,8 @@ from service.formats.e57_writer import write_e57
 from tests.e2e.running_service import Document, RunningService, alive, running_service, wait_until
 from tests.e2e.virtual_scans import first_from_second, simulate
 
+pytestmark = pytest.mark.service
+
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:

@@ -11,6 +11,8 @@ from tests.e2e.command_line import tieline
 from tests.e2e.running_service import Document, RunningService
 from tests.e2e.virtual_scans import simulate
 
+pytestmark = pytest.mark.service
+
 PAIRS = {"parallel pipes": ("S1", "S2"), "strangers": ("S3", "S4"), "five points": ("S3", "S5")}
 
 

@@ -15,6 +15,8 @@ from service.errors import to_problem
 from service.ports import JobStatus, StepFailedError
 from service.settings import GIGABYTE, Settings
 
+pytestmark = pytest.mark.service
+
 NAP = {"step": "nap", "seconds": 0.3}
 
 

@@ -11,6 +11,8 @@ from engine_harness import Harness, alive, harness, wait_until
 
 from service.ports import JobStatus
 
+pytestmark = pytest.mark.service
+
 SHORT = {"step": "nap", "seconds": 0.1}
 LONG = {"step": "nap", "seconds": 1.5}
 
