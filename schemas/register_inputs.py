@@ -41,8 +41,8 @@ class Station(RequestModel):
     """Standard deviation of the levelling; not supported yet."""
     approximate_pose: NotYet = None
     """A first guess; none is needed, and none is supported yet."""
-    point_std_m: float | None = Field(default=None, gt=0.0, le=1.0)
-    """Standard deviation of single points [m]; null: estimated from the scan."""
+    point_std_m: NotYet = None
+    """Standard deviation of single points; it is estimated from the scan, giving it is not supported yet."""
 
 
 class RegisterInputs(RequestModel):
