@@ -84,12 +84,14 @@ def register(
 
 
 @app.command(epilog=EXIT_CODES)
-def demo() -> None:
+def demo(
+    scans: Annotated[Path | None, typer.Option(help="Folder to leave the simulated scan files in.")] = None,
+) -> None:
     """Simulate two stations of a house, register them over HTTP, print truth beside estimate."""
     from service.demo import run_demo
 
     console = Console()
-    _finish(lambda: run_demo(console))
+    _finish(lambda: run_demo(console, scans))
 
 
 def _finish(work: Callable[[], bool]) -> None:

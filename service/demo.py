@@ -21,8 +21,15 @@ ROWS, COLUMNS = 1000, 2400
 """About a million points per station."""
 
 
-def run_demo(console: Console) -> bool:
-    """Simulate, upload, register, compare; leave nothing behind. Tell whether the stations were registered.
+def run_demo(console: Console, scans: Path | None = None) -> bool:
+    """Simulate, upload, register, compare. Tell whether the stations were registered.
+
+    Parameters
+    ----------
+    console
+        Where to print.
+    scans
+        Folder in which the simulated scan files stay; None leaves nothing behind.
 
     Raises
     ------
@@ -33,7 +40,11 @@ def run_demo(console: Console) -> bool:
     """
     started = time.perf_counter()
     with ExitStack() as running:
-        folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="tieline-demo-")))
+        if scans is None:
+            folder = Path(running.enter_context(tempfile.TemporaryDirectory(prefix="tieline-demo-")))
+        else:
+            folder = scans
+            folder.mkdir(parents=True, exist_ok=True)
         with console.status("scanning a house from two stations (simulated) and starting the service"):
             simulation = running.enter_context(ThreadPoolExecutor(1)).submit(simulate_scans, folder)
             url = running.enter_context(embedded_service())
