@@ -62,6 +62,10 @@ class PairResult:
     fine: FineRegistration | None
     verification: Verification | None
     """Overlap and free space in the final pose."""
+    free_directions: tuple[str, ...] = ()
+    """What the geometry of a scan leaves free before any pose is looked for, in words."""
+    advice: str = ""
+    """What to add then."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":

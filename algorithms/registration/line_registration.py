@@ -1,5 +1,7 @@
 """The work of the method `lines`: matching, adjustment with correspondences found anew, verification."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
@@ -46,7 +48,11 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
         progress.report(0.0, "matching")
         coarse = match_features(target, source, method.matching)
     except DegenerateGeometryError as error:
-        return PairResult.without_pose(PairStatus.DEGENERATE, str(error))
+        return replace(
+            PairResult.without_pose(PairStatus.DEGENERATE, str(error)),
+            free_directions=error.free_directions,
+            advice=error.advice,
+        )
     except TooFewCorrespondencesError as error:
         return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
     progress.report(0.6, "adjustment")

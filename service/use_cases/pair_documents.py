@@ -1,6 +1,7 @@
 """What came out for two stations, as clients read it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def pair_document(
         plane_correspondences=[] if fine is None else _plane_correspondences(fine, target, source),
         outliers=[] if fine is None else _outliers(fine.adjustment, target, source),
         accuracy=None if fine is None else _accuracy(fine),
-        weak_directions=[] if fine is None else _weak(fine.adjustment),
+        weak_directions=_free(result.free_directions, result.advice) if fine is None else _weak(fine.adjustment),
         overlap=None if result.verification is None else _overlap(result.verification),
         timings_s=timings_s,
     )
@@ -200,8 +201,12 @@ def _accuracy(fine: FineRegistration) -> Accuracy:
     )
 
 
+def _free(directions: Sequence[str], advice: str) -> list[WeakDirection]:
+    return [WeakDirection(text=text, std_m=None, advice=advice) for text in directions]
+
+
 def _weak(adjustment: LineAdjustment) -> list[WeakDirection]:
-    free = [WeakDirection(text=text, std_m=None, advice=adjustment.advice) for text in adjustment.free_directions]
+    free = _free(adjustment.free_directions, adjustment.advice)
     return free + [WeakDirection(text=w.description, std_m=w.std_m, advice=w.advice) for w in adjustment.weak]
 
 
