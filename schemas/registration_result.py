@@ -124,7 +124,7 @@ class Overlap(Document):
 
     fraction_0_5m: float | None = Field(alias="fraction_0.5m", description="Share of points with a partner that near.")
     fraction_0_1m: float | None = Field(alias="fraction_0.1m")
-    rms_m: float | None
+    rms_m: float | None = Field(description="Point-to-plane, of points within 0.1 m; null: there are none.")
     free_space_violations: float | None = Field(
         description="Share of surface that stands where the other instrument looked through; null: its position is "
         "unknown."

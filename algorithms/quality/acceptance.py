@@ -81,10 +81,12 @@ def judge(
     """
     score = verification.score
     ratio = max(runner_up_score, 0.0) / max(score, 1e-9)
-    fit = (
-        f"{verification.support_share:.0%} of the surface fits and {verification.violation_share:.1%} stands where the "
-        f"other scan looked through (score {score:.2f})"
+    seen_through = (
+        f"{verification.violation_share:.1%} stands where the other scan looked through"
+        if verification.free_space_known
+        else "what stands where the other scan looked through is not known"
     )
+    fit = f"{verification.support_share:.0%} of the surface fits and {seen_through} (score {score:.2f})"
     if score < LEAST_SCORE:
         return Verdict(AcceptanceStatus.REJECTED, (f"{fit}: below {LEAST_SCORE:.2f} no pose is credible",))
     if verification.violation_share > MAX_VIOLATION_SHARE:

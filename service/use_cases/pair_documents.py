@@ -214,6 +214,6 @@ def _overlap(verification: Verification) -> Overlap:
     return Overlap(
         fraction_0_5m=verification.overlap_half_metre,
         fraction_0_1m=verification.overlap_decimetre,
-        rms_m=verification.rms_m,
-        free_space_violations=verification.violation_share,
+        rms_m=verification.rms_m if verification.overlap_decimetre > 0.0 else None,
+        free_space_violations=verification.violation_share if verification.free_space_known else None,
     )
