@@ -183,5 +183,8 @@ def _remarks(adjustment: LineAdjustment) -> list[str]:
             f"the residuals are {adjustment.sigma0:.1f} times what the scans' own noise explains (uneven surfaces, or "
             "objects that moved); the standard deviations are enlarged accordingly"
         )
-    remarks += [f"weakly determined: {weak.description} ({weak.std_m * 1e3:.0f} mm)" for weak in adjustment.weak]
+    scale = np.sqrt(adjustment.variance_factor)
+    remarks += [
+        f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak
+    ]
     return remarks

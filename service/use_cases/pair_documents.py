@@ -207,7 +207,8 @@ def _free(directions: Sequence[str], advice: str) -> list[WeakDirection]:
 
 def _weak(adjustment: LineAdjustment) -> list[WeakDirection]:
     free = _free(adjustment.free_directions, adjustment.advice)
-    return free + [WeakDirection(text=w.description, std_m=w.std_m, advice=w.advice) for w in adjustment.weak]
+    scale = math.sqrt(adjustment.variance_factor)  # as the standard deviations of the pose beside it
+    return free + [WeakDirection(text=w.description, std_m=w.std_m * scale, advice=w.advice) for w in adjustment.weak]
 
 
 def _overlap(verification: Verification) -> Overlap:
