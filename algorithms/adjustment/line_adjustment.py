@@ -1,16 +1,18 @@
 """Fine registration by matched lines: the rigorous pose with everything its reader needs (MATH 3.1, 4, 5, 7)."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.adjustment.problem import Problem, SourcePlaneCovariances, TargetPlaneCovariances
+from algorithms.adjustment.pair_adjustment import adjust_pair, rank_of
+from algorithms.adjustment.pair_problem import PairProblem, planes_of_pair
+from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
 from algorithms.adjustment.rank import UserOrigins, WeakDirection, centred_frame, weak_directions
 from algorithms.adjustment.reports import LineReport, PlaneReport, Removal, line_report, plane_report, removals_in_words
 from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
@@ -21,6 +23,7 @@ from algorithms.adjustment.testing import (
     normal_critical_value,
     tau_critical_value,
 )
+from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, IndexPairs, Matrices3, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
@@ -147,14 +150,14 @@ def adjust_lines(
     """
     _check_one_to_one(correspondences, len(target), len(source), "line")
     lines = LineLine(target, source, correspondences)
-    observations: tuple[Observation, ...] = (lines,)
+    observations: tuple[LineLine | PlanePlane, ...] = (lines,)
     if planes is not None:
         _check_one_to_one(planes.pairs, len(planes.target), len(planes.source), "plane")
         observations = (lines, planes)
         target_plane_covariances, source_plane_covariances = planes.target.covariances, planes.source.covariances
     _check_planes(target, target_plane_covariances, "target")
     _check_planes(source, source_plane_covariances, "source")
-    matches = Problem(observations, target_plane_covariances, source_plane_covariances)
+    matches = PairProblem(observations, planes_of_pair(target_plane_covariances, source_plane_covariances))
     if len(matches) < 2:
         raise TooFewCorrespondencesError(len(matches), 2, "lines" if planes is None else "lines and planes")
     origins = UserOrigins(matches.target_points().mean(axis=0), matches.source_points().mean(axis=0))
@@ -162,21 +165,21 @@ def adjust_lines(
     reduced_start = RigidTransform.from_components(
         np.asarray(start.translation) - (origins.target_m - start.rotation.apply(origins.source_m)), start.rotation
     )
-    rules = SnoopingRules(
-        options.alpha_single, options.max_removed_share, options.max_iterations, options.robust_variance
-    )
-    result = adjust_and_snoop(problem, reduced_start, rules, origins)
+    rules = SnoopingRules(options.alpha_single, options.max_removed_share, options.robust_variance)
+    adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
+    result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust)
     solution, used = result.solution, problem.selected(result.used)
-    reduced_pose = PoseEstimate(solution.pose, solution.cofactors, result.rank.null_space)
+    rank = rank_of(used, solution, origins)
+    reduced_pose = PoseEstimate(solution.pose, solution.cofactors, rank.null_space)
     centroid = centred_frame(used).centroid
     components = component_tests(solution, options.alpha_single, options.power)
     return LineAdjustment(
         pose=reduced_pose.moved_to_origins(origins.target_m, origins.source_m),
-        rank=result.rank.rank,
-        free_directions=result.rank.free_directions,
-        advice=result.rank.advice,
-        ghost_ratio=result.rank.ratio,
-        weak=weak_directions(used, solution.pose, solution.cofactors, result.rank),
+        rank=rank.rank,
+        free_directions=rank.free_directions,
+        advice=rank.advice,
+        ghost_ratio=rank.ratio,
+        weak=weak_directions(used, solution.pose, solution.cofactors, rank),
         observation_count=len(solution.system.residuals),
         independent_condition_count=solution.whitening.rank,
         redundancy=solution.redundancy,
@@ -191,7 +194,9 @@ def adjust_lines(
         planes=plane_report(
             None if planes is None else planes.about(origins.target_m, origins.source_m), len(lines), result
         ),
-        removals=removals_in_words(problem.observations, result, options.alpha_single),
+        removals=removals_in_words(
+            [part.about(origins.target_m, origins.source_m) for part in observations], result, options.alpha_single
+        ),
         largest_external_effects=_largest_effects(components.external, solution.pose, origins.source_m, centroid),
         centroid_m=centroid + origins.target_m,
         centroid_std_m=reduced_pose.position_std_m(centroid),

@@ -1,18 +1,20 @@
-"""The adjustment problem: observations, and the covariance they have together (MATH 3.1)."""
+"""The adjustment problem: observations, and the covariance they have together (MATH 3.1, 4)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from jaxtyping import Float64
 from scipy import sparse
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.observations import Observation
-from algorithms.adjustment.observations.linearised import FeatureNoise
-from algorithms.arrays import Array, Matrices3, Points, Vector3
+from algorithms.adjustment.observations.linearised import Derivative, Equations, FeatureNoise
+from algorithms.adjustment.unknowns import Unknowns
+from algorithms.arrays import Array, Matrices3, Scalars
 from algorithms.errors import InvalidInputError
+
+AnyProblem = TypeVar("AnyProblem", bound="Problem")
 
 TargetPlaneCovariances: TypeAlias = Float64[Array, "target_planes 3 3"]
 SourcePlaneCovariances: TypeAlias = Float64[Array, "source_planes 3 3"]
@@ -20,12 +22,12 @@ SourcePlaneCovariances: TypeAlias = Float64[Array, "source_planes 3 3"]
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """All residuals of a problem at one pose, stacked; m in number."""
+    """All residuals of a problem at one set of unknowns, stacked; m in number, u unknowns."""
 
     residuals: Array
     """(m,) contradictions [rad, m]."""
-    jacobian: Array
-    """(m, 6) derivatives by (rotation vector on the left, translation)."""
+    jacobian: sparse.csr_array
+    """(m, u) derivatives by the free unknowns."""
     covariances: tuple[Array, ...]
     """For each observation type (n, d, d): the covariance of each block by itself."""
     joint_covariance: Array | None
@@ -56,107 +58,134 @@ class LinearSystem:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Correspondences that together determine one pose, target from source."""
+    """Observations of poses and points, with their stochastic model."""
 
     observations: Sequence[Observation]
-    """One entry for each type; blocks are numbered through in this order."""
-    target_plane_covariances: TargetPlaneCovariances | None = None
-    """(p, 3, 3) of all target planes that lines depend on; None treats lines of this side as independent."""
-    source_plane_covariances: SourcePlaneCovariances | None = None
-    """The same for the source."""
+    """One or several entries of each type; blocks are numbered through in this order."""
+    plane_covariances: Mapping[int, Matrices3] = field(default_factory=dict)
+    """For each station the (p, 3, 3) covariances of the planes that its features depend on, (a1, a2, b) of
+    `Planes.covariances`. Features of a station that is not named here are treated as independent."""
+    std_scales: Scalars | None = None
+    """(number of blocks,) factors on all standard deviations of a block (groups, robust weights); None: all 1."""
 
     def __len__(self) -> int:
         return sum(len(observation) for observation in self.observations)
 
-    def selected(self, keep: Array) -> "Problem":
+    def selected(self: AnyProblem, keep: Array) -> AnyProblem:  # noqa: PYI019 - beartype cannot check Self
         """Keep the blocks for which the mask (number of blocks,) is True."""
         splits = np.cumsum([len(observation) for observation in self.observations])[:-1]
         parts = np.split(keep, splits)
         kept = tuple(part.selected(mask) for part, mask in zip(self.observations, parts, strict=True))
-        return replace(self, observations=kept)
+        scales = None if self.std_scales is None else self.std_scales[keep]
+        return replace(self, observations=kept, std_scales=scales)
 
-    def about(self, target_origin_m: Vector3, source_origin_m: Vector3) -> "Problem":
-        """Give the same problem between frames whose origins lie at the given points."""
-        return replace(
-            self, observations=tuple(part.about(target_origin_m, source_origin_m) for part in self.observations)
-        )
+    def scaled(self: AnyProblem, factors: Array) -> AnyProblem:  # noqa: PYI019 - beartype cannot check Self
+        """Multiply the standard deviations of each block by a factor, (number of blocks,)."""
+        scales = factors if self.std_scales is None else self.std_scales * factors
+        return replace(self, std_scales=np.asarray(scales, dtype=np.float64))
 
-    def target_points(self) -> Points:
-        """Give the points (k, 3) that show where the target geometry is [m]."""
-        return np.vstack([part.target_points() for part in self.observations])
+    def extent_m(self) -> float:
+        """Give the largest coordinate that takes part, at least 1 m."""
+        return max([1.0, *(part.extent_m() for part in self.observations)])
 
-    def source_points(self) -> Points:
-        """Give the points (k, 3) that show where the source geometry is [m]."""
-        return np.vstack([part.source_points() for part in self.observations])
+    def linearised(self, unknowns: Unknowns) -> LinearSystem:
+        """Stack residuals, derivatives and covariances at the given values of the unknowns.
 
-    def linearised(self, pose: RigidTransform) -> LinearSystem:
-        """Stack residuals, derivatives and covariances at a pose.
-
-        Blocks that depend on the same plane share its error: C = B Σ Bᵀ, B through the planes' parameters.
+        Gauss-Helmert: the covariance of the contradictions is C = B Σ Bᵀ, B their derivatives by what was observed.
+        Blocks that depend on the same plane share its error: there B goes through the planes' parameters.
         """
-        parts = [part.linearised(pose) for part in self.observations]
+        parts = [part.equations(unknowns) for part in self.observations]
+        noises = [part.noises() for part in self.observations]
         residuals = np.concatenate([part.residuals.ravel() for part in parts])
-        jacobian = np.vstack([part.pose_jacobians.reshape(-1, 6) for part in parts])
-        sides = [
-            (self.target_plane_covariances, [part.target_noise() for part in self.observations]),
-            (self.source_plane_covariances, [part.source_noise() for part in self.observations]),
-        ]
-        derivatives = [[part.target_jacobians for part in parts], [part.source_jacobians for part in parts]]
-        alone = [np.zeros((*part.residuals.shape, part.residuals.shape[1])) for part in parts]
-        through_planes = []
-        for (plane_covariances, noises), jacobians in zip(sides, derivatives, strict=True):
-            for k, (noise, factor) in enumerate(zip(noises, jacobians, strict=True)):
-                own = _private_part(noise, plane_covariances)
-                alone[k] = alone[k] + factor @ own @ np.swapaxes(factor, 1, 2)
-            if plane_covariances is not None:
-                through_planes.append(_through_planes(noises, jacobians, plane_covariances))
-        if not through_planes:
+        alone = [self._alone(part, noise) for part, noise in zip(parts, noises, strict=True)]
+        jacobian = _jacobian(parts, unknowns, len(residuals))
+        shared = [self._through_planes(station, parts, noises) for station in self.plane_covariances]
+        scales = np.ones(len(self)) if self.std_scales is None else self.std_scales
+        pieces = np.split(scales, np.cumsum([len(part) for part in self.observations])[:-1])
+        alone = [np.square(piece)[:, None, None] * blocks for piece, blocks in zip(pieces, alone, strict=True)]
+        if not shared:
             return LinearSystem(residuals, jacobian, tuple(alone), None)
         joint = np.zeros((len(residuals), len(residuals)))
+        for factor in shared:
+            joint += (factor @ factor.T).toarray()
+        by_row = np.concatenate([np.repeat(piece, b.shape[1]) for piece, b in zip(pieces, alone, strict=True)])
+        joint *= by_row[:, None] * by_row[None, :]
         rows = _rows_of_blocks(alone)
         for places, blocks in zip(rows, alone, strict=True):
-            joint[places[:, :, None], places[:, None, :]] = blocks
-        for root in through_planes:
-            joint = joint + (root @ root.T).toarray()
+            joint[places[:, :, None], places[:, None, :]] += blocks
         diagonal = tuple(joint[places[:, :, None], places[:, None, :]] for places in rows)
         return LinearSystem(residuals, jacobian, diagonal, joint)
 
+    def _alone(self, part: Equations, noises: Sequence[FeatureNoise]) -> Array:
+        """Give the covariances (n, d, d) of what is not explained by shared planes."""
+        n, d = part.residuals.shape
+        total = np.zeros((n, d, d))
+        for noise, factor in zip(noises, part.noise_jacobians, strict=True):
+            own = noise.private
+            if noise.station in self.plane_covariances:
+                own = np.where(_depends_on_planes(noise)[:, None, None], 0.0, own)
+            total += factor @ own @ np.swapaxes(factor, 1, 2)
+        return total
 
-def _private_part(noise: FeatureNoise, plane_covariances: Matrices3 | None) -> Array:
-    """Give the covariances of what is not explained by planes."""
-    if plane_covariances is None:
-        return noise.private
-    explained = _depends_on_planes(noise)
-    return np.where(explained[:, None, None], 0.0, noise.private)
+    def _through_planes(
+        self, station: int, parts: Sequence[Equations], noises: Sequence[Sequence[FeatureNoise]]
+    ) -> sparse.csr_array:
+        """Give the sparse (m, 3p) factor F whose F Fᵀ is the covariance that comes through a station's planes."""
+        covariances = self.plane_covariances[station]
+        try:
+            roots = np.linalg.cholesky(covariances)
+        except np.linalg.LinAlgError as error:
+            raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
+        rows, columns, values, first = [], [], [], 0
+        for part, of_part in zip(parts, noises, strict=True):
+            n, d = part.residuals.shape
+            for noise, jacobian in zip(of_part, part.noise_jacobians, strict=True):
+                if noise.station != station:
+                    continue
+                used = np.flatnonzero(_depends_on_planes(noise))
+                by_planes = jacobian[used] @ noise.plane_jacobians[used]
+                for k in range(noise.plane_numbers.shape[1]):
+                    numbers = noise.plane_numbers[used, k]
+                    through = by_planes[:, :, 3 * k : 3 * k + 3] @ roots[numbers]
+                    rows.append(np.repeat((first + used[:, None] * d + np.arange(d)).ravel(), 3))
+                    columns.append(np.repeat(numbers[:, None] * 3 + np.arange(3), d, axis=0).ravel())
+                    values.append(through.ravel())
+            first += n * d
+        shape = (first, 3 * len(covariances))
+        if not values:
+            return sparse.csr_array(shape)
+        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+        return sparse.csr_array(sparse.coo_array(entries, shape=shape))
 
 
 def _depends_on_planes(noise: FeatureNoise) -> Array:
     return np.asarray((noise.plane_numbers >= 0).all(axis=1))
 
 
-def _through_planes(
-    noises: Sequence[FeatureNoise], jacobians: Sequence[Array], plane_covariances: Matrices3
-) -> sparse.csr_array:
-    """Give the sparse (m, 3p) factor F whose F Fᵀ is the covariance that comes through the planes."""
-    try:
-        roots = np.linalg.cholesky(plane_covariances)
-    except np.linalg.LinAlgError as error:
-        raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
-    parts = []
-    for noise, jacobian in zip(noises, jacobians, strict=True):
-        n, d = jacobian.shape[:2]
-        rows, columns, values = [], [], []
-        used = np.flatnonzero(_depends_on_planes(noise))
-        for k in range(noise.plane_numbers.shape[1]):
-            numbers = noise.plane_numbers[used, k]
-            through = jacobian[used] @ noise.plane_jacobians[used][:, :, 3 * k : 3 * k + 3] @ roots[numbers]
-            rows.append(np.repeat((used[:, None] * d + np.arange(d)).ravel(), 3))
-            columns.append(np.repeat(numbers[:, None] * 3 + np.arange(3), d, axis=0).ravel())
-            values.append(through.ravel())
-        shape = (n * d, 3 * len(plane_covariances))
-        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        parts.append(sparse.coo_array(entries, shape=shape))
-    return sparse.csr_array(sparse.vstack(parts))
+def _jacobian(parts: Sequence[Equations], unknowns: Unknowns, m: int) -> sparse.csr_array:
+    """Lay the derivatives of all blocks into one sparse matrix; those of fixed unknowns are left out."""
+    rows, columns, values, first = [], [], [], 0
+    for part in parts:
+        n, d = part.residuals.shape
+        for derivative in part.derivatives:
+            at, places, filled = _entries(derivative, unknowns)
+            rows.append(
+                np.broadcast_to(first + filled[:, None, None] * d + np.arange(d)[:, None], places.shape).ravel()
+            )
+            columns.append(places.ravel())
+            values.append(at.ravel())
+        first += n * d
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sparse.csr_array(sparse.coo_array(entries, shape=(m, unknowns.count)))
+
+
+def _entries(derivative: Derivative, unknowns: Unknowns) -> tuple[Array, Array, Array]:
+    """Give values (k, d, s), columns (k, d, s) and block numbers (k,) of the blocks whose unknowns are free."""
+    start = unknowns.first_columns(derivative.kind, derivative.numbers)
+    filled = np.flatnonzero(start >= 0)
+    values = derivative.jacobians[filled]
+    columns = np.broadcast_to(start[filled, None, None] + np.arange(values.shape[2]), values.shape)
+    return values, columns, filled
 
 
 def _rows_of_blocks(blocks: Sequence[Array]) -> list[Array]:

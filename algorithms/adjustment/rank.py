@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.problem import LinearSystem, Problem
+from algorithms.adjustment.pair_problem import PairProblem
+from algorithms.adjustment.problem import LinearSystem
 from algorithms.arrays import Array, Matrix, Matrix3, Matrix6, Vector3
 from algorithms.geometry.rotations import cross_matrix
 
@@ -80,7 +81,7 @@ class CentredFrame:
         return conversion
 
 
-def centred_frame(problem: Problem) -> CentredFrame:
+def centred_frame(problem: PairProblem) -> CentredFrame:
     """Find centroid and rms radius of the target features."""
     points = problem.target_points()
     centroid = points.mean(axis=0)
@@ -97,7 +98,7 @@ class UserOrigins:
 
 
 def analyse_rank(
-    problem: Problem, system: LinearSystem, normal_matrix: Matrix6, pose: RigidTransform, origins: UserOrigins
+    problem: PairProblem, system: LinearSystem, normal_matrix: Matrix6, pose: RigidTransform, origins: UserOrigins
 ) -> RankReport:
     """Find the motions that the observations leave free, also when noise makes the normal matrix look regular.
 
@@ -142,7 +143,7 @@ def analyse_rank(
 
 
 def weak_directions(
-    problem: Problem, pose: RigidTransform, cofactors: Matrix6, report: RankReport
+    problem: PairProblem, pose: RigidTransform, cofactors: Matrix6, report: RankReport
 ) -> tuple[WeakDirection, ...]:
     """Name the motions whose standard deviation is much larger than the others'.
 
@@ -180,7 +181,7 @@ def _not_estimable(values: Array, ghosts: list[float]) -> Array:
     return np.asarray((values < NOT_ESTIMABLE_RATIO * pretended) | (values <= ROUNDING_SHARE * values.max()))
 
 
-def _free_turns(problem: Problem, normal_matrix: Matrix6, frame: CentredFrame, shifts: Array) -> Array:
+def _free_turns(problem: PairProblem, normal_matrix: Matrix6, frame: CentredFrame, shifts: Array) -> Array:
     """Find free turns in centred parameters, (6, k), each with the shift of the centroid that belongs to it."""
     along = np.linalg.svd(shifts, full_matrices=True)[0][:, shifts.shape[1] :] if shifts.size else np.eye(3)
     by_shift = along.T @ normal_matrix[3:, 3:] @ along

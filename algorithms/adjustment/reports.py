@@ -7,7 +7,6 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.snooping import Change, CorrespondenceState, SnoopingResult
@@ -160,7 +159,9 @@ def plane_report(planes: PlanePlane | None, first: int, result: SnoopingResult) 
     )
 
 
-def removals_in_words(observations: Sequence[Observation], result: SnoopingResult, alpha: float) -> tuple[Removal, ...]:
+def removals_in_words(
+    observations: Sequence[LineLine | PlanePlane], result: SnoopingResult, alpha: float
+) -> tuple[Removal, ...]:
     """Tell the history of removals and reinstatements."""
     kinds = ["line" if isinstance(part, LineLine) else "plane" for part in observations for _ in range(len(part))]
     numbers = np.vstack([part.pairs for part in observations])

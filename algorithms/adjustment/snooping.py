@@ -1,17 +1,17 @@
 """Finding wrong correspondences: one at a time, adjusted anew, re-tested and put back (MATH 4.5)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from typing import TypeAlias
 
 import numpy as np
 from scipy import stats
-from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.problem import Problem
-from algorithms.adjustment.rank import RankReport, UserOrigins, analyse_rank
-from algorithms.adjustment.solver import Solution, solve
+from algorithms.adjustment.problem import AnyProblem, Problem
+from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
-from algorithms.adjustment.weights import whitening_of
+from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Flags
 
 FEWEST_BLOCKS = 2
@@ -19,6 +19,9 @@ FEWEST_BLOCKS = 2
 
 INSEPARABLE = 0.9
 """Above this correlation of two test values either could be the wrong one (MATH 4.5)."""
+
+Adjust: TypeAlias = Callable[[AnyProblem, Unknowns], Solution]
+"""Adjusts observations from start values, each time with the datum or rank that they allow."""
 
 MEDIAN_SPREAD = 1.15
 """Standard deviation of sqrt(n) times the median of n values of T over its expectation, three degrees of freedom."""
@@ -64,7 +67,6 @@ class SnoopingResult:
     """Solution without the correspondences that failed the test."""
 
     solution: Solution
-    rank: RankReport
     used: Flags
     """(n,) True for correspondences in the solution."""
     reinstated: Flags
@@ -84,49 +86,47 @@ class SnoopingRules:
     """Probability that a good correspondence fails its test."""
     max_removed_share: float
     """No more than this share of the correspondences is removed; 0 tests without removing."""
-    max_iterations: int
-    """Rounds of each adjustment."""
     robust_variance: bool = False
     """Whether tests allow for a variance factor estimated robustly from all correspondences."""
 
 
 def adjust_and_snoop(
-    problem: Problem, start: RigidTransform, rules: SnoopingRules, origins: UserOrigins
+    problem: AnyProblem, start: Unknowns, rules: SnoopingRules, adjust: Adjust[AnyProblem]
 ) -> SnoopingResult:
     """Adjust, remove the worst correspondence while one fails, re-test the removed ones and put back the good.
 
     Parameters
     ----------
     problem
-        Correspondences between reduced frames.
+        All correspondences or observations.
     start
-        Start pose between the reduced frames.
+        Start values.
     rules
         Significance level and limits.
-    origins
-        Where the origins of the reduced frames lie in the user's frames.
+    adjust
+        Adjusts a selection of them.
     """
-    result = _snooped(problem, start, rules, origins, 1.0)
+    result = _snooped(problem, start, rules, adjust, 1.0)
     if not rules.robust_variance or result.used.all():
         return result
     factor = robust_variance_factor(result.tests)
-    return result if factor == 1.0 else _snooped(problem, result.solution.pose, rules, origins, factor)
+    return result if factor == 1.0 else _snooped(problem, result.solution.unknowns, rules, adjust, factor)
 
 
 def _snooped(
-    problem: Problem, start: RigidTransform, rules: SnoopingRules, origins: UserOrigins, factor: float
+    problem: AnyProblem, start: Unknowns, rules: SnoopingRules, adjust: Adjust[AnyProblem], factor: float
 ) -> SnoopingResult:
     """Snoop with tests that allow for a variance factor."""
     n = len(problem)
     used, reinstated = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     most_removed = min(int(rules.max_removed_share * n), n - FEWEST_BLOCKS)
     steps: list[SnoopingStep] = []
-    pose, adjustments = start, 0
+    values, adjustments = start, 0
     while True:
         part = problem if used.all() else problem.selected(used)
-        solution, rank = _adjusted(part, pose, rules.max_iterations, origins)
+        solution = adjust(part, values)
         adjustments += 1
-        pose = solution.pose
+        values = solution.unknowns
         tests = _all_tests(problem, used, solution).with_variance(factor)
         # What has been put back stays: so the loop ends.
         candidates = np.where(used & ~reinstated, tests.p_values, np.inf)
@@ -141,7 +141,7 @@ def _snooped(
             steps.append(_step(adjustments, Change.REINSTATED, best, tests, rules.alpha, ()))
             used[best] = reinstated[best] = True
             continue
-        return SnoopingResult(solution, rank, used, reinstated, tests, factor, tuple(steps))
+        return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
 
 
 def robust_variance_factor(tests: BlockTests) -> float:
@@ -162,21 +162,6 @@ def robust_variance_factor(tests: BlockTests) -> float:
         return 1.0
     factor = float(np.median(tests.statistics[controlled] / stats.chi2.median(tests.degrees[controlled])))
     return factor if factor > 1.0 + 2.0 * MEDIAN_SPREAD / np.sqrt(controlled.sum()) else 1.0
-
-
-def _adjusted(
-    problem: Problem, start: RigidTransform, max_iterations: int, origins: UserOrigins
-) -> tuple[Solution, RankReport]:
-    """Adjust with what is free held; decided at the start pose and checked at the solution."""
-    system = problem.linearised(start)
-    weights = whitening_of(system)
-    whitened = weights.apply(system.jacobian)
-    report = analyse_rank(problem, system, whitened.T @ whitened, start, origins)
-    solution = solve(problem, start, report.held, max_iterations, weights)
-    checked = analyse_rank(problem, solution.system, solution.normal_matrix, solution.pose, origins)
-    if checked.rank == report.rank:
-        return solution, report
-    return solve(problem, solution.pose, checked.held, max_iterations), checked
 
 
 def _all_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
@@ -211,7 +196,8 @@ def _inseparable(solution: Solution, block: int, numbers: Array) -> tuple[int, .
     system = solution.system
     rows_of = system.block_of_row
     mine = np.flatnonzero(rows_of == block)
-    crossed = -system.jacobian[mine] @ solution.cofactors @ system.jacobian.T
+    jacobian = system.jacobian.toarray()
+    crossed = -jacobian[mine] @ solution.cofactors @ jacobian.T
     if system.joint_covariance is not None:
         crossed = crossed + system.joint_covariance[mine]
     roots = _residual_roots(solution)
@@ -229,7 +215,7 @@ def _inseparable(solution: Solution, block: int, numbers: Array) -> tuple[int, .
 def _residual_roots(solution: Solution) -> list[Array]:
     """Give for each block a matrix that whitens its residuals after adjustment, uncontrolled parts left out."""
     system, roots = solution.system, []
-    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian), strict=True):
+    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian.toarray()), strict=True):
         left = blocks - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2)
         values, vectors = np.linalg.eigh(left)
         relative = values / np.maximum(values[:, -1:], np.finfo(np.float64).tiny)

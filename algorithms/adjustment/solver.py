@@ -1,13 +1,17 @@
-"""Least squares for one pose: Gauss-Newton on the group of rigid motions (MATH 1.4, 3.1)."""
+"""Least squares on the group of rigid motions, sparse and with conditions (MATH 1.4, 3.1, 6.2)."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.problem import LinearSystem, Problem
+from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.weights import Whitening, whitening_of
-from algorithms.arrays import Array, Matrix6
+from algorithms.arrays import Array
+from algorithms.errors import DegenerateGeometryError
 
 STEP_IN_STD = 1e-8
 """A step below this share of the standard deviations changes nothing that anyone could see."""
@@ -16,31 +20,50 @@ STEP_ROUNDING = 1e-14
 """A step below this share of the problem's size is rounding."""
 
 SAME_WEIGHTS_STEP = 1e-5
-"""Joint weights (costly) are computed anew only after the pose has moved by more than this share of the size: below,
-they change by about as little, and the pose by that share of its standard deviation."""
+"""Joint weights (costly) are computed anew only after the unknowns have moved by more than this share of the size:
+below, they change by about as little, and the solution by that share of its standard deviation."""
+
+SMALLEST_SHARE = 1e-20
+"""Share of the largest diagonal element of N below which an unknown is not observed by itself."""
+
+SMALLEST_PIVOT = 1e-13
+"""A pivot of the normal equations, scaled to a unit diagonal, below this is zero up to rounding."""
+
+FIRST_DAMPING, DAMPING_GROWTH, MOST_DAMPING = 1e-3, 10.0, 1e9
+"""Damping of the scaled normal equations after a step that made the residuals worse, and its changes."""
+
+WORSE = 1e-6
+"""Growth of the weighted squared residuals (share) that counts as worse."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The least squares pose of a problem and everything testing needs."""
+    """The least squares solution of a problem and everything testing needs."""
 
-    pose: RigidTransform
-    """Target from source, in the problem's own (reduced) frames."""
-    cofactors: Matrix6
-    """(6, 6) Q, the covariance of the pose for sigma0 = 1; for the held conditions b, Q b = 0."""
-    normal_matrix: Matrix6
-    """(6, 6) N = Jᵀ P J."""
+    unknowns: Unknowns
+    """Adjusted values."""
+    held: Array
+    """(u, k) columns b of the conditions bᵀ dx = 0 under which it was found."""
+    cofactors: Array
+    """(u, u) Q, the covariance of the free unknowns for sigma0 = 1; for the held conditions b, Q b = 0."""
+    normal_matrix: Array
+    """(u, u) N = Jᵀ P J."""
     system: LinearSystem
-    """Residuals, derivatives and covariances at the pose."""
+    """Residuals, derivatives and covariances at the solution."""
     whitening: Whitening
     omega: float
     """Weighted sum of squared residuals."""
     redundancy: int
-    """Independent conditions minus estimated parameters."""
+    """Independent observations minus determined parameters."""
     iterations: int
     converged: bool
     last_step_std: float
     """Last step in units of its standard deviation."""
+
+    @property
+    def pose(self) -> RigidTransform:
+        """Pose of station 1 in the frame of station 0: target from source of a pair."""
+        return self.unknowns.poses[0].inv() * self.unknowns.poses[1]
 
     @property
     def sigma0(self) -> float | None:
@@ -48,82 +71,141 @@ class Solution:
         return float(np.sqrt(self.omega / self.redundancy)) if self.redundancy > 0 else None
 
     def gain(self) -> Array:
-        """Give K = Q Jᵀ P, (6, m): how the pose answers to a change of the residuals (dx = -K dr)."""
-        whitened = self.whitening.apply(self.system.jacobian)
+        """Give K = Q Jᵀ P, (u, m): how the unknowns answer to a change of the residuals (dx = -K dr)."""
+        whitened = self.whitening.apply(self.system.jacobian.toarray())
         return np.asarray(self.whitening.apply_transposed(whitened @ self.cofactors).T)
 
 
 def solve(
-    problem: Problem, start: RigidTransform, held: Array, max_iterations: int, weights: Whitening | None = None
+    problem: Problem, start: Unknowns, held: Array, max_iterations: int, weights: Whitening | None = None
 ) -> Solution:
-    """Iterate dx = -(Jᵀ P J)⁻¹ Jᵀ P r with R <- Exp(w) R, t <- t + dt until the steps vanish.
+    """Iterate dx = -(Jᵀ P J)⁻¹ Jᵀ P r with R <- Exp(w) R, t <- t + dt, X <- X + dX until the steps vanish.
 
-    Residuals, derivatives and weights are evaluated anew in every round.
+    Residuals, derivatives and weights are evaluated anew in every round; a step that makes the residuals worse is
+    taken back and damped (Marquardt). The normal equations are sparse and bordered by the held conditions. O(m) for
+    sparse networks, O(u³) for their full inverse.
 
     Parameters
     ----------
     problem
-        Correspondences between reduced frames (origins near the features).
+        Observations, in reduced frames (origins near the features).
     start
-        Start pose between the reduced frames.
+        Start values.
     held
-        (6, k) columns b of conditions bᵀ(w, dt) = 0 on every step; k = 0 for a full pose.
+        (u, k) columns b of conditions bᵀ dx = 0 on every step: a datum, or what is not determined; k = 0 for none.
     max_iterations
         Limit of rounds.
     weights
-        Weights at the start pose, if they are known already.
+        Weights at the start values, if they are known already.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        When the conditions leave something undetermined.
     """
-    size = max(1.0, float(np.abs(problem.target_points()).max()), float(np.abs(problem.source_points()).max()))
-    scale = np.array([1.0, 1.0, 1.0, size, size, size])
-    free = _complement(held * scale[:, None]) * scale[:, None]
-    pose, system = start, problem.linearised(start)
+    scales = start.scales(problem.extent_m())
+    unknowns, system = start, problem.linearised(start)
     whitening = whitening_of(system) if weights is None else weights
-    moved_since_weights, step_std, iterations, converged = 0.0, np.inf, 0, False
+    moved_since_weights, step_std, iterations, converged, damping = 0.0, np.inf, 0, False, 0.0
+    omega = _omega(whitening, system)
     while not converged and iterations < max_iterations:
         iterations += 1
-        jacobian, residuals = whitening.apply(system.jacobian @ free), whitening.apply(system.residuals)
-        reduced = np.linalg.lstsq(jacobian, -residuals)[0]
-        step = free @ reduced
-        step_std = float(np.linalg.norm(jacobian @ reduced))
-        pose = RigidTransform.from_components(
-            np.asarray(pose.translation) + step[3:], Rotation.from_rotvec(step[:3]) * pose.rotation
-        )
-        system = problem.linearised(pose)
-        share = float(np.abs(step / scale).max())
-        moved_since_weights += share
+        equations = NormalEquations(whitening, system, held, damping)
+        step = equations.step()
+        step_std = equations.length_in_std(step)
+        share = float(np.abs(step / scales).max(initial=0.0))
         settled = step_std < STEP_IN_STD or share < STEP_ROUNDING
+        trial = unknowns.moved(step)
+        trial_system = problem.linearised(trial)
+        trial_omega = _omega(whitening, trial_system)
+        if not settled and trial_omega > omega * (1.0 + WORSE) and damping < MOST_DAMPING:
+            damping = max(FIRST_DAMPING, damping * DAMPING_GROWTH)
+            continue
+        undamped = damping == 0.0
+        damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
+        unknowns, system = trial, trial_system
+        moved_since_weights += share
         if system.joint_covariance is None:
             whitening = whitening_of(system)
         elif moved_since_weights > SAME_WEIGHTS_STEP:
             whitening, moved_since_weights = whitening_of(system), 0.0
-            continue
-        converged = settled
-    jacobian, residuals = whitening.apply(system.jacobian), whitening.apply(system.residuals)
-    normal_matrix = jacobian.T @ jacobian
-    cofactors = free @ _inverse(free.T @ normal_matrix @ free) @ free.T
+            settled = False
+        omega = _omega(whitening, system)
+        converged = settled and undamped
+    final = NormalEquations(whitening, system, held, 0.0)
     return Solution(
-        pose=pose,
-        cofactors=0.5 * (cofactors + cofactors.T),
-        normal_matrix=normal_matrix,
+        unknowns=unknowns,
+        held=held,
+        cofactors=final.cofactors(),
+        normal_matrix=final.matrix,
         system=system,
         whitening=whitening,
-        omega=float(residuals @ residuals),
-        redundancy=whitening.rank - free.shape[1],
+        omega=omega,
+        redundancy=whitening.rank - unknowns.count + held.shape[1],
         iterations=iterations,
         converged=converged,
         last_step_std=step_std,
     )
 
 
-def _complement(directions: Array) -> Array:
-    """Give an orthonormal basis (6, 6 - k) of what is perpendicular to k directions."""
-    if directions.shape[1] == 0:
-        return np.eye(6)
-    left = np.linalg.svd(directions, full_matrices=True)[0]
-    return np.asarray(left[:, directions.shape[1] :])
+class NormalEquations:
+    """Bordered normal equations [[N, D], [Dᵀ, 0]], scaled to a unit diagonal and factorised."""
+
+    def __init__(self, whitening: Whitening, system: LinearSystem, held: Array, damping: float) -> None:
+        self._jacobian = whitening.matrix @ system.jacobian
+        self._right = -np.asarray(self._jacobian.T @ whitening.apply(system.residuals))
+        self._normal = sparse.csc_array(self._jacobian.T @ self._jacobian)
+        diagonal = np.asarray(self._normal.diagonal())
+        self._scale = 1.0 / np.sqrt(np.maximum(diagonal, SMALLEST_SHARE * diagonal.max(initial=0.0)))
+        self._factors = self._factorised(held * self._scale[:, None], damping)
+
+    @property
+    def matrix(self) -> Array:
+        """(u, u) N = Jᵀ P J."""
+        return np.asarray(self._normal.toarray())
+
+    def step(self) -> Array:
+        """Solve for the step dx, (u,)."""
+        u = len(self._scale)
+        right = np.zeros(self._factors.shape[0])
+        right[:u] = self._right * self._scale
+        return np.asarray(self._factors.solve(right)[:u] * self._scale)
+
+    def length_in_std(self, step: Array) -> float:
+        """Give the length of a step in units of its standard deviation, sqrt(dxᵀ N dx)."""
+        return float(np.linalg.norm(self._jacobian @ step))
+
+    def cofactors(self) -> Array:
+        """Give Q, (u, u), the inverse of N under the conditions."""
+        u = len(self._scale)
+        right = np.zeros((self._factors.shape[0], u))
+        right[:u] = np.diag(self._scale)
+        inverse = self._factors.solve(right)[:u] * self._scale[:, None]
+        return np.asarray(0.5 * (inverse + inverse.T))
+
+    def _factorised(self, border: Array, damping: float) -> SuperLU:
+        u, k = border.shape
+        matrix = self._normal * self._scale[:, None] * self._scale[None, :] + damping * sparse.eye_array(u)
+        if k:
+            conditions = sparse.csc_array(np.linalg.qr(border)[0])
+            matrix = sparse.block_array([[matrix, conditions], [conditions.T, None]])
+        try:
+            factors = splu(sparse.csc_array(matrix))
+        except RuntimeError as error:  # an exactly singular factor
+            raise _undetermined(u) from error
+        if np.abs(factors.U.diagonal()).min(initial=np.inf) < SMALLEST_PIVOT:
+            raise _undetermined(u)
+        return factors
 
 
-def _inverse(normal_matrix: Array) -> Array:
-    """Invert a positive definite matrix after scaling its diagonal to one."""
-    scale = 1.0 / np.sqrt(np.diag(normal_matrix))
-    return np.asarray(np.linalg.inv(normal_matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+def _undetermined(unknowns: int) -> DegenerateGeometryError:
+    return DegenerateGeometryError(
+        unknowns - 1,
+        ("a combination of unknowns that no observation depends on",),
+        advice="add observations, or a datum that holds it",
+    )
+
+
+def _omega(whitening: Whitening, system: LinearSystem) -> float:
+    whitened = whitening.apply(system.residuals)
+    return float(whitened @ whitened)

@@ -56,8 +56,8 @@ class ComponentTests:
     detectable: Scalars
     """(m,) smallest error found with the given power [rad, m]; inf where not controlled."""
     external: Matrix
-    """(m, 6) effect of an undetected error of that size on (rotation vector [rad], translation [m]); 0 where not
-    controlled (there it is unbounded)."""
+    """(m, u) effect of an undetected error of that size on the unknowns, of a pair on (rotation vector [rad],
+    translation [m]); 0 where not controlled (there it is unbounded)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,15 +116,16 @@ def component_tests(solution: Solution, alpha: float, power: float) -> Component
     """Compute w, redundancy, smallest detectable errors and their effect on the pose (MATH 4.2, 4.3).
 
     With correlated residuals in Baarda's general form: w = (P v)_k / sqrt((P Qvv P)_kk), r = (Qvv P)_kk; for
-    uncorrelated ones this is v/(sigma sqrt(r)).
+    uncorrelated ones this is v/(sigma sqrt(r)). O(m u) memory.
     """
     whitening, system = solution.whitening, solution.system
+    jacobian = system.jacobian.toarray()
     weighted = whitening.apply_transposed(whitening.apply(system.residuals))
-    by_pose = whitening.apply_transposed(whitening.apply(system.jacobian))
-    gain = by_pose @ solution.cofactors
+    by_unknowns = whitening.apply_transposed(whitening.apply(jacobian))
+    gain = by_unknowns @ solution.cofactors
     weights = whitening.weight_diagonal()
-    reduced = weights - np.einsum("ij,ij->i", gain, by_pose)
-    redundancy = whitening.projector_diagonal(system) - np.einsum("ij,ij->i", system.jacobian, gain)
+    reduced = weights - np.einsum("ij,ij->i", gain, by_unknowns)
+    redundancy = whitening.projector_diagonal(system) - np.einsum("ij,ij->i", jacobian, gain)
     controlled = reduced > NOT_CONTROLLED * weights
     spread = np.sqrt(np.where(controlled, reduced, 1.0))
     detectable = np.where(controlled, noncentrality(alpha, power) / spread, np.inf)
@@ -141,7 +142,7 @@ def block_tests(solution: Solution) -> BlockTests:
     """Test each correspondence as a whole with the covariance of its residuals, C - J Q Jᵀ (MATH 4.4)."""
     system = solution.system
     covariances = []
-    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian), strict=True):
+    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian.toarray()), strict=True):
         covariances.append(blocks - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2))
     return _tests(system, covariances)
 
@@ -162,20 +163,19 @@ def predicted_block_tests(problem: Problem, used: Flags, solution: Solution) -> 
     -------
     Tests of all blocks; only those of unused ones are meaningful.
     """
-    system = problem.linearised(solution.pose)
+    system = problem.linearised(solution.unknowns)
     rows = used[system.block_of_row]
-    gain = np.zeros((6, len(rows)))
+    jacobian = system.jacobian.toarray()
+    gain = np.zeros((jacobian.shape[1], len(rows)))
     gain[:, rows] = solution.gain()
-    # Unused lines may share planes with used ones, whose errors are in the pose already.
-    shared = np.zeros_like(system.jacobian) if system.joint_covariance is None else system.joint_covariance @ gain.T
+    # Unused lines may share planes with used ones, whose errors are in the unknowns already.
+    shared = np.zeros_like(jacobian) if system.joint_covariance is None else system.joint_covariance @ gain.T
     covariances = []
-    for blocks, jacobians, common in zip(
-        system.covariances, system.split(system.jacobian), system.split(shared), strict=True
-    ):
+    for blocks, jacobians, common in zip(system.covariances, system.split(jacobian), system.split(shared), strict=True):
         transposed = np.swapaxes(jacobians, 1, 2)
         mixed = jacobians @ np.swapaxes(common, 1, 2)
-        through_pose = jacobians @ solution.cofactors @ transposed
-        covariances.append(blocks + through_pose - mixed - np.swapaxes(mixed, 1, 2))
+        through_unknowns = jacobians @ solution.cofactors @ transposed
+        covariances.append(blocks + through_unknowns - mixed - np.swapaxes(mixed, 1, 2))
     return _tests(system, covariances)
 
 

@@ -8,16 +8,23 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.adjustment.observations import Observation
+from algorithms.adjustment.observations import Observation, PairObservation
+from algorithms.adjustment.observations.levelling import Levelling
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.observations.point_plane import PointPlane
+from algorithms.adjustment.observations.point_point import PointPoint
+from algorithms.adjustment.observations.polar import Polar, PolarComponent
+from algorithms.adjustment.pair_problem import PairProblem, planes_of_pair
 from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.solver import solve
+from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.adjustment.weights import whitening_of
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.lines import Lines, bases_of, lines_from_arrays
 from algorithms.geometry.planes import Planes
+from algorithms.geometry.point_sets import PointSet
 
 STEP = 1e-6
 PAIRS = np.array([[0, 0], [1, 1], [2, 2], [3, 3]], dtype=np.int64)
@@ -99,11 +106,60 @@ def plane_plane(rng: np.random.Generator, noise: float) -> PlanePlane:
     return PlanePlane(replace(target, centroids=target.centroids + along), source, PAIRS)
 
 
-FACTORIES: dict[type, tuple[Callable, Callable]] = {
-    LineLine: (line_line, disturbed_lines),
-    PlanePlane: (plane_plane, disturbed_planes),
+def disturbed_points(points: PointSet, errors: np.ndarray) -> PointSet:
+    return replace(points, coordinates=points.coordinates + errors)
+
+
+def disturbed_verticals(verticals: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    turned = verticals + np.einsum("nij,nj->ni", bases_of(verticals), errors)
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def point_point(rng: np.random.Generator, noise: float) -> PointPoint:
+    source = PointSet.with_std(rng.normal(size=(4, 3)) * 3, 0.002)
+    target = PointSet.with_std(POSE.apply(source.coordinates), 0.003)
+    return PointPoint(disturbed_points(target, noise * rng.normal(size=(4, 3))), source, PAIRS)
+
+
+def point_plane(rng: np.random.Generator, noise: float) -> PointPlane:
+    target = planes_of(rng, 4)
+    on_planes = target.centroids + np.einsum("nij,nj->ni", target.bases, rng.normal(size=(4, 2)))
+    source = PointSet.with_std(POSE.inv().apply(on_planes), 0.002)
+    return PointPlane(disturbed_planes(target, noise * rng.normal(size=(4, 3))), source, PAIRS)
+
+
+def levelling(rng: np.random.Generator, noise: float) -> Levelling:
+    source = planes_of(rng, 4).normals
+    target = disturbed_verticals(POSE.rotation.apply(source), noise * rng.normal(size=(4, 2)))
+    return Levelling(target, source, np.full(4, 1e-4), np.full(4, 2e-4))
+
+
+def polar(rng: np.random.Generator, noise: float) -> Polar:
+    components = np.array([0, 1, 2, 0, 1, 2], dtype=np.int32)
+    stations, points = np.repeat(np.arange(2, dtype=np.int64), 3), np.array([0, 0, 0, 1, 1, 1], dtype=np.int64)
+    exact = Polar(stations, points, components, np.zeros(6), np.full(6, 1e-3))
+    computed = exact.equations(NETWORK).residuals[:, 0]
+    return replace(exact, values=computed + noise * rng.normal(size=6))
+
+
+BASE = RigidTransform.from_components([2.0, 3.0, -1.0], Rotation.from_rotvec([-0.3, 0.5, 1.9]))
+NETWORK = Unknowns(
+    RigidTransform.concatenate([BASE, BASE * POSE]),
+    np.array([[3.0, -2.0, 1.0], [-4.0, 1.0, 2.0]]),
+    np.zeros(2, dtype=bool),
+    np.zeros(2, dtype=bool),
+)
+
+FACTORIES: dict[type, tuple[Callable, Callable | None, Callable | None]] = {
+    LineLine: (line_line, disturbed_lines, disturbed_lines),
+    PlanePlane: (plane_plane, disturbed_planes, disturbed_planes),
+    PointPoint: (point_point, disturbed_points, disturbed_points),
+    PointPlane: (point_plane, disturbed_planes, disturbed_points),
+    Levelling: (levelling, disturbed_verticals, disturbed_verticals),
+    Polar: (polar, None, None),
 }
-TYPES = get_args(Observation)
+TYPES = get_args(PairObservation)
+ALL_TYPES = (*TYPES, Polar)
 
 
 def difference_quotient(residuals: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:
@@ -120,7 +176,43 @@ def changed_pose(delta: np.ndarray) -> RigidTransform:
 
 
 def test_every_observation_type_has_a_jacobian_test():
-    assert set(TYPES) == set(FACTORIES)
+    assert {*TYPES, *(set(get_args(Observation)) - set(TYPES))} == set(FACTORIES)
+
+
+@pytest.mark.parametrize("kind", ALL_TYPES)
+def test_derivatives_by_all_unknowns_of_a_network_agree_with_numerical_differentiation(kind):
+    observation = FACTORIES[kind][0](np.random.default_rng(12), 0.05)
+    numerical = difference_quotient(lambda step: observation.equations(NETWORK.moved(step)).residuals, NETWORK.count)
+    analytic = np.zeros_like(numerical)
+    for derivative in observation.equations(NETWORK).derivatives:
+        first = NETWORK.first_columns(derivative.kind, derivative.numbers)
+        for block, column in enumerate(first):
+            analytic[block, :, column : column + derivative.jacobians.shape[2]] += derivative.jacobians[block]
+    np.testing.assert_allclose(analytic, numerical, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ALL_TYPES)
+def test_a_problem_stacks_the_derivatives_of_free_unknowns_only(kind):
+    observation = FACTORIES[kind][0](np.random.default_rng(13), 0.05)
+    fixed = replace(NETWORK, pose_is_fixed=np.array([True, False]), point_is_fixed=np.array([False, True]))
+    whole = Problem((observation,)).linearised(NETWORK).jacobian.toarray()
+    part = Problem((observation,)).linearised(fixed).jacobian.toarray()
+    np.testing.assert_array_equal(part, whole[:, [*range(6, 12), *range(12, 15)]])
+
+
+def test_first_columns_count_free_blocks_only():
+    unknowns = replace(NETWORK, pose_is_fixed=np.array([True, False]), point_is_fixed=np.array([True, False]))
+    both = np.array([0, 1], dtype=np.int64)
+    assert unknowns.first_columns(UnknownKind.POSE, both).tolist() == [-1, 0]
+    assert unknowns.first_columns(UnknownKind.POINT, both).tolist() == [-1, 6]
+    assert unknowns.count == 9
+
+
+def test_a_horizontal_angle_across_the_half_turn_has_a_small_residual():
+    at = replace(NETWORK, poses=RigidTransform.identity(2), points=np.array([[-5.0, 0.001, 0.0], [1.0, 0.0, 0.0]]))
+    one = np.zeros(1, dtype=np.int64)
+    observed = Polar(one, one, np.array([PolarComponent.HORIZONTAL], dtype=np.int32), np.array([-np.pi]), np.ones(1))
+    np.testing.assert_allclose(observed.equations(at).residuals, -0.0002, atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", TYPES)
@@ -132,7 +224,7 @@ def test_pose_jacobian_agrees_with_numerical_differentiation(kind):
 
 @pytest.mark.parametrize("kind", TYPES)
 def test_source_jacobian_agrees_with_numerical_differentiation(kind):
-    create, disturb = FACTORIES[kind]
+    create, _, disturb = FACTORIES[kind]
     observation = create(np.random.default_rng(2), 0.05)
 
     def residuals(error: np.ndarray) -> np.ndarray:
@@ -145,7 +237,7 @@ def test_source_jacobian_agrees_with_numerical_differentiation(kind):
 
 @pytest.mark.parametrize("kind", TYPES)
 def test_target_jacobian_agrees_with_numerical_differentiation_where_features_coincide(kind):
-    create, disturb = FACTORIES[kind]
+    create, disturb, _ = FACTORIES[kind]
     observation = create(np.random.default_rng(3), 0.0)  # it is meant up to products of errors
 
     def residuals(error: np.ndarray) -> np.ndarray:
@@ -183,7 +275,7 @@ def test_lines_at_right_angles_stay_finite():
 
 def test_planes_alone_give_the_exact_pose():
     observation = plane_plane(np.random.default_rng(6), 0.0)
-    solution = solve(Problem((observation,)), changed_pose(np.full(6, 0.05)), NOTHING_HELD, 20)
+    solution = solve(PairProblem((observation,)), Unknowns.of_pair(changed_pose(np.full(6, 0.05))), NOTHING_HELD, 20)
     assert solution.converged
     assert solution.redundancy == 3 * 4 - 6
     np.testing.assert_allclose(solution.pose.as_matrix(), POSE.as_matrix(), atol=1e-10)
@@ -192,8 +284,8 @@ def test_planes_alone_give_the_exact_pose():
 def test_planes_and_lines_together_determine_more_than_lines_alone():
     rng = np.random.default_rng(7)
     lines, planes = line_line(rng, 0.0), plane_plane(rng, 0.0)
-    alone = solve(Problem((lines,)), POSE, NOTHING_HELD, 20)
-    together = solve(Problem((lines, planes)), POSE, NOTHING_HELD, 20)
+    alone = solve(PairProblem((lines,)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
+    together = solve(PairProblem((lines, planes)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
     assert together.redundancy == 4 * 4 + 3 * 4 - 6
     gain = np.linalg.eigvalsh(alone.cofactors - together.cofactors)
     assert gain.min() > -1e-15
@@ -205,15 +297,15 @@ def test_a_plane_counted_twice_adds_no_information():
     planes = plane_plane(rng, 0.0)
     twice = replace(planes, pairs=np.vstack([PAIRS, PAIRS[:1]]))
     target, source = planes.target.covariances, planes.source.covariances
-    once = solve(Problem((planes,), target, source), POSE, NOTHING_HELD, 20)
-    double = solve(Problem((twice,), target, source), POSE, NOTHING_HELD, 20)
+    once = solve(PairProblem((planes,), planes_of_pair(target, source)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
+    double = solve(PairProblem((twice,), planes_of_pair(target, source)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
     assert double.redundancy == once.redundancy
     np.testing.assert_allclose(double.cofactors, once.cofactors, rtol=1e-7, atol=1e-18)
 
 
 def test_selecting_blocks_runs_through_all_types():
     rng = np.random.default_rng(9)
-    problem = Problem((line_line(rng, 0.0), plane_plane(rng, 0.0)))
+    problem = PairProblem((line_line(rng, 0.0), plane_plane(rng, 0.0)))
     keep = np.array([True, False, True, True, False, True, True, False])
     selected = problem.selected(keep)
     assert [len(part) for part in selected.observations] == [3, 2]
@@ -222,7 +314,7 @@ def test_selecting_blocks_runs_through_all_types():
 
 def test_whitening_makes_residuals_independent_with_unit_variance():
     rng = np.random.default_rng(10)
-    system = Problem((line_line(rng, 0.01), plane_plane(rng, 0.01))).linearised(POSE)
+    system = PairProblem((line_line(rng, 0.01), plane_plane(rng, 0.01))).at(POSE)
     covariance = np.zeros((28, 28))
     for row, blocks in zip((0, 16), system.covariances, strict=True):
         for k, block in enumerate(blocks):
@@ -241,4 +333,4 @@ def test_impossible_covariances_are_refused(wrong):
     bad = np.tile(wrong, (4, 1, 1))
     broken = LineLine(replace(lines.target, covariances=bad), replace(lines.source, covariances=bad), PAIRS)
     with pytest.raises(InvalidInputError, match="covariance"):
-        whitening_of(Problem((broken,)).linearised(POSE))
+        whitening_of(PairProblem((broken,)).at(POSE))

@@ -1,6 +1,7 @@
 """Rank, tests, reliability, removals and refusals of the line adjustment."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_adjustment import AdjustmentOptions, LineAdjustment, adjust_lines
 from algorithms.adjustment.observations.plane_plane import PlanePlane
-from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.pair_adjustment import adjust_pair
+from algorithms.adjustment.pair_problem import PairProblem
 from algorithms.adjustment.rank import UserOrigins, analyse_rank
 from algorithms.adjustment.snooping import CorrespondenceState, SnoopingRules, adjust_and_snoop
 from algorithms.adjustment.testing import (
@@ -19,6 +21,7 @@ from algorithms.adjustment.testing import (
     normal_critical_value,
     tau_critical_value,
 )
+from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.weights import whitening_of
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.line_motion import moved_lines
@@ -110,9 +113,9 @@ def test_one_plane_leaves_three_motions_free():
         boundary=np.empty((0, 2)),
         boundary_splits=np.zeros(2, dtype=np.int64),
     )
-    problem = Problem((PlanePlane(plane, plane, np.zeros((1, 2), dtype=np.int64)),))
-    system = problem.linearised(RigidTransform.identity())
-    whitened = whitening_of(system).apply(system.jacobian)
+    problem = PairProblem((PlanePlane(plane, plane, np.zeros((1, 2), dtype=np.int64)),))
+    system = problem.at(RigidTransform.identity())
+    whitened = whitening_of(system).apply(system.jacobian.toarray())
     origins = UserOrigins(np.zeros(3), np.zeros(3))
     report = analyse_rank(problem, system, whitened.T @ whitened, RigidTransform.identity(), origins)
     assert report.rank == 3
@@ -380,11 +383,11 @@ def test_planes_can_be_snooped_like_lines():
     )
     wrong = planes.centroids.copy()
     wrong[4] += 0.05 * normals[4]
-    problem = Problem((PlanePlane(replace(planes, centroids=wrong), planes, same(9)),))
+    problem = PairProblem((PlanePlane(replace(planes, centroids=wrong), planes, same(9)),))
     result = adjust_and_snoop(
         problem,
-        RigidTransform.identity(),
-        SnoopingRules(0.001, 0.5, 20),
-        UserOrigins(np.zeros(3), np.zeros(3)),
+        Unknowns.of_pair(RigidTransform.identity()),
+        SnoopingRules(0.001, 0.5),
+        partial(adjust_pair, origins=UserOrigins(np.zeros(3), np.zeros(3)), max_iterations=20),
     )
     assert np.flatnonzero(~result.used).tolist() == [4]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.observations.between_stations import BetweenStations
 from algorithms.adjustment.observations.linearised import FeatureNoise, Linearised
 from algorithms.arrays import Array, IndexPairs, Points, Vector3
 from algorithms.geometry.line_motion import lines_about
@@ -17,13 +18,18 @@ anyway, and must stay finite until the test removes it."""
 
 
 @dataclass(frozen=True, eq=False)
-class LineLine:
+class LineLine(BetweenStations):
     """Correspondences between lines of the target and lines of the source."""
 
     target: Lines
     source: Lines
     pairs: IndexPairs
     """(n, 2) numbers of target line and source line."""
+
+    target_station: int = 0
+    """Number of the target's pose among the unknowns."""
+    source_station: int = 1
+    """Number of the source's pose."""
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -34,8 +40,10 @@ class LineLine:
 
     def about(self, target_origin_m: Vector3, source_origin_m: Vector3) -> "LineLine":
         """Give the same observations relative to local origins."""
-        return LineLine(
-            lines_about(self.target, target_origin_m), lines_about(self.source, source_origin_m), self.pairs
+        return replace(
+            self,
+            target=lines_about(self.target, target_origin_m),
+            source=lines_about(self.source, source_origin_m),
         )
 
     def target_points(self) -> Points:
@@ -46,13 +54,12 @@ class LineLine:
         """Give the ends of the source pieces, (2n, 3) [m]."""
         return np.vstack(self.source[self.pairs[:, 1]].end_points)
 
-    def target_noise(self) -> FeatureNoise:
-        """Say how the target lines' errors come about."""
-        return _noise(self.target[self.pairs[:, 0]])
-
-    def source_noise(self) -> FeatureNoise:
-        """Say how the source lines' errors come about."""
-        return _noise(self.source[self.pairs[:, 1]])
+    def noises(self) -> tuple[FeatureNoise, FeatureNoise]:
+        """Say how the errors of target and source features come about."""
+        return (
+            _noise(self.target[self.pairs[:, 0]], self.target_station),
+            _noise(self.source[self.pairs[:, 1]], self.source_station),
+        )
 
     def linearised(self, pose: RigidTransform) -> Linearised:
         """Compute residuals [tilt, tilt, offset, offset] in the target line's basis and their derivatives.
@@ -120,10 +127,10 @@ class LineLine:
         return float(2.0 * (along**2).sum())
 
 
-def _noise(lines: Lines) -> FeatureNoise:
+def _noise(lines: Lines, station: int) -> FeatureNoise:
     has_planes = (lines.parents >= 0).all(axis=1) & (lines.parent_jacobians != 0.0).any(axis=(1, 2))
     numbers = np.where(has_planes[:, None], lines.parents, -1)
-    return FeatureNoise(lines.covariances, numbers, lines.parent_jacobians)
+    return FeatureNoise(lines.covariances, numbers, lines.parent_jacobians, station)
 
 
 def _dots(first: Array, second: Array) -> Array:

@@ -1,16 +1,19 @@
-"""What every observation type gives the engine: residuals and their derivatives, block by block."""
+"""What every observation type gives the engine: contradictions and their derivatives, block by block."""
 
 from dataclasses import dataclass
 
-from algorithms.arrays import Array
+import numpy as np
+
+from algorithms.adjustment.unknowns import UnknownKind
+from algorithms.arrays import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """n blocks of d residuals each at one pose.
+    """n blocks of d residuals each at one pose, target from source.
 
     A block belongs to one correspondence. Features are described by k error parameters of their own (4 of a line, 3 of
-    a plane, in the order of their covariances).
+    a plane or point, in the order of their covariances).
     """
 
     residuals: Array
@@ -33,3 +36,43 @@ class FeatureNoise:
     """(n, j) numbers of the planes the feature depends on; -1 in all columns of a feature without planes."""
     plane_jacobians: Array
     """(n, k, 3 j) error parameters from those planes' (a1, a2, b), plane after plane."""
+    station: int = -1
+    """Station whose planes are meant; -1 for features without planes."""
+
+    @staticmethod
+    def independent(covariances: Array) -> "FeatureNoise":
+        """Describe features that share nothing with others.
+
+        Parameters
+        ----------
+        covariances
+            (n, k, k).
+        """
+        n, k = covariances.shape[:2]
+        return FeatureNoise(covariances, np.full((n, 1), -1, dtype=np.int64), np.zeros((n, k, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """Derivatives of n blocks of residuals by one block of unknowns each."""
+
+    kind: UnknownKind
+    numbers: Indices
+    """(n,) which pose or point."""
+    jacobians: Array
+    """(n, d, 6) or (n, d, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """n condition equations r(unknowns, observed) = 0 of d components each, linearised (Gauss-Helmert model).
+
+    A Gauss-Markov observation is the special case whose derivative by what was observed is a unit matrix.
+    """
+
+    residuals: Array
+    """(n, d) contradictions."""
+    derivatives: tuple[Derivative, ...]
+    """By the unknowns."""
+    noise_jacobians: tuple[Array, ...]
+    """By the observed quantities, (n, d, k) for each entry of `noises()`."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.observations.between_stations import BetweenStations
 from algorithms.adjustment.observations.linearised import FeatureNoise, Linearised
 from algorithms.arrays import Array, IndexPairs, Points, Vector3
 from algorithms.geometry.planes import Planes
@@ -15,13 +16,18 @@ SMALLEST_COSINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class PlanePlane:
+class PlanePlane(BetweenStations):
     """Correspondences between planes of the target and planes of the source, both seen from the same side."""
 
     target: Planes
     source: Planes
     pairs: IndexPairs
     """(n, 2) numbers of target plane and source plane."""
+
+    target_station: int = 0
+    """Number of the target's pose among the unknowns."""
+    source_station: int = 1
+    """Number of the source's pose."""
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -32,10 +38,10 @@ class PlanePlane:
 
     def about(self, target_origin_m: Vector3, source_origin_m: Vector3) -> "PlanePlane":
         """Give the same observations relative to local origins."""
-        return PlanePlane(
-            replace(self.target, centroids=self.target.centroids - target_origin_m),
-            replace(self.source, centroids=self.source.centroids - source_origin_m),
-            self.pairs,
+        return replace(
+            self,
+            target=replace(self.target, centroids=self.target.centroids - target_origin_m),
+            source=replace(self.source, centroids=self.source.centroids - source_origin_m),
         )
 
     def target_points(self) -> Points:
@@ -46,13 +52,12 @@ class PlanePlane:
         """Give the centroids of the source planes, (n, 3) [m]."""
         return np.asarray(self.source.centroids[self.pairs[:, 1]])
 
-    def target_noise(self) -> FeatureNoise:
-        """Say how the target planes' errors come about."""
-        return _noise(self.target, self.pairs[:, 0])
-
-    def source_noise(self) -> FeatureNoise:
-        """Say how the source planes' errors come about."""
-        return _noise(self.source, self.pairs[:, 1])
+    def noises(self) -> tuple[FeatureNoise, FeatureNoise]:
+        """Say how the errors of target and source features come about."""
+        return (
+            _noise(self.target, self.pairs[:, 0], self.target_station),
+            _noise(self.source, self.pairs[:, 1], self.source_station),
+        )
 
     def linearised(self, pose: RigidTransform) -> Linearised:
         """Compute residuals [tilt, tilt, offset] in the target plane's basis and their derivatives.
@@ -104,9 +109,9 @@ class PlanePlane:
         return float((along**2).sum())
 
 
-def _noise(planes: Planes, numbers: Array) -> FeatureNoise:
+def _noise(planes: Planes, numbers: Array, station: int) -> FeatureNoise:
     jacobians = np.broadcast_to(np.eye(3), (len(numbers), 3, 3))
-    return FeatureNoise(planes.covariances[numbers], numbers[:, None], jacobians)
+    return FeatureNoise(planes.covariances[numbers], numbers[:, None], jacobians, station)
 
 
 def _dots(first: Array, second: Array) -> Array:

@@ -1,0 +1,47 @@
+"""Adjusting one pose, with what its geometry leaves free held at the start values (MATH 5)."""
+
+from algorithms.adjustment.pair_problem import PairProblem
+from algorithms.adjustment.rank import RankReport, UserOrigins, analyse_rank
+from algorithms.adjustment.solver import Solution, solve
+from algorithms.adjustment.unknowns import Unknowns
+from algorithms.adjustment.weights import whitening_of
+
+
+def adjust_pair(problem: PairProblem, start: Unknowns, *, origins: UserOrigins, max_iterations: int) -> Solution:
+    """Adjust; what is free is decided at the start pose and checked at the solution (MATH 5.2).
+
+    Parameters
+    ----------
+    problem
+        Correspondences between reduced frames.
+    start
+        Start pose between the reduced frames, as station 1.
+    origins
+        Where the origins of the reduced frames lie in the user's frames.
+    max_iterations
+        Limit of rounds.
+    """
+    system = problem.linearised(start)
+    weights = whitening_of(system)
+    whitened = weights.apply(system.jacobian.toarray())
+    report = analyse_rank(problem, system, whitened.T @ whitened, start.poses[1], origins)
+    solution = solve(problem, start, report.held, max_iterations, weights)
+    checked = rank_of(problem, solution, origins)
+    if checked.rank == report.rank:
+        return solution
+    return solve(problem, solution.unknowns, checked.held, max_iterations)
+
+
+def rank_of(problem: PairProblem, solution: Solution, origins: UserOrigins) -> RankReport:
+    """Say what the geometry determines at a solution (MATH 5.1 to 5.3).
+
+    Parameters
+    ----------
+    problem
+        The correspondences that were adjusted.
+    solution
+        Their solution.
+    origins
+        Where the origins of the reduced frames lie in the user's frames.
+    """
+    return analyse_rank(problem, solution.system, solution.normal_matrix, solution.pose, origins)

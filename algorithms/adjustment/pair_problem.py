@@ -1,0 +1,44 @@
+"""The problem of two stations: one pose, target from source, by whatever both have seen."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.observations import PairObservation
+from algorithms.adjustment.problem import LinearSystem, Problem, SourcePlaneCovariances, TargetPlaneCovariances
+from algorithms.adjustment.unknowns import Unknowns
+from algorithms.arrays import Matrices3, Points, Vector3
+
+
+def planes_of_pair(
+    target: TargetPlaneCovariances | None, source: SourcePlaneCovariances | None
+) -> Mapping[int, Matrices3]:
+    """Name the plane covariances of target (station 0) and source (station 1); None where lines are independent."""
+    return {k: covariances for k, covariances in enumerate((target, source)) if covariances is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class PairProblem(Problem):
+    """Correspondences that together determine one pose; station 0 is the target, 1 the source."""
+
+    observations: Sequence[PairObservation]
+
+    def about(self, target_origin_m: Vector3, source_origin_m: Vector3) -> "PairProblem":
+        """Give the same problem between frames whose origins lie at the given points."""
+        return replace(
+            self, observations=tuple(part.about(target_origin_m, source_origin_m) for part in self.observations)
+        )
+
+    def target_points(self) -> Points:
+        """Give the points (k, 3) that show where the target geometry is [m]."""
+        return np.vstack([part.target_points() for part in self.observations])
+
+    def source_points(self) -> Points:
+        """Give the points (k, 3) that show where the source geometry is [m]."""
+        return np.vstack([part.source_points() for part in self.observations])
+
+    def at(self, pose: RigidTransform) -> LinearSystem:
+        """Linearise at a pose, target from source."""
+        return self.linearised(Unknowns.of_pair(pose))
