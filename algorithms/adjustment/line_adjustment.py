@@ -1,20 +1,23 @@
 """Fine registration by matched lines: the rigorous pose with everything its reader needs (MATH 3.1, 4, 5, 7)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.external_reliability import component_effects
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.pair_adjustment import adjust_pair, rank_of
 from algorithms.adjustment.pair_problem import PairProblem, planes_of_pair
+from algorithms.adjustment.principal_motions import PrincipalMotion, principal_motions
 from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
 from algorithms.adjustment.rank import UserOrigins, WeakDirection, centred_frame, weak_directions
-from algorithms.adjustment.reports import LineReport, PlaneReport, Removal, line_report, plane_report, removals_in_words
+from algorithms.adjustment.removals import Removal, removals_in_words
+from algorithms.adjustment.reports import LineReport, PlaneReport, line_report, no_planes, plane_report
 from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
 from algorithms.adjustment.testing import (
     GlobalTest,
@@ -24,25 +27,12 @@ from algorithms.adjustment.testing import (
     tau_critical_value,
 )
 from algorithms.adjustment.unknowns import Unknowns
-from algorithms.arrays import Array, IndexPairs, Matrices3, Vector3
+from algorithms.arrays import IndexPairs, Matrices3, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import OptionalTriple, PoseEstimate
 
 DEFAULT_OPTIONS = AdjustmentOptions()
-
-EFFECT_NAMES = (
-    "rotation_x_rad",
-    "rotation_y_rad",
-    "rotation_z_rad",
-    "x_m",
-    "y_m",
-    "z_m",
-    "centroid_x_m",
-    "centroid_y_m",
-    "centroid_z_m",
-)
-"""External effects: on the rotation vector, on t, and on the position at the lines' centroid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +76,16 @@ class LineAdjustment:
     planes: PlaneReport
     removals: tuple[Removal, ...]
     """Removed and reinstated correspondences in order."""
-    largest_external_effects: dict[str, float]
-    """Largest effect of an error that stays undetected in any used component: on each pose parameter, and on the
-    position at the centroid; keys as in `EFFECT_NAMES` with their units."""
+    principal_motions: tuple[PrincipalMotion, ...]
+    """The determined motions, worst first, with a-priori standard deviations (MATH 5.1)."""
     centroid_m: Vector3
     """(3,) centroid of the used target lines' end points [m]."""
+    radius_m: float
+    """Rms distance of those points from their centroid [m]."""
     centroid_std_m: OptionalTriple
     """Standard deviations of the position at the centroid [m]."""
+    options: AdjustmentOptions
+    """Levels and limits as used."""
     iterations: int
     """Rounds of the last adjustment."""
     converged: bool
@@ -171,8 +164,16 @@ def adjust_lines(
     solution, used = result.solution, problem.selected(result.used)
     rank = rank_of(used, solution, origins)
     reduced_pose = PoseEstimate(solution.pose, solution.cofactors, rank.null_space)
-    centroid = centred_frame(used).centroid
+    frame = centred_frame(used)
     components = component_tests(solution, options.alpha_single, options.power)
+    effects = component_effects(solution, components, frame.centroid, result.variance_factor)
+    reduced_lines = lines.about(origins.target_m, origins.source_m)
+    of_lines, of_planes = line_report(reduced_lines, result, components, effects, options), no_planes()
+    reduced: list[LineLine | PlanePlane] = [reduced_lines]
+    if planes is not None:
+        reduced_planes = planes.about(origins.target_m, origins.source_m)
+        of_planes = plane_report(reduced_planes, len(lines), result, components, effects, options)
+        reduced.append(reduced_planes)
     return LineAdjustment(
         pose=reduced_pose.moved_to_origins(origins.target_m, origins.source_m),
         rank=rank.rank,
@@ -190,30 +191,17 @@ def adjust_lines(
         tau_critical=tau_critical_value(options.alpha_single, solution.redundancy),
         t_critical=float(stats.chi2.isf(options.alpha_single, 4)),
         test_variance_factor=result.variance_factor,
-        lines=line_report(lines.about(origins.target_m, origins.source_m), result, components, options.alpha_single),
-        planes=plane_report(
-            None if planes is None else planes.about(origins.target_m, origins.source_m), len(lines), result
-        ),
-        removals=removals_in_words(
-            [part.about(origins.target_m, origins.source_m) for part in observations], result, options.alpha_single
-        ),
-        largest_external_effects=_largest_effects(components.external, solution.pose, origins.source_m, centroid),
-        centroid_m=centroid + origins.target_m,
-        centroid_std_m=reduced_pose.position_std_m(centroid),
+        lines=replace(of_lines, middles_m=of_lines.middles_m + origins.target_m),
+        planes=of_planes,
+        removals=removals_in_words(problem, reduced, result, options.alpha_single),
+        principal_motions=principal_motions(reduced_pose, frame.centroid, frame.radius_m),
+        centroid_m=frame.centroid + origins.target_m,
+        radius_m=frame.radius_m,
+        centroid_std_m=reduced_pose.position_std_m(frame.centroid),
+        options=options,
         iterations=solution.iterations,
         converged=solution.converged,
     )
-
-
-def _largest_effects(
-    external: Array, pose: RigidTransform, source_origin_m: Vector3, centroid: Vector3
-) -> dict[str, float]:
-    """Give the largest effect over all residuals, translations carried from the reduced to the user's frames."""
-    turns, shifts = external[:, :3], external[:, 3:]
-    at_user_origin = shifts - np.cross(turns, pose.rotation.apply(source_origin_m))
-    at_centroid = shifts + np.cross(turns, centroid - np.asarray(pose.translation))
-    largest = np.abs(np.hstack([turns, at_user_origin, at_centroid])).max(axis=0)
-    return {name: float(effect) for name, effect in zip(EFFECT_NAMES, largest, strict=True)}
 
 
 def _check_one_to_one(pairs: IndexPairs, target_count: int, source_count: int, kind: str) -> None:

@@ -1,188 +1,265 @@
-"""What each line contributes and how well it fits, for the reader (MATH 3.5, 4, 7)."""
+"""What each line and plane contributes and how well it fits, for the reader (MATH 3.5, 4, 7)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.critical_values import b_method_limit
+from algorithms.adjustment.external_reliability import ComponentEffects
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
-from algorithms.adjustment.snooping import Change, CorrespondenceState, SnoopingResult
+from algorithms.adjustment.options import AdjustmentOptions
+from algorithms.adjustment.snooping import CorrespondenceState, SnoopingResult
 from algorithms.adjustment.testing import NOT_CONTROLLED, ComponentTests
-from algorithms.arrays import Array, Flags, Labels, Matrix, Scalars, Vectors2
-from algorithms.geometry.angles import GON_PER_RAD
+from algorithms.arrays import Array, Flags, Labels, Matrix, Points, Scalars, Vectors2
+from algorithms.geometry.line_pairs_geometry import LinePairs, pair_geometry
 
 
 @dataclass(frozen=True, eq=False)
-class LineReport:
-    """One row for each correspondence, in the order they were given.
+class CorrespondenceReport:
+    """Tests and reliability, one row for each correspondence in the order given; d components (4 of a line, 3 of a
+    plane: two tilts [rad], then offsets [m], in the target feature's basis).
 
-    Components are (tilt 1, tilt 2, offset 1, offset 2) in the target line's basis.
-    """
+    Where the tests allow for a variance factor, standard deviations, w, T and detectable errors do so too.
+    """  # fmt: skip
 
     states: Labels
     """(n,) `CorrespondenceState`."""
-    angles_rad: Scalars
-    """(n,) angle between the moved source line and the target line [rad]."""
-    offsets_m: Vectors2
-    """(n, 2) offset of the moved source line in the target line's basis, at the middle of the common piece (or of the
-    gap) [m]."""
-    tilts_rad: Vectors2
-    """(n, 2) tilt of the moved source line in the target line's basis [rad]."""
     residuals: Matrix
-    """(n, 4) residuals as adjusted: tilts [rad], offsets at the target's anchor [m]."""
+    """(n, d) residuals as adjusted [rad, m]."""
+    residual_std: Matrix
+    """(n, d) standard deviations of the residuals, sqrt of the diagonal of C - J Q Jᵀ [rad, m]; inf for removed ones,
+    which have none."""
     w: Matrix
-    """(n, 4) standardised test values, 0 where not controlled or not used."""
+    """(n, d) standardised test values, 0 where not controlled or not used (MATH 4.2)."""
     redundancy: Matrix
-    """(n, 4) redundancy numbers; 0 for removed lines. Their sum is the redundancy."""
+    """(n, d) redundancy numbers; 0 for removed ones. Their sum over all is the redundancy (MATH 4)."""
     controlled: Array
-    """(n, 4) False where an error cannot be seen; then w is 0 and the detectable error infinite."""
+    """(n, d) False where an error cannot be seen; then w is 0 and the detectable error infinite."""
     detectable: Matrix
-    """(n, 4) smallest detectable error [rad, m], inf where not controlled."""
+    """(n, d) smallest detectable error [rad, m], inf where not controlled (MATH 4.3)."""
+    effects: Array
+    """(n, d, 6) what an undetected error of that size does to the pose: rotation vector [rad], shift at the lines'
+    centroid [m]; 0 where not controlled (MATH 4.3)."""
+    global_effects: Matrix
+    """(n, d) δ̄ of the same: the change in units of the pose's standard deviations (MATH 4.3)."""
     statistics: Scalars
-    """(n,) T of the whole line; for removed lines against their prediction."""
+    """(n,) T of the whole feature; for removed ones against their prediction (MATH 4.4, 4.5)."""
     degrees: Scalars
     """(n,) degrees of freedom of T."""
     critical: Scalars
     """(n,) limit of T; inf where nothing is controlled."""
+    critical_b_method: Scalars
+    """(n,) limit of T with the non-centrality and power of the one-dimensional test; inf where nothing is controlled
+    (MATH 4.4)."""
     p_values: Scalars
-    """(n,) probability of a larger T in a good line."""
+    """(n,) probability of a larger T in a good correspondence."""
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneReport:
-    """One row for each pair of planes, in the order they were given."""
+class LineReport(CorrespondenceReport):
+    """The figures of lines; offsets in the residuals are those at the target's anchor."""
 
-    states: Labels
-    """(n,) `CorrespondenceState`."""
+    angles_rad: Scalars
+    """(n,) angle between the moved source line and the target line [rad] (MATH 3.5)."""
+    offsets_m: Vectors2
+    """(n, 2) offset of the moved source line in the target line's basis, at the middle of the common piece (or of the
+    gap) [m] (MATH 3.5)."""
+    offset_covariances: Float64[Array, "n 2 2"]
+    """(n, 2, 2) covariance of that offset after the adjustment [m²]; zero for removed lines."""
+    tilts_rad: Vectors2
+    """(n, 2) tilt of the moved source line in the target line's basis [rad]."""
+    middles_m: Points
+    """(n, 3) the middle of the common piece, on the target line [m]."""
+    shortest_distances_m: Scalars
+    """(n,) shortest distance of the two lines, endless as in Lichtenstein eq. (4.17) [m] (MATH 1.7). Where two lines
+    are all but parallel it lies far away and says little."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneReport(CorrespondenceReport):
+    """The figures of planes."""
+
     angles_rad: Scalars
     """(n,) angle between the moved source plane and the target plane [rad]."""
     offsets_m: Scalars
-    """(n,) distance of the moved source plane from the target plane at the target's centroid [m]."""
-    statistics: Scalars
-    """(n,) T of the pair; for removed pairs against their prediction."""
-    degrees: Scalars
-    """(n,) degrees of freedom of T."""
-    p_values: Scalars
-    """(n,) probability of a larger T in a good pair."""
+    """(n,) where the moved source plane passes the target's centroid, along the target's normal [m]."""
 
 
-@dataclass(frozen=True)
-class Removal:
-    """One change of the set of used correspondences, with its reason."""
-
-    step: int
-    """Number of the adjustment after which it happened."""
-    change: Change
-    correspondence: int
-    """Number of the correspondence: lines first, then planes, each in the order given."""
-    kind: str
-    """``line`` or ``plane``."""
-    target_number: int
-    source_number: int
-    statistic: float
-    """T at that step."""
-    critical: float
-    """Its limit."""
-    reason: str
-    """In words."""
-
-
-def line_report(lines: LineLine, result: SnoopingResult, components: ComponentTests, alpha: float) -> LineReport:
-    """Gather the figures of each line.
+def line_report(
+    lines: LineLine,
+    result: SnoopingResult,
+    components: ComponentTests,
+    effects: ComponentEffects,
+    options: AdjustmentOptions,
+) -> LineReport:
+    """Gather the figures of each line (MATH 3.5, 4.2 to 4.4).
 
     Parameters
     ----------
     lines
         All correspondences, reduced frames.
     result
-        Solution and tests.
-    components
-        Component tests of the used correspondences; lines come first.
-    alpha
-        Level of the tests.
+        Solution and tests; lines come first.
+    components, effects
+        Component tests of the used correspondences, and effects of what they do not find.
+    options
+        Levels of the tests.
     """
-    n = len(lines)
-    used, rows = result.used[:n], 4 * int(result.used[:n].sum())
-    residuals = lines.linearised(result.solution.pose).residuals
-    tilts = residuals[:, :2]
-    places = _middle_of_common_piece(lines, result.solution.pose)
-    redundancy = _spread(components.redundancy[:rows], used, 0.0)
-    controlled = _spread(components.controlled[:rows], used, 0.0) > 0.0
-    degrees = result.tests.degrees[:n]
-    # standardised with the variance that the tests allow for
-    root = np.sqrt(result.variance_factor)
+    pose = result.solution.pose
+    residuals = lines.linearised(pose).residuals
+    covariances = _residual_covariances(result, 0, slice(0, len(lines)))
+    offsets, offset_covariances, places = offsets_in_the_middle(lines, residuals, covariances, pose)
+    target, source = lines.target[lines.pairs[:, 0]], lines.source[lines.pairs[:, 1]]
+    moved = LinePairs(
+        target.anchors, target.directions, pose.apply(source.anchors), pose.rotation.apply(source.directions)
+    )
     return LineReport(
-        states=_states(result, slice(0, n), np.asarray((redundancy < NOT_CONTROLLED).all(axis=1))),
-        angles_rad=np.arctan(np.linalg.norm(tilts, axis=1)),
-        offsets_m=residuals[:, 2:] + places[:, None] * tilts,
-        tilts_rad=tilts,
-        residuals=residuals,
-        w=_spread(components.w[:rows], used, 0.0) / root,
-        redundancy=redundancy,
-        controlled=controlled,
-        detectable=_spread(components.detectable[:rows], used, np.inf) * root,
-        statistics=result.tests.statistics[:n],
-        degrees=degrees,
-        critical=np.where(degrees > 0, stats.chi2.isf(alpha, np.maximum(degrees, 1.0)), np.inf),
-        p_values=result.tests.p_values[:n],
+        **_tested(residuals, covariances, result, 0, 0, components, effects, options),
+        angles_rad=np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
+        offsets_m=offsets,
+        offset_covariances=offset_covariances,
+        tilts_rad=residuals[:, :2],
+        middles_m=target.anchors + places[:, None] * target.directions,
+        shortest_distances_m=pair_geometry(moved).distances_m,
     )
 
 
-def plane_report(planes: PlanePlane | None, first: int, result: SnoopingResult) -> PlaneReport:
-    """Gather the figures of each pair of planes.
+def plane_report(
+    planes: PlanePlane,
+    line_count: int,
+    result: SnoopingResult,
+    components: ComponentTests,
+    effects: ComponentEffects,
+    options: AdjustmentOptions,
+) -> PlaneReport:
+    """Gather the figures of each pair of planes (MATH 4.2 to 4.4).
 
     Parameters
     ----------
     planes
-        All pairs of planes, reduced frames; None for none.
-    first
-        Number of the block of the first pair.
-    result
-        Solution and tests.
+        All pairs of planes, reduced frames.
+    line_count
+        Number of pairs of lines, which come before.
+    result, components, effects, options
+        As `line_report`.
     """
-    if planes is None:
-        none = np.empty(0)
-        return PlaneReport(np.empty(0, dtype=np.int32), none, none, none, none, none)
-    rows = slice(first, first + len(planes))
     residuals = planes.linearised(result.solution.pose).residuals
-    degrees = result.tests.degrees[rows]
+    covariances = _residual_covariances(result, 1, slice(line_count, line_count + len(planes)))
     return PlaneReport(
-        states=_states(result, rows, degrees == 0),
+        **_tested(residuals, covariances, result, 1, line_count, components, effects, options),
         angles_rad=np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
-        offsets_m=np.abs(residuals[:, 2]),
-        statistics=result.tests.statistics[rows],
-        degrees=degrees,
-        p_values=result.tests.p_values[rows],
+        offsets_m=residuals[:, 2],
     )
 
 
-def removals_in_words(
-    observations: Sequence[LineLine | PlanePlane], result: SnoopingResult, alpha: float
-) -> tuple[Removal, ...]:
-    """Tell the history of removals and reinstatements."""
-    kinds = ["line" if isinstance(part, LineLine) else "plane" for part in observations for _ in range(len(part))]
-    numbers = np.vstack([part.pairs for part in observations])
-    residuals = [r for part in observations for r in part.linearised(result.solution.pose).residuals]
-    removals = []
-    for step in result.steps:
-        kind, (target, source) = kinds[step.block], (int(number) for number in numbers[step.block])
-        tilt = float(np.arctan(np.linalg.norm(residuals[step.block][:2]))) * GON_PER_RAD
-        offset = float(np.linalg.norm(residuals[step.block][2:])) * 1e3
-        sign = "exceeds" if step.change is Change.REMOVED else "is within"
-        reason = (
-            f"T = {step.statistic:.1f} {sign} the limit {step.critical:.2f} ({alpha:.2%}); in the final pose the two "
-            f"{kind}s differ by {tilt:.3f} gon and {offset:.1f} mm"
-        )
-        if step.inseparable_from:
-            others = ", ".join(f"{kinds[k]}s ({numbers[k][0] + 1}, {numbers[k][1] + 1})" for k in step.inseparable_from)
-            reason += f"; the tests cannot separate this pair from {others}"
-        removals.append(
-            Removal(step.step, step.change, step.block, kind, target, source, step.statistic, step.critical, reason)
-        )
-    return tuple(removals)
+def no_planes() -> PlaneReport:
+    """Give the report of an adjustment without planes (MATH 7)."""
+    none, empty = np.empty(0), np.empty((0, 3))
+    return PlaneReport(
+        states=np.empty(0, dtype=np.int32),
+        residuals=empty,
+        residual_std=empty,
+        w=empty,
+        redundancy=empty,
+        controlled=np.empty((0, 3), dtype=bool),
+        detectable=empty,
+        effects=np.empty((0, 3, 6)),
+        global_effects=empty,
+        statistics=none,
+        degrees=none,
+        critical=none,
+        critical_b_method=none,
+        p_values=none,
+        angles_rad=none,
+        offsets_m=none,
+    )
+
+
+def offsets_in_the_middle(
+    lines: LineLine, residuals: Matrix, covariances: Array, pose: RigidTransform
+) -> tuple[Vectors2, Float64[Array, "n 2 2"], Scalars]:
+    """Carry offsets from the target's anchor to the middle of the common piece, o + s a for tilt a (MATH 3.5).
+
+    Parameters
+    ----------
+    lines
+        All correspondences.
+    residuals
+        (n, 4) tilts [rad] and offsets at the anchors [m].
+    covariances
+        (n, 4, 4) of the residuals.
+    pose
+        Target from source.
+
+    Returns
+    -------
+    offsets, covariances
+        (n, 2) and (n, 2, 2) in the middle [m].
+    places
+        (n,) s, where the middle is along the target line, from its anchor [m].
+    """
+    places = _middle_of_common_piece(lines, pose)
+    carry = np.concatenate([places[:, None, None] * np.eye(2), np.broadcast_to(np.eye(2), (len(places), 2, 2))], axis=2)
+    offsets = np.einsum("nij,nj->ni", carry, residuals)
+    return offsets, np.asarray(carry @ covariances @ np.swapaxes(carry, 1, 2)), places
+
+
+def _tested(
+    residuals: Matrix,
+    covariances: Array,
+    result: SnoopingResult,
+    kind: int,
+    first: int,
+    components: ComponentTests,
+    effects: ComponentEffects,
+    options: AdjustmentOptions,
+) -> dict[str, Array]:
+    """Fill the fields that lines and planes have in common; `kind` counts observation types, `first` blocks."""
+    n, d = residuals.shape
+    rows = slice(first, first + n)
+    used, degrees = result.used[rows], result.tests.degrees[rows]
+    root = np.sqrt(result.variance_factor)
+
+    def spread(stacked: Array, fill: float) -> Array:
+        table = np.full((n, d, *stacked.shape[1:]), fill)
+        table[used] = result.solution.system.split(stacked)[kind]
+        return table
+
+    controlled = spread(components.controlled, 0.0) > 0.0
+    redundancy = spread(components.redundancy, 0.0)
+    nothing_seen = (redundancy < NOT_CONTROLLED).all(axis=1) | (degrees == 0)
+    std = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    limits = np.array([np.inf] + [b_method_limit(k, options.alpha_single, options.power).critical for k in range(1, 7)])
+    return {
+        "states": _states(result, rows, nothing_seen),
+        "residuals": residuals,
+        "residual_std": np.where(used[:, None], std, np.inf),
+        "w": spread(components.w, 0.0) / root,
+        "redundancy": redundancy,
+        "controlled": controlled,
+        "detectable": spread(components.detectable, np.inf) * root,
+        "effects": spread(effects.motions, 0.0),
+        "global_effects": spread(effects.global_, 0.0),
+        "statistics": result.tests.statistics[rows],
+        "degrees": degrees,
+        "critical": np.where(degrees > 0, stats.chi2.isf(options.alpha_single, np.maximum(degrees, 1.0)), np.inf),
+        "critical_b_method": limits[degrees.astype(np.int64)],
+        "p_values": result.tests.p_values[rows],
+    }
+
+
+def _residual_covariances(result: SnoopingResult, kind: int, rows: slice) -> Array:
+    """Give C - J Q Jᵀ of the used blocks of one type, times the variance factor; zeros for unused ones."""
+    solution, used = result.solution, result.used[rows]
+    jacobians = solution.system.split(solution.system.jacobian.toarray())[kind]
+    left = solution.system.covariances[kind] - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2)
+    table = np.zeros((len(used), *left.shape[1:]))
+    table[used] = left * result.variance_factor
+    return table
 
 
 def _states(result: SnoopingResult, rows: slice, not_controlled: Flags) -> Labels:
@@ -201,10 +278,3 @@ def _middle_of_common_piece(lines: LineLine, pose: RigidTransform) -> Scalars:
     first = np.maximum(np.minimum(*ends), target.extents[:, 0])
     last = np.minimum(np.maximum(*ends), target.extents[:, 1])
     return np.asarray(0.5 * (first + last))
-
-
-def _spread(stacked: Array, used: Flags, fill: float) -> Array:
-    """Lay the rows of used lines (4 each, stacked) into a table of all lines."""
-    table = np.full((len(used), 4), fill)
-    table[used] = stacked.reshape(-1, 4)
-    return table

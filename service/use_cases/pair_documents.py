@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from algorithms.adjustment.external_reliability import largest_effect
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
@@ -116,8 +117,18 @@ def _adjustment(fine: FineRegistration) -> Adjustment:
             passed=test.verdict is GlobalVerdict.ACCEPTED,
         ),
         test_variance_factor=adjustment.test_variance_factor,
-        largest_external_effects=adjustment.largest_external_effects,
+        largest_external_effects=_largest_effects(fine),
     )
+
+
+def _largest_effects(fine: FineRegistration) -> dict[str, float]:
+    lines, planes = fine.adjustment.lines, fine.adjustment.planes
+    motions = np.vstack([lines.effects.reshape(-1, 6), planes.effects.reshape(-1, 6)])
+    global_ = np.concatenate([lines.global_effects.ravel(), planes.global_effects.ravel()])
+    largest = largest_effect(motions, global_, fine.pose.target_from_source, fine.centroid_m)
+    scale = [GON_PER_RAD, GON_PER_RAD, GON_PER_RAD, 1.0, 1.0, 1.0]
+    names = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
+    return {name: float(value) for name, value in zip(names, largest.parameters * scale, strict=True)}
 
 
 def _correspondences(
@@ -163,7 +174,7 @@ def _plane_correspondences(fine: FineRegistration, target: str, source: str) -> 
             target_plane=f"{target}/{plane_name(int(i))}",
             source_plane=f"{source}/{plane_name(int(j))}",
             angle_gon=float(report.angles_rad[k]) * GON_PER_RAD,
-            distance_m=float(report.offsets_m[k]),
+            distance_m=abs(float(report.offsets_m[k])),
             statistic=float(report.statistics[k]),
             degrees_of_freedom=float(report.degrees[k]),
             state=STATE_NAMES[CorrespondenceState(int(report.states[k]))],
