@@ -115,3 +115,21 @@ def effects_on_parameters(
     turns = motions[:, :3]
     shifts = shift_of_origin(turns, motions[:, 3:], np.asarray(pose.translation) - centroid_m)
     return np.hstack([turns, shifts]) @ rates.T, separable
+
+
+def pose_with_parameter_std(pose: RigidTransform, std: Float64[Array, "6"]) -> PoseEstimate:
+    """Give a pose the covariance that independent standard deviations of its six parameters stand for (MATH 1.3).
+
+    C = blkdiag(W, I) diag(std²) blkdiag(W, I)ᵀ.
+
+    Parameters
+    ----------
+    pose
+        Target from source.
+    std
+        (6,) of ω, φ, κ [rad] and tx, ty, tz [m].
+    """
+    omega, phi, _ = angles_from_rotation(pose.rotation)
+    jacobian = np.eye(6)
+    jacobian[:3, :3] = rotation_vector_rates(omega, phi)
+    return PoseEstimate(pose, jacobian @ np.diag(std**2) @ jacobian.T)
