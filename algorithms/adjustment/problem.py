@@ -14,7 +14,7 @@ from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Matrices3, Scalars
 from algorithms.errors import InvalidInputError
 
-AnyProblem = TypeVar("AnyProblem", bound="Problem")
+This = TypeVar("This", bound="Problem")
 
 TargetPlaneCovariances: TypeAlias = Float64[Array, "target_planes 3 3"]
 SourcePlaneCovariances: TypeAlias = Float64[Array, "source_planes 3 3"]
@@ -71,7 +71,7 @@ class Problem:
     def __len__(self) -> int:
         return sum(len(observation) for observation in self.observations)
 
-    def selected(self: AnyProblem, keep: Array) -> AnyProblem:  # noqa: PYI019 - beartype cannot check Self
+    def selected(self: This, keep: Array) -> This:  # noqa: PYI019 - beartype cannot check Self
         """Keep the blocks for which the mask (number of blocks,) is True."""
         splits = np.cumsum([len(observation) for observation in self.observations])[:-1]
         parts = np.split(keep, splits)
@@ -79,7 +79,7 @@ class Problem:
         scales = None if self.std_scales is None else self.std_scales[keep]
         return replace(self, observations=kept, std_scales=scales)
 
-    def scaled(self: AnyProblem, factors: Array) -> AnyProblem:  # noqa: PYI019 - beartype cannot check Self
+    def scaled(self: This, factors: Array) -> This:  # noqa: PYI019 - beartype cannot check Self
         """Multiply the standard deviations of each block by a factor, (number of blocks,)."""
         scales = factors if self.std_scales is None else self.std_scales * factors
         return replace(self, std_scales=np.asarray(scales, dtype=np.float64))
@@ -156,6 +156,10 @@ class Problem:
             return sparse.csr_array(shape)
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
         return sparse.csr_array(sparse.coo_array(entries, shape=shape))
+
+
+AnyProblem = TypeVar("AnyProblem", bound=Problem)
+"""A problem or one of its special kinds, which stays what it is."""
 
 
 def _depends_on_planes(noise: FeatureNoise) -> Array:

@@ -91,7 +91,11 @@ class SnoopingRules:
 
 
 def adjust_and_snoop(
-    problem: AnyProblem, start: Unknowns, rules: SnoopingRules, adjust: Adjust[AnyProblem]
+    problem: AnyProblem,
+    start: Unknowns,
+    rules: SnoopingRules,
+    adjust: Adjust[AnyProblem],
+    suspicious: Flags | None = None,
 ) -> SnoopingResult:
     """Adjust, remove the worst correspondence while one fails, re-test the removed ones and put back the good.
 
@@ -105,20 +109,28 @@ def adjust_and_snoop(
         Significance level and limits.
     adjust
         Adjusts a selection of them.
+    suspicious
+        (number of blocks,) True for those that are out at first (`robust_adjustment`); good ones come back.
     """
-    result = _snooped(problem, start, rules, adjust, 1.0)
+    result = _snooped(problem, start, rules, adjust, 1.0, suspicious)
     if not rules.robust_variance or result.used.all():
         return result
     factor = robust_variance_factor(result.tests)
-    return result if factor == 1.0 else _snooped(problem, result.solution.unknowns, rules, adjust, factor)
+    return result if factor == 1.0 else _snooped(problem, result.solution.unknowns, rules, adjust, factor, suspicious)
 
 
 def _snooped(
-    problem: AnyProblem, start: Unknowns, rules: SnoopingRules, adjust: Adjust[AnyProblem], factor: float
+    problem: AnyProblem,
+    start: Unknowns,
+    rules: SnoopingRules,
+    adjust: Adjust[AnyProblem],
+    factor: float,
+    suspicious: Flags | None,
 ) -> SnoopingResult:
     """Snoop with tests that allow for a variance factor."""
     n = len(problem)
-    used, reinstated = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+    used = np.ones(n, dtype=bool) if suspicious is None else ~suspicious
+    reinstated = np.zeros(n, dtype=bool)
     most_removed = min(int(rules.max_removed_share * n), n - FEWEST_BLOCKS)
     steps: list[SnoopingStep] = []
     values, adjustments = start, 0

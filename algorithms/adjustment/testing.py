@@ -112,6 +112,14 @@ def noncentrality(alpha: float, power: float) -> float:
     return normal_critical_value(alpha) + float(stats.norm.ppf(power))
 
 
+def redundancy_numbers(solution: Solution) -> Scalars:
+    """Give r = diag(Qvv P), (m,); their sum is the redundancy (MATH 4). O(m u)."""
+    whitening, system = solution.whitening, solution.system
+    jacobian = system.jacobian.toarray()
+    gain = whitening.apply_transposed(whitening.apply(jacobian)) @ solution.cofactors
+    return np.asarray(whitening.projector_diagonal(system) - np.einsum("ij,ij->i", jacobian, gain))
+
+
 def component_tests(solution: Solution, alpha: float, power: float) -> ComponentTests:
     """Compute w, redundancy, smallest detectable errors and their effect on the pose (MATH 4.2, 4.3).
 
