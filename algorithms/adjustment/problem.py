@@ -32,6 +32,8 @@ class LinearSystem:
     """For each observation type (n, d, d): the covariance of each block by itself."""
     joint_covariance: Array | None
     """(m, m) covariance of everything together, possibly singular; None where blocks are independent."""
+    plane_jacobians: Mapping[int, sparse.csr_array] = field(default_factory=dict)
+    """For each station whose planes are shared: (m, 3p) derivatives by their errors (a1, a2, b)."""
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
@@ -99,14 +101,15 @@ class Problem:
         residuals = np.concatenate([part.residuals.ravel() for part in parts])
         alone = [self._alone(part, noise) for part, noise in zip(parts, noises, strict=True)]
         jacobian = _jacobian(parts, unknowns, len(residuals))
-        shared = [self._through_planes(station, parts, noises) for station in self.plane_covariances]
+        by_planes = {station: self._by_planes(station, parts, noises) for station in self.plane_covariances}
         scales = np.ones(len(self)) if self.std_scales is None else self.std_scales
         pieces = np.split(scales, np.cumsum([len(part) for part in self.observations])[:-1])
         alone = [np.square(piece)[:, None, None] * blocks for piece, blocks in zip(pieces, alone, strict=True)]
-        if not shared:
+        if not by_planes:
             return LinearSystem(residuals, jacobian, tuple(alone), None)
         joint = np.zeros((len(residuals), len(residuals)))
-        for factor in shared:
+        for station, derivatives in by_planes.items():
+            factor = derivatives @ _roots(self.plane_covariances[station])
             joint += (factor @ factor.T).toarray()
         by_row = np.concatenate([np.repeat(piece, b.shape[1]) for piece, b in zip(pieces, alone, strict=True)])
         joint *= by_row[:, None] * by_row[None, :]
@@ -114,7 +117,7 @@ class Problem:
         for places, blocks in zip(rows, alone, strict=True):
             joint[places[:, :, None], places[:, None, :]] += blocks
         diagonal = tuple(joint[places[:, :, None], places[:, None, :]] for places in rows)
-        return LinearSystem(residuals, jacobian, diagonal, joint)
+        return LinearSystem(residuals, jacobian, diagonal, joint, by_planes)
 
     def _alone(self, part: Equations, noises: Sequence[FeatureNoise]) -> Array:
         """Give the covariances (n, d, d) of what is not explained by shared planes."""
@@ -127,15 +130,10 @@ class Problem:
             total += factor @ own @ np.swapaxes(factor, 1, 2)
         return total
 
-    def _through_planes(
+    def _by_planes(
         self, station: int, parts: Sequence[Equations], noises: Sequence[Sequence[FeatureNoise]]
     ) -> sparse.csr_array:
-        """Give the sparse (m, 3p) factor F whose F Fᵀ is the covariance that comes through a station's planes."""
-        covariances = self.plane_covariances[station]
-        try:
-            roots = np.linalg.cholesky(covariances)
-        except np.linalg.LinAlgError as error:
-            raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
+        """Give the sparse (m, 3p) derivatives of all residuals by the errors of a station's planes."""
         rows, columns, values, first = [], [], [], 0
         for part, of_part in zip(parts, noises, strict=True):
             n, d = part.residuals.shape
@@ -146,16 +144,25 @@ class Problem:
                 by_planes = jacobian[used] @ noise.plane_jacobians[used]
                 for k in range(noise.plane_numbers.shape[1]):
                     numbers = noise.plane_numbers[used, k]
-                    through = by_planes[:, :, 3 * k : 3 * k + 3] @ roots[numbers]
                     rows.append(np.repeat((first + used[:, None] * d + np.arange(d)).ravel(), 3))
                     columns.append(np.repeat(numbers[:, None] * 3 + np.arange(3), d, axis=0).ravel())
-                    values.append(through.ravel())
+                    values.append(by_planes[:, :, 3 * k : 3 * k + 3].ravel())
             first += n * d
-        shape = (first, 3 * len(covariances))
+        shape = (first, 3 * len(self.plane_covariances[station]))
         if not values:
             return sparse.csr_array(shape)
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
         return sparse.csr_array(sparse.coo_array(entries, shape=shape))
+
+
+def _roots(covariances: Matrices3) -> sparse.bsr_array:
+    """Lay the Cholesky factors of the planes' covariances on the diagonal of a sparse matrix."""
+    try:
+        roots = np.linalg.cholesky(covariances)
+    except np.linalg.LinAlgError as error:
+        raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
+    n = len(covariances)
+    return sparse.bsr_array((roots, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
 
 
 AnyProblem = TypeVar("AnyProblem", bound=Problem)

@@ -1,13 +1,14 @@
-"""Finding wrong correspondences: one at a time, adjusted anew, re-tested and put back (MATH 4.5)."""
+"""Finding wrong correspondences: one object at a time, adjusted anew, re-tested and put back (MATH 4.5)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 from typing import TypeAlias
 
 import numpy as np
 from scipy import stats
 
+from algorithms.adjustment.gross_errors import GrossErrorSearch, Plane
 from algorithms.adjustment.problem import AnyProblem, Problem
 from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
@@ -16,9 +17,6 @@ from algorithms.arrays import Array, Flags
 
 FEWEST_BLOCKS = 2
 """Correspondences that must remain."""
-
-INSEPARABLE = 0.9
-"""Above this correlation of two test values either could be the wrong one (MATH 4.5)."""
 
 Adjust: TypeAlias = Callable[[AnyProblem, Unknowns], Solution]
 """Adjusts observations from start values, each time with the datum or rank that they allow."""
@@ -60,6 +58,8 @@ class SnoopingStep:
     """Limit of T."""
     inseparable_from: tuple[int, ...]
     """Correspondences whose test values are correlated with this one's by more than 0.9: any may be the wrong one."""
+    plane: Plane | None = None
+    """Plane that was rejected with all that depends on it; None where the correspondence was rejected by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,9 @@ def adjust_and_snoop(
     adjust: Adjust[AnyProblem],
     suspicious: Flags | None = None,
 ) -> SnoopingResult:
-    """Adjust, remove the worst correspondence while one fails, re-test the removed ones and put back the good.
+    """Adjust, remove the worst object while one fails, re-test the removed correspondences and put back the good.
+
+    An object is a correspondence, or a plane with all that depends on it (`gross_errors`).
 
     Parameters
     ----------
@@ -140,17 +142,17 @@ def _snooped(
         adjustments += 1
         values = solution.unknowns
         tests = _all_tests(problem, used, solution).with_variance(factor)
-        # What has been put back stays: so the loop ends.
-        candidates = np.where(used & ~reinstated, tests.p_values, np.inf)
-        worst = _worst(candidates, tests)
-        if candidates[worst] < rules.alpha and (~used).sum() < most_removed:
-            partners = _inseparable(solution, int(used[:worst].sum()), np.flatnonzero(used))
-            steps.append(_step(adjustments, Change.REMOVED, worst, tests, rules.alpha, partners))
-            used[worst] = False
+        removed = _worst(solution, np.flatnonzero(used), reinstated, rules, factor, most_removed - int((~used).sum()))
+        if removed:
+            steps.extend(replace(step, step=adjustments) for step in removed)
+            used[[step.block for step in removed]] = False
             continue
         best = int(np.argmax(np.where(used, -1.0, tests.p_values)))
         if not used[best] and tests.degrees[best] > 0 and tests.p_values[best] >= rules.alpha:
-            steps.append(_step(adjustments, Change.REINSTATED, best, tests, rules.alpha, ()))
+            critical = float(stats.chi2.isf(rules.alpha, tests.degrees[best]))
+            steps.append(
+                SnoopingStep(adjustments, Change.REINSTATED, best, float(tests.statistics[best]), critical, ())
+            )
             used[best] = reinstated[best] = True
             continue
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
@@ -188,49 +190,37 @@ def _all_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
     return BlockTests(*merged)
 
 
-def _worst(p_values: Array, tests: BlockTests) -> int:
-    """Find the smallest p-value; among those too small for a number, the largest statistic per degree of freedom."""
-    smallest = p_values.min()
-    ties = np.flatnonzero(p_values <= max(smallest, np.finfo(np.float64).tiny))
-    ratio = tests.statistics[ties] / np.maximum(tests.degrees[ties], 1.0)
-    return int(ties[np.argmax(ratio)])
+def _worst(
+    solution: Solution, numbers: Array, reinstated: Flags, rules: SnoopingRules, factor: float, allowance: int
+) -> list[SnoopingStep]:
+    """Find the least probable hypothesis that fails its test, and give a step for each correspondence it rejects.
 
-
-def _step(
-    number: int, change: Change, block: int, tests: BlockTests, alpha: float, partners: tuple[int, ...]
-) -> SnoopingStep:
-    critical = float(stats.chi2.isf(alpha, max(tests.degrees[block], 1.0)))
-    return SnoopingStep(number, change, block, float(tests.statistics[block]), critical, partners)
-
-
-def _inseparable(solution: Solution, block: int, numbers: Array) -> tuple[int, ...]:
-    """Find blocks whose residuals are bound to those of one block (largest canonical correlation)."""
-    system = solution.system
-    rows_of = system.block_of_row
-    mine = np.flatnonzero(rows_of == block)
-    jacobian = system.jacobian.toarray()
-    crossed = -jacobian[mine] @ solution.cofactors @ jacobian.T
-    if system.joint_covariance is not None:
-        crossed = crossed + system.joint_covariance[mine]
-    roots = _residual_roots(solution)
-    found = []
-    for other in range(len(numbers)):
-        if other == block:
+    Parameters
+    ----------
+    solution
+        Of the used correspondences.
+    numbers
+        Their numbers among all.
+    reinstated
+        (number of blocks,) True for those that came back: they stay, so that the search ends.
+    rules, factor
+        Level, and what variance the tests allow for.
+    allowance
+        So many may still be removed.
+    """
+    search = GrossErrorSearch(solution)
+    tests = search.tests().with_variance(factor)
+    for k in np.argsort(tests.log_p, kind="stable"):
+        if tests.log_p[k] >= np.log(rules.alpha):
+            break
+        members = numbers[tests.blocks[k]]
+        if len(members) > allowance or reinstated[members].any():
             continue
-        rows = np.flatnonzero(rows_of == other)
-        correlation = roots[block] @ crossed[:, rows] @ roots[other].T
-        if np.linalg.norm(correlation, ord=2) > INSEPARABLE:
-            found.append(int(numbers[other]))
-    return tuple(found)
-
-
-def _residual_roots(solution: Solution) -> list[Array]:
-    """Give for each block a matrix that whitens its residuals after adjustment, uncontrolled parts left out."""
-    system, roots = solution.system, []
-    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian.toarray()), strict=True):
-        left = blocks - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2)
-        values, vectors = np.linalg.eigh(left)
-        relative = values / np.maximum(values[:, -1:], np.finfo(np.float64).tiny)
-        inverse = np.where(relative > 1e-10, 1.0 / np.sqrt(np.where(relative > 1e-10, values, 1.0)), 0.0)
-        roots.extend(inverse[:, :, None] * np.swapaxes(vectors, 1, 2))
-    return roots
+        critical = float(stats.chi2.isf(rules.alpha, tests.degrees[k]))
+        plane = tests.planes[k]
+        partners = () if plane else tuple(int(numbers[other]) for other in search.inseparable_blocks(int(k)))
+        return [
+            SnoopingStep(0, Change.REMOVED, int(block), float(tests.statistics[k]), critical, partners, plane)
+            for block in members
+        ]
+    return []

@@ -1,0 +1,205 @@
+"""What may be wrong: one correspondence, or a plane with everything that depends on it (MATH 4.4; Baarda 1968).
+
+A hypothesis adds its own unknowns to the adjustment, r = J x + G d + noise. How far the weighted sum of squared
+residuals would drop, T = uᵀ N⁺ u with u = Gᵀ P v and N = Gᵀ P Qvv P G, is chi-square distributed with rank N degrees of
+freedom while there is no error. For a single correspondence G selects its components; for a plane it holds the
+derivatives of all residuals by the plane's errors: a door that was opened moves its plane and every edge of it at once,
+and single tests would put the blame on neighbours.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from scipy import sparse, special
+
+from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.testing import NOT_CONTROLLED
+from algorithms.arrays import Array, Flags, Indices, Scalars
+
+INSEPARABLE = 0.9
+"""Above this correlation of two hypotheses' test values either could be the true one (MATH 4.5)."""
+
+FEWEST_OF_PLANE = 2
+"""A plane with a single dependent correspondence is that correspondence."""
+
+SMALLEST_PROBABILITY = 1e-280
+"""Below this the asymptotic series takes over."""
+
+Plane: TypeAlias = tuple[int, int]
+"""Station and number of a plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class GrossErrorTests:
+    """Tests of all hypotheses: the n correspondences first, then planes."""
+
+    statistics: Scalars
+    """(n,) T."""
+    degrees: Scalars
+    """(n,) degrees of freedom; 0 where the others do not control it."""
+    log_p: Scalars
+    """(n,) natural logarithm of the probability of a larger T without error."""
+    blocks: tuple[Array, ...]
+    """Correspondences that each hypothesis is about, in the numbering of the adjustment."""
+    planes: tuple[Plane | None, ...]
+    """The plane, or None for a single correspondence."""
+
+    def with_variance(self, factor: float) -> "GrossErrorTests":
+        """Give the tests for covariances multiplied by a variance factor."""
+        statistics = self.statistics / factor
+        return replace(self, statistics=statistics, log_p=log_probability(statistics, self.degrees))
+
+
+class GrossErrorSearch:
+    """Hypotheses about one solution. O(m²) with shared planes, else O(m u)."""
+
+    def __init__(self, solution: Solution) -> None:
+        self._solution = solution
+        whitening, system = solution.whitening, solution.system
+        self._weighted = whitening.apply_transposed(whitening.apply(system.residuals))  # P v
+        self._by_unknowns = whitening.apply_transposed(whitening.apply(system.jacobian.toarray()))  # P J
+        self._block_of_row = system.block_of_row
+
+    def tests(self) -> GrossErrorTests:
+        """Test every correspondence by itself and every plane that several depend on."""
+        count = int(self._block_of_row.max(initial=-1)) + 1
+        single = [self._of_blocks()]
+        blocks = list(np.arange(count, dtype=np.int64)[:, None])
+        planes: list[Plane | None] = [None] * count
+        for plane, members, tested in self._of_planes():
+            planes.append(plane)
+            blocks.append(members)
+            single.append(tested)
+        statistics, degrees = np.concatenate(single, axis=1)
+        return GrossErrorTests(statistics, degrees, log_probability(statistics, degrees), tuple(blocks), tuple(planes))
+
+    def inseparable_blocks(self, block: int) -> Indices:
+        """Give the other correspondences whose tests are correlated with this one's by more than 0.9 (MATH 4.5).
+
+        The largest canonical correlation of u_i and u_j, with covariance Gᵀ P Qvv P G; for single observations it is
+        |(Qvv)_ij| / sqrt(r_i r_j) in units of their standard deviations.
+        """
+        rows = np.flatnonzero(self._block_of_row == block)
+        crossed = self._weights_of(rows) - self._by_unknowns[rows] @ self._solution.cofactors @ self._by_unknowns.T
+        mine = _whitened(crossed[:, rows][None], self._diagonal_weights[rows][None])[0]
+        found, first = [], 0
+        for own in self._block_covariances:
+            n, d = own.shape[:2]
+            crossings = crossed[:, first : first + n * d].reshape(len(rows), n, d).transpose(1, 0, 2)
+            roots = _whitened(own, self._diagonal_weights[first : first + n * d].reshape(n, d))
+            correlations = np.linalg.norm(mine @ crossings @ np.swapaxes(roots, 1, 2), ord=2, axis=(1, 2))
+            found.append(correlations)
+            first += n * d
+        together = np.concatenate(found)
+        together[block] = 0.0
+        return np.flatnonzero(together > INSEPARABLE)
+
+    @cached_property
+    def _weights(self) -> Array | None:
+        """P, (m, m), where residuals are correlated."""
+        if self._solution.system.joint_covariance is None:
+            return None
+        matrix = self._solution.whitening.matrix
+        return np.asarray(matrix.T @ matrix)
+
+    @cached_property
+    def _diagonal_weights(self) -> Scalars:
+        return self._solution.whitening.weight_diagonal()
+
+    def _weights_of(self, rows: Indices) -> Array:
+        """Give rows of P."""
+        if self._weights is not None:
+            return np.asarray(self._weights[rows])
+        matrix = sparse.csc_array(self._solution.whitening.matrix)
+        return np.asarray((matrix[:, rows].T @ matrix).toarray())
+
+    @cached_property
+    def _block_covariances(self) -> list[Array]:
+        """(P Qvv P) of each block, (n, d, d) for each type: the covariance of u."""
+        system, cofactors, first, found = self._solution.system, self._solution.cofactors, 0, []
+        for blocks, by_unknowns in zip(system.covariances, system.split(self._by_unknowns), strict=True):
+            n, d = blocks.shape[:2]
+            if self._weights is None:
+                weights = np.linalg.inv(blocks)
+            else:
+                places = first + np.arange(n * d).reshape(n, d)
+                weights = self._weights[places[:, :, None], places[:, None, :]]
+            found.append(weights - by_unknowns @ cofactors @ np.swapaxes(by_unknowns, 1, 2))
+            first += n * d
+        return found
+
+    def _of_blocks(self) -> Array:
+        """Give T and degrees of freedom of every correspondence, (2, n)."""
+        system, parts = self._solution.system, []
+        weights = system.split(self._diagonal_weights)
+        for own, weighted, scale in zip(self._block_covariances, system.split(self._weighted), weights, strict=True):
+            parts.append(_quadratic_forms(own, weighted, scale))
+        return np.concatenate(parts, axis=1)
+
+    def _of_planes(self) -> Iterator[tuple[Plane, Indices, Array]]:
+        """Give each plane that several correspondences depend on, these, and its test.
+
+        Of two planes with the same dependents (a matched pair) one stands for both: their derivatives span the same.
+        """
+        seen: set[bytes] = set()
+        for station, derivatives in self._solution.system.plane_jacobians.items():
+            by_planes = np.asarray(derivatives.T @ self._by_unknowns)  # Gᵀ P J
+            weighted = np.asarray(derivatives.T @ self._weighted)
+            columns = derivatives.tocsc()
+            for k in range(derivatives.shape[1] // 3):
+                rows = np.unique(columns.indices[columns.indptr[3 * k] : columns.indptr[3 * k + 3]])
+                members = np.unique(self._block_of_row[rows]).astype(np.int64)
+                if len(members) < FEWEST_OF_PLANE or members.tobytes() in seen:
+                    continue
+                seen.add(members.tobytes())
+                mine = slice(3 * k, 3 * k + 3)
+                design = columns[:, [3 * k, 3 * k + 1, 3 * k + 2]].toarray()[rows]
+                weights = design.T @ self._weights_of(rows)[:, rows] @ design
+                own = weights - by_planes[mine] @ self._solution.cofactors @ by_planes[mine].T
+                yield (
+                    (station, k),
+                    members,
+                    _quadratic_forms(own[None], weighted[mine][None], np.diag(weights)[None]),
+                )
+
+
+def log_probability(statistics: Scalars, degrees: Scalars) -> Scalars:
+    """Give ln P(chi-square > T), also where the probability itself is too small for a number.
+
+    Asymptotically Γ(a, x) = x^(a-1) e^-x (1 + (a-1)/x + (a-1)(a-2)/x² + ...), a = f/2, x = T/2 (Abramowitz and Stegun
+    6.5.32); 0 where there is no degree of freedom.
+    """
+    half, x = np.maximum(degrees, 1.0) / 2.0, np.maximum(statistics, 0.0) / 2.0
+    direct = special.gammaincc(half, x)
+    far = direct < SMALLEST_PROBABILITY
+    safe = np.where(far, x, 1.0)
+    series, term = np.ones_like(x), np.ones_like(x)
+    for k in range(1, 8):
+        term = term * (half - k) / safe
+        series = series + term
+    series = np.where(far, series, 1.0)
+    asymptotic = (half - 1.0) * np.log(safe) - safe - special.gammaln(half) + np.log(series)
+    logs = np.where(far, asymptotic, np.log(np.where(far, 1.0, direct)))
+    return np.where(degrees > 0, logs, 0.0)
+
+
+def _quadratic_forms(covariances: Array, vectors: Array, weights: Array) -> Array:
+    """Give uᵀ N⁺ u and rank N of n hypotheses, (2, n); what is controlled less than 1e-5 of its weight is left out."""
+    scale = 1.0 / np.sqrt(np.maximum(weights, np.finfo(np.float64).tiny))
+    values, turned = np.linalg.eigh(covariances * scale[:, :, None] * scale[:, None, :])
+    along = np.einsum("nij,ni->nj", turned, vectors * scale)
+    seen: Flags = values > NOT_CONTROLLED
+    statistics = (np.where(seen, along**2, 0.0) / np.where(seen, values, 1.0)).sum(axis=1)
+    return np.stack([statistics, seen.sum(axis=1).astype(np.float64)])
+
+
+def _whitened(covariances: Array, weights: Array) -> Array:
+    """Give W with W N Wᵀ = I on the controlled part of n hypotheses, zero elsewhere."""
+    scale = 1.0 / np.sqrt(np.maximum(weights, np.finfo(np.float64).tiny))
+    values, turned = np.linalg.eigh(covariances * scale[:, :, None] * scale[:, None, :])
+    seen = values > NOT_CONTROLLED
+    inverse = np.where(seen, 1.0 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
+    return np.asarray(inverse[:, :, None] * np.swapaxes(turned, 1, 2) * scale[:, None, :])
