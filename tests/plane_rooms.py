@@ -50,25 +50,25 @@ class PlaneRooms:
             edge_lengths=self.edge_lengths[which],
         )
 
-    def with_plane_moved(self, plane: int, shift_m: float, turn_rad: float = 0.0) -> "PlaneRooms":
-        """Move one plane along its normal, and turn it about its second side (a door leaf)."""
-        normals, middles, axes = self.normals.copy(), self.middles.copy(), self.axes.copy()
-        middles[plane] += shift_m * normals[plane]
-        turn = Rotation.from_rotvec(turn_rad * axes[plane, :, 1])
-        normals[plane], axes[plane] = turn.apply(normals[plane]), turn.apply(axes[plane].T).T
-        return replace(self, normals=normals, middles=middles, axes=axes)
+    def with_plane_moved(self, plane: int, shift_m: float) -> "PlaneRooms":
+        """Move one plane along its normal."""
+        middles = self.middles.copy()
+        middles[plane] += shift_m * self.normals[plane]
+        return replace(self, middles=middles)
 
     def with_edge_elsewhere(self, edge: int, end: int, shift_m: float, turn_rad: float = 0.0) -> "PlaneRooms":
-        """Let one of an edge's two planes be another one, parallel to the true one or turned."""
-        plane = int(self.edges[edge, end])
-        other = self.with_plane_moved(plane, shift_m, turn_rad)
+        """Let one of an edge's planes be another one, shifted along its normal and turned so that the edge turns."""
+        plane, kept = int(self.edges[edge, end]), int(self.edges[edge, 1 - end])
+        across = np.cross(self.normals[plane], np.cross(self.normals[plane], self.normals[kept]))
+        turn = Rotation.from_rotvec(turn_rad * across / np.linalg.norm(across))
+        middle = self.edge_middles[edge] + turn.apply(self.middles[plane] - self.edge_middles[edge])
         edges = self.edges.copy()
         edges[edge, end] = len(self.normals)
         return replace(
             self,
-            normals=np.vstack([self.normals, other.normals[plane]]),
-            middles=np.vstack([self.middles, other.middles[plane]]),
-            axes=np.concatenate([self.axes, other.axes[plane : plane + 1]]),
+            normals=np.vstack([self.normals, turn.apply(self.normals[plane])]),
+            middles=np.vstack([self.middles, middle + shift_m * self.normals[plane]]),
+            axes=np.concatenate([self.axes, turn.apply(self.axes[plane].T).T[None]]),
             sizes=np.vstack([self.sizes, self.sizes[plane]]),
             matched=np.append(self.matched, False),
             edges=edges,
