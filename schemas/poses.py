@@ -48,21 +48,36 @@ class ErrorEllipsoid(Document):
     directions: list[tuple[float, float, float]] = Field(description="Unit direction of each semi-axis, target frame.")
 
 
+class Correlation(Document):
+    """Two parameters that the data hardly tell apart."""
+
+    first: str
+    second: str
+    correlation: float
+
+
 class Pose(Document):
     """A motion x_target = M x_source and how well it is known."""
 
     direction: str = Field(description="What is mapped where, in words.")
     matrix: tuple[Row4, Row4, Row4, Row4] = Field(description="4x4, row by row.")
     quaternion: Quaternion
-    omega_gon: float
-    phi_gon: float
-    kappa_gon: float
-    tx_m: float
-    ty_m: float
-    tz_m: float
-    std: PoseStd | None = Field(description="At the origin of the source frame; null where no covariance exists.")
+    omega_gon: float | None
+    phi_gon: float | None
+    kappa_gon: float | None
+    tx_m: float | None
+    ty_m: float | None
+    tz_m: float | None
+    undetermined: str | None = Field(
+        default=None,
+        description="Why parameters are null; matrix and quaternion then show one of the possible poses.",
+    )
+    std: PoseStd | None = Field(description="One sigma, at the origin of the source frame; null: no covariance.")
     std_at_centroid_m: PointStd | None
     error_ellipsoid_at_centroid: ErrorEllipsoid | None = None
+    correlations: list[Correlation] = Field(
+        default=[], description="Of the six parameters, those above 0.9 in amount, largest first."
+    )
     covariance: tuple[Row6, Row6, Row6, Row6, Row6, Row6] | None
     covariance_order: str = "rotation vector (rad), translation (m)"
     covariance_frame: str = "rotation vector perturbed on the left, R = Exp(dtheta) R0, t = t0 + dt, target axes"

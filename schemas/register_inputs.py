@@ -5,8 +5,8 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag
 
 from schemas.base import NotYet, NotYetList, RequestModel
+from schemas.reference_poses import Reference
 from schemas.registration_methods import AutoMethod, MethodRequest
-from schemas.rigid_matrix import RigidMatrix
 
 StationName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^\w[\w .()+-]*$")]
 """Letters, digits, `_`, blank, `.`, `(`, `)`, `+`, `-`; it names stations in results and downloads."""
@@ -58,5 +58,6 @@ class RegisterInputs(RequestModel):
     """Whose frame becomes the world frame."""
     control: NotYetList = Field(default=[], title="Control")
     """Control points; not supported yet."""
-    reference: dict[StationName, RigidMatrix] | None = Field(default=None, title="Reference poses")
-    """Known poses (world_from_scan, 4×4 row-major) by station name, to compare the answer with."""
+    reference: dict[StationName, Reference] | None = Field(default=None, title="Reference poses")
+    """Known poses (world_from_scan) by station name, to compare the answer with: the 4×4 matrix, row by row, or an
+    object with matrix and standard deviations."""

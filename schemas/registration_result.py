@@ -4,6 +4,9 @@ from typing import Any
 
 from pydantic import ConfigDict, Field
 
+from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDirection
+from schemas.comparison import ComparedParameter, StationComparison
+from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
 from schemas.poses import Document, Pose, Row4
 
 
@@ -17,104 +20,6 @@ class Coarse(Document):
     runner_up_score: float | None
     runner_up_target_from_source: tuple[Row4, Row4, Row4, Row4] | None = None
     hypotheses_tested: int
-
-
-class GlobalTest(Document):
-    """Two-sided chi-square test of the sum of squared residuals."""
-
-    statistic: float
-    lower: float
-    upper: float
-    alpha: float
-    passed: bool
-
-
-class Adjustment(Document):
-    """Figures of the fine registration."""
-
-    model: str
-    observations: int = Field(description="Conditions, four for each used line.")
-    independent_observations: int = Field(
-        description="Rank of their covariance: fewer than the conditions where lines share planes."
-    )
-    unknowns: int
-    rank: int
-    redundancy: int
-    sigma0_prior: float
-    sigma0: float | None
-    iterations: int
-    converged: bool
-    global_test: GlobalTest | None
-    test_variance_factor: float = Field(
-        description="Variance factor that the tests of single lines and planes allow for (robust estimate, at least 1)."
-    )
-    largest_external_effects: dict[str, float] = Field(
-        description="Largest effect of an error that stays undetected on each parameter (rad, m)."
-    )
-
-
-class LineTest(Document):
-    """Test of a line as a whole."""
-
-    statistic: float
-    degrees_of_freedom: float
-    critical: float
-
-
-class Correspondence(Document):
-    """Two lines taken for one, and how well they agree."""
-
-    target_line: str
-    source_line: str
-    source: str = Field(description="plane-intersection, cylinder-axis or photo-edge")
-    angle_gon: float
-    distance_m: float
-    residuals: list[float] = Field(description="Two tilts (rad) and two offsets (m).")
-    normalised: list[float | None] = Field(description="Residual over its standard deviation; null: not controlled.")
-    redundancy: float = Field(description="Sum of the four redundancy numbers, 0 to 4.")
-    test: LineTest | None
-    mdb: list[float | None] = Field(description="Minimal detectable blunder of each residual (rad, rad, m, m).")
-    state: str = Field(description="used, removed, reinstated or not-controlled")
-
-
-class PlaneCorrespondence(Document):
-    """Two planes taken for one, observed beside the lines."""
-
-    target_plane: str
-    source_plane: str
-    angle_gon: float
-    distance_m: float
-    statistic: float = Field(description="Test value of the pair, chi-square distributed.")
-    degrees_of_freedom: float
-    state: str = Field(description="used, removed, reinstated or not-controlled")
-
-
-class Outlier(Document):
-    """A pair of lines that was removed (or put back), when and why."""
-
-    line: str
-    kind: str = Field(description="line or plane")
-    step: int
-    statistic: float
-    change: str = Field(description="removed or reinstated")
-    why: str
-
-
-class Accuracy(Document):
-    """Summary under the names of the dissertation's tables."""
-
-    mean_std_rotation_gon: float | None
-    mean_std_translation_m: float | None
-    max_angle_gon: float | None
-    max_distance_m: float | None
-
-
-class WeakDirection(Document):
-    """A direction that the lines determine badly or not at all."""
-
-    text: str
-    std_m: float | None = Field(description="Standard deviation; null: not determined.")
-    advice: str
 
 
 class Overlap(Document):
@@ -145,6 +50,7 @@ class Pair(Document):
     plane_correspondences: list[PlaneCorrespondence]
     outliers: list[Outlier]
     accuracy: Accuracy | None
+    rank_report: RankReport | None = Field(description="Null: the scans did not come as far as an adjustment.")
     weak_directions: list[WeakDirection]
     overlap: Overlap | None
     timings_s: dict[str, float]
@@ -168,17 +74,6 @@ class FeatureCount(Document):
     planes: int
     cylinders: int
     noise_std_m: float
-
-
-class ComparedParameter(Document):
-    """One parameter beside its reference."""
-
-    station: str
-    parameter: str
-    estimated: float
-    reference: float
-    difference: float
-    std: float | None
 
 
 class Artifact(Document):
@@ -217,5 +112,6 @@ class RegistrationDocument(Document):
     pairs: list[Pair]
     features: list[FeatureCount]
     comparison: list[ComparedParameter] | None
+    comparison_summary: list[StationComparison] | None
     artifacts: list[Artifact]
     provenance: Provenance

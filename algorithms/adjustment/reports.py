@@ -28,6 +28,8 @@ class CorrespondenceReport:
 
     states: Labels
     """(n,) `CorrespondenceState`."""
+    angles_rad: Scalars
+    """(n,) angle between the moved source feature and the target feature [rad] (MATH 3.5)."""
     residuals: Matrix
     """(n, d) residuals as adjusted [rad, m]."""
     residual_std: Matrix
@@ -63,8 +65,6 @@ class CorrespondenceReport:
 class LineReport(CorrespondenceReport):
     """The figures of lines; offsets in the residuals are those at the target's anchor."""
 
-    angles_rad: Scalars
-    """(n,) angle between the moved source line and the target line [rad] (MATH 3.5)."""
     offsets_m: Vectors2
     """(n, 2) offset of the moved source line in the target line's basis, at the middle of the common piece (or of the
     gap) [m] (MATH 3.5)."""
@@ -83,8 +83,6 @@ class LineReport(CorrespondenceReport):
 class PlaneReport(CorrespondenceReport):
     """The figures of planes."""
 
-    angles_rad: Scalars
-    """(n,) angle between the moved source plane and the target plane [rad]."""
     offsets_m: Scalars
     """(n,) where the moved source plane passes the target's centroid, along the target's normal [m]."""
 
@@ -119,7 +117,6 @@ def line_report(
     )
     return LineReport(
         **_tested(residuals, covariances, result, 0, 0, components, effects, options),
-        angles_rad=np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
         offsets_m=offsets,
         offset_covariances=offset_covariances,
         tilts_rad=residuals[:, :2],
@@ -151,7 +148,6 @@ def plane_report(
     covariances = _residual_covariances(result, 1, slice(line_count, line_count + len(planes)))
     return PlaneReport(
         **_tested(residuals, covariances, result, 1, line_count, components, effects, options),
-        angles_rad=np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
         offsets_m=residuals[:, 2],
     )
 
@@ -161,6 +157,7 @@ def no_planes() -> PlaneReport:
     none, empty = np.empty(0), np.empty((0, 3))
     return PlaneReport(
         states=np.empty(0, dtype=np.int32),
+        angles_rad=none,
         residuals=empty,
         residual_std=empty,
         w=empty,
@@ -174,7 +171,6 @@ def no_planes() -> PlaneReport:
         critical=none,
         critical_b_method=none,
         p_values=none,
-        angles_rad=none,
         offsets_m=none,
     )
 
@@ -236,6 +232,7 @@ def _tested(
     limits = np.array([np.inf] + [b_method_limit(k, options.alpha_single, options.power).critical for k in range(1, 7)])
     return {
         "states": _states(result, rows, nothing_seen),
+        "angles_rad": np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
         "residuals": residuals,
         "residual_std": np.where(used[:, None], std, np.inf),
         "w": spread(components.w, 0.0) / root,

@@ -8,10 +8,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Matrix6, Vector3
 from algorithms.geometry.angles import GIMBAL_LIMIT, angles_from_rotation, rotation_vector_rates
-from algorithms.geometry.poses import PoseEstimate
+from algorithms.geometry.poses import UNDETERMINED_SHARE, PoseEstimate
 
 PARAMETERS = ("omega", "phi", "kappa", "tx", "ty", "tz")
 """Order of everything here; angles in rad, shifts in m."""
+
+STRONG_CORRELATION = 0.9
+"""Above this two parameters are named as hardly separable (MATH 7)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +27,8 @@ class PoseParameters:
     """(6, 6) covariance; rows and columns of what is not determined are zero."""
     determined: Bool[Array, "6"]
     """False for parameters that the geometry leaves free, and for ω and κ where they are not separable."""
+    free: Bool[Array, "6"]
+    """True for parameters that a free motion changes: their values mean nothing."""
 
     def correlations_above(self, limit: float) -> list[tuple[int, int, float]]:
         """List pairs of determined parameters whose correlation exceeds the limit in amount, largest first (MATH 7)."""
@@ -66,14 +71,16 @@ def parameter_rates(rotation: Rotation) -> tuple[Matrix6, Bool[Array, "6"]]:
 
 def pose_parameters(pose: PoseEstimate) -> PoseParameters:
     """Read a pose as its six parameters: C = J C_pose Jᵀ with J = blkdiag(W⁻¹, I) (MATH 1.4)."""
-    rates, _ = parameter_rates(pose.rotation)
-    std = (*pose.omega_phi_kappa_std_rad, *pose.translation_std_m)
-    determined = np.array([value is not None for value in std])
+    rates, separable = parameter_rates(pose.rotation)
+    moved = np.abs(rates @ pose.null_space) > UNDETERMINED_SHARE
+    free = np.asarray(moved.any(axis=1))
+    determined = separable & ~free
     covariance = rates @ pose.covariance @ rates.T
     return PoseParameters(
         values=np.concatenate([pose.omega_phi_kappa_rad, pose.translation_m]),
         covariance=np.where(np.outer(determined, determined), covariance, 0.0),
         determined=determined,
+        free=free,
     )
 
 

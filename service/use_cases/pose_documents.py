@@ -7,12 +7,15 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Vector3
 from algorithms.geometry.angles import GON_PER_RAD
+from algorithms.geometry.pose_parameters import STRONG_CORRELATION, pose_parameters
 from algorithms.geometry.poses import PoseEstimate
-from schemas.poses import ErrorEllipsoid, PointStd, Pose, PoseStd, Quaternion, Row4, Row6
+from schemas.poses import Correlation, ErrorEllipsoid, PointStd, Pose, PoseStd, Quaternion, Row4, Row6
 
 Rows4 = tuple[Row4, Row4, Row4, Row4]
 Rows6 = tuple[Row6, Row6, Row6, Row6, Row6, Row6]
 Triple = tuple[float, float, float]
+PARAMETERS = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
+"""The six parameters as they are called in documents."""
 
 
 def rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
@@ -43,32 +46,42 @@ def pose_document(
     """
     matrix = pose.target_from_source.as_matrix()
     x, y, z, w = pose.rotation.as_quat(canonical=True)
-    angles = pose.omega_phi_kappa_rad * GON_PER_RAD + 0.0  # no minus zero
-    angle_std = [None if s is None else s * GON_PER_RAD for s in pose.omega_phi_kappa_std_rad]
-    shift_std = pose.translation_std_m
+    parameters = pose_parameters(pose)
+    scale = np.array([GON_PER_RAD, GON_PER_RAD, GON_PER_RAD, 1.0, 1.0, 1.0])
+    values = parameters.values * scale + 0.0  # no minus zero
+    std = np.sqrt(np.maximum(np.diag(parameters.covariance), 0.0)) * scale
     determined = pose.null_space.shape[1] == 0
     return Pose(
         direction=f"x in {target} = M · x in {source}",
         matrix=cast("Rows4", rows(matrix)),
         quaternion=Quaternion(w=float(w), x=float(x), y=float(y), z=float(z)),
-        omega_gon=float(angles[0]),
-        phi_gon=float(angles[1]),
-        kappa_gon=float(angles[2]),
-        tx_m=float(matrix[0, 3]),
-        ty_m=float(matrix[1, 3]),
-        tz_m=float(matrix[2, 3]),
-        std=PoseStd(
-            omega_gon=angle_std[0],
-            phi_gon=angle_std[1],
-            kappa_gon=angle_std[2],
-            tx_m=shift_std[0],
-            ty_m=shift_std[1],
-            tz_m=shift_std[2],
-        ),
+        **_named(values, ~parameters.free),
+        undetermined=_undetermined(pose, parameters.free),
+        std=PoseStd(**_named(std, parameters.determined)),
         std_at_centroid_m=None if centroid_m is None else _point_std(pose, centroid_m),
         error_ellipsoid_at_centroid=None if centroid_m is None or not determined else _ellipsoid(pose, centroid_m),
+        correlations=[
+            Correlation(first=PARAMETERS[i], second=PARAMETERS[j], correlation=correlation)
+            for i, j, correlation in parameters.correlations_above(STRONG_CORRELATION)
+        ],
         covariance=cast("Rows6", rows(pose.covariance)) if determined else None,
         covariance_sigma0="a-posteriori" if a_posteriori else "a-priori",
+    )
+
+
+def _named(values: Array, known: Array) -> dict[str, float | None]:
+    """Name six numbers; null where a parameter has none."""
+    return {name: float(value) if k else None for name, value, k in zip(PARAMETERS, values, known, strict=True)}
+
+
+def _undetermined(pose: PoseEstimate, free: Array) -> str | None:
+    if not free.any():
+        return None
+    names = ", ".join(name for name, is_free in zip(PARAMETERS, free, strict=True) if is_free)
+    count = pose.null_space.shape[1]
+    return (
+        f"{count} independent motion{'s' if count > 1 else ''} of the scan would fit as well, and {names} change with "
+        "it; the matrix shows the possible pose nearest to the first guess"
     )
 
 

@@ -6,19 +6,17 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.geometry.angles import GON_PER_RAD, angles_from_rotation
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.spanning_tree import StationLink, chain_poses
 from algorithms.registration import DEFAULT_METHOD
+from schemas.comparison import ComparedParameter, StationComparison
 from schemas.poses import Pose
 from schemas.registration_result import (
     Artifact,
-    ComparedParameter,
     FeatureCount,
     InputFile,
     Pair,
@@ -27,12 +25,11 @@ from schemas.registration_result import (
     Station,
 )
 from service.ports import BlobStore, Json, StepContext
-from service.use_cases.pose_documents import fixed_pose_document, pose_document
+from service.use_cases.comparison_documents import comparison_documents
+from service.use_cases.pose_documents import PARAMETERS, fixed_pose_document, pose_document
 from service.use_cases.run_features import SEED
 from service.use_cases.run_lines_report import software
 from service.use_cases.run_pair import method_of
-
-PARAMETERS = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
 
 
 @dataclass(frozen=True)
@@ -52,12 +49,14 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     poses = _station_poses([station["name"] for station in inputs["stations"]], pairs)
     stations = [pose.station for pose in poses]
     unregistered = sum(station.status == "unregistered" for station in stations)
+    comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
     document = RegistrationDocument(
         status=_overall(len(stations), unregistered),
         stations=stations,
         pairs=pairs,
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
-        comparison=None if inputs.get("reference") is None else _comparison(poses, inputs["reference"]),
+        comparison=comparison,
+        comparison_summary=summary,
         artifacts=_write_artifacts(context.blobs, job_id, stations, pairs),
         provenance=_provenance(inputs, arguments["features"], pairs),
     )
@@ -117,37 +116,11 @@ def _why_not(name: str, pairs: Sequence[Pair]) -> str:
     return f"no pair was accepted ({counts}); {tried[0].reasons[0] if tried[0].reasons else ''}".rstrip("; ")
 
 
-def _comparison(poses: Sequence[StationPose], reference: dict[str, Any]) -> list[ComparedParameter]:
-    """Compare with reference poses (table 4.2 of the dissertation).
-
-    The reference is first moved so that the fixed station agrees, when it is among the reference poses.
-    """
-    motions = {name: RigidTransform.from_matrix(np.array(matrix)) for name, matrix in reference.items()}
-    fixed = poses[0].station.name
-    to_world = motions[fixed].inv() if fixed in motions else RigidTransform.identity()
-    rows = []
-    for pose in poses[1:]:
-        document = pose.station.world_from_scan
-        if document is None or pose.station.name not in motions:
-            continue
-        wanted = to_world * motions[pose.station.name]
-        values = [*(angles_from_rotation(wanted.rotation) * GON_PER_RAD), *wanted.translation]
-        for parameter, value in zip(PARAMETERS, values, strict=True):
-            estimated = getattr(document, parameter)
-            difference = estimated - value
-            if parameter.endswith("_gon"):
-                difference = (difference + 200.0) % 400.0 - 200.0
-            rows.append(
-                ComparedParameter(
-                    station=pose.station.name,
-                    parameter=parameter,
-                    estimated=estimated,
-                    reference=float(value),
-                    difference=float(difference),
-                    std=None if document.std is None else getattr(document.std, parameter),
-                )
-            )
-    return rows
+def _comparison(
+    poses: Sequence[StationPose], reference: Json
+) -> tuple[list[ComparedParameter], list[StationComparison]]:
+    estimates = {pose.station.name: pose.estimate for pose in poses[1:] if pose.estimate is not None}
+    return comparison_documents(poses[0].station.name, estimates, reference)
 
 
 def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -> Provenance:

@@ -222,7 +222,8 @@ def test_only_strong_correlations_of_determined_parameters_are_listed():
     covariance[1, 2] = covariance[2, 1] = 0.99
     covariance[3, 5] = covariance[5, 3] = 0.5
     determined = np.array([True, True, False, True, True, True])
-    assert PoseParameters(np.zeros(6), covariance, determined).correlations_above(0.9) == [(0, 4, -0.95)]
+    parameters = PoseParameters(np.zeros(6), covariance, determined, ~determined)
+    assert parameters.correlations_above(0.9) == [(0, 4, -0.95)]
 
 
 def test_omega_and_kappa_are_not_separable_at_a_right_angle_of_phi():

@@ -34,6 +34,7 @@ def pair(target: str, source: str, pose: RigidTransform, status: str = "accepted
         plane_correspondences=[],
         outliers=[],
         accuracy=None,
+        rank_report=None,
         weak_directions=[],
         overlap=None,
         timings_s={"matching": 1.0},
