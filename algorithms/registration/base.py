@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
+from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.arrays import IndexPairs, OtherIndexPairs, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
@@ -44,10 +45,33 @@ class FineRegistration:
     adjustment: LineAdjustment
     """Between the reduced frames."""
     pose: PoseEstimate
-    """Target from source between the files' full coordinates. Its covariance is the a-posteriori one where the
-    residuals are larger than the scans' own noise explains."""
+    """Target from source between the files' full coordinates: the method's own estimate. Its covariance is what the
+    noise of the features makes of it in that estimator, a-posteriori where the residuals are larger than the scans' own
+    noise explains."""
     centroid_m: Vector3
     """(3,) centroid of the used features, full target coordinates [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnFigures:
+    """What a method that is not the rigorous one says of its own result, to be compared with, not to be relied on."""
+
+    label: str
+    """Which estimator this is, in words."""
+    pose: PoseEstimate
+    """The method's pose between the files' full coordinates with the covariance it claims itself."""
+    steps: tuple[EstimatorStep, ...]
+    """Its least-squares steps with equations, unknowns, sigma0 and iterations as it counts them."""
+    lines: IndexPairs
+    """(n, 2) numbers of the target and source lines it used."""
+    declared_outliers: OtherIndexPairs
+    """(m, 2) those of them that its own test declares outliers; they stay in its estimate."""
+    max_angle_rad: float
+    """Largest angle between corresponding lines in its pose [rad]."""
+    max_distance_m: float
+    """Largest shortest distance between corresponding (endless) lines in its pose [m]."""
+    remarks: tuple[str, ...]
+    """What was chosen where the source of the method leaves a choice, in words."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +82,8 @@ class PairResult:
     reasons: tuple[str, ...]
     """Why the status is what it is, in words with figures."""
     coarse: CoarseRegistration | None
-    """Coarse registration between the reduced frames."""
+    """Coarse registration between the reduced frames; of methods with a search or start of their own the one that their
+    pose was verified against."""
     fine: FineRegistration | None
     verification: Verification | None
     """Overlap and free space in the final pose."""
@@ -66,6 +91,11 @@ class PairResult:
     """What the geometry of a scan leaves free before any pose is looked for, in words."""
     advice: str = ""
     """What to add then."""
+    rigorous: PoseEstimate | None = None
+    """For methods with an estimator of their own: the pose of the rigorous adjustment (`fine.adjustment`) of the same
+    correspondences between the files' full coordinates, with its a-posteriori covariance."""
+    own_figures: OwnFigures | None = None
+    """What such a method says of itself."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":
