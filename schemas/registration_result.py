@@ -7,6 +7,7 @@ from pydantic import ConfigDict, Field
 from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDirection
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
+from schemas.own_figures import OwnFigures
 from schemas.poses import Document, Pose, Row4
 
 
@@ -50,6 +51,9 @@ class Pair(Document):
     plane_correspondences: list[PlaneCorrespondence]
     outliers: list[Outlier]
     accuracy: Accuracy | None
+    own_figures: OwnFigures | None = Field(
+        default=None, description="Of methods with an estimator of their own: what they say of themselves."
+    )
     rank_report: RankReport | None = Field(description="Null: the scans did not come as far as an adjustment.")
     weak_directions: list[WeakDirection]
     overlap: Overlap | None

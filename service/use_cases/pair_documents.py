@@ -15,6 +15,7 @@ from service.use_cases.adjustment_documents import (
     weak_direction_documents,
 )
 from service.use_cases.correspondence_documents import line_correspondences, outliers, plane_correspondences
+from service.use_cases.own_figures_documents import own_figures_document
 from service.use_cases.pose_documents import matrix_rows, pose_document
 
 
@@ -55,6 +56,7 @@ def pair_document(
         plane_correspondences=[] if fine is None else plane_correspondences(fine, target_features, target, source),
         outliers=[] if fine is None else outliers(fine, target, source),
         accuracy=None if fine is None else accuracy_document(fine, target_features),
+        own_figures=own_figures_document(result, target=target, source=source),
         rank_report=_rank(result),
         weak_directions=free_directions(result.free_directions, result.advice)
         if fine is None

@@ -1,6 +1,7 @@
 """Register two scans by their features."""
 
 import time
+from typing import get_args
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -35,4 +36,6 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
 def method_of(request: Json) -> RegistrationMethod:
     """Build the method with its options from a validated request; `auto` stands for the default."""
     options = {name: value for name, value in request.items() if name != "method"}
-    return TypeAdapter(DEFAULT_METHOD).validate_python(options)
+    by_name = {method.name: method for method in get_args(RegistrationMethod)}
+    chosen: RegistrationMethod = TypeAdapter(by_name.get(request["method"], DEFAULT_METHOD)).validate_python(options)
+    return chosen

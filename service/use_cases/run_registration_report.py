@@ -12,7 +12,6 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.spanning_tree import StationLink, chain_poses
-from algorithms.registration import DEFAULT_METHOD
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.poses import Pose
 from schemas.registration_result import (
@@ -127,13 +126,10 @@ def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -
     timings: Counter[str] = Counter()
     for part in [output["timings_s"] for output in features] + [pair.timings_s for pair in pairs]:
         timings.update(part)
+    method = method_of(inputs["method"])
     return Provenance(
         software=software(),
-        method={
-            "method": DEFAULT_METHOD.name,
-            "requested": inputs["method"]["method"],
-            **asdict(method_of(inputs["method"])),
-        },
+        method={"method": method.name, "requested": inputs["method"]["method"], **asdict(method)},
         seed=SEED,
         inputs=[
             InputFile(
