@@ -62,10 +62,11 @@ class GrossErrorSearch:
         self._weighted = whitening.apply_transposed(whitening.apply(system.residuals))  # P v
         self._by_unknowns = whitening.apply_transposed(whitening.apply(system.jacobian.toarray()))  # P J
         self._block_of_row = system.block_of_row
+        self._block_count = sum(n for n, _ in system.shapes)
 
     def tests(self) -> GrossErrorTests:
         """Test every correspondence by itself and every plane that several depend on."""
-        count = int(self._block_of_row.max(initial=-1)) + 1
+        count = self._block_count
         single = [self._of_blocks()]
         blocks = list(np.arange(count, dtype=np.int64)[:, None])
         planes: list[Plane | None] = [None] * count
@@ -146,24 +147,32 @@ class GrossErrorSearch:
         """
         seen: set[bytes] = set()
         for station, derivatives in self._solution.system.plane_jacobians.items():
-            by_planes = np.asarray(derivatives.T @ self._by_unknowns)  # Gᵀ P J
-            weighted = np.asarray(derivatives.T @ self._weighted)
-            columns = derivatives.tocsc()
-            for k in range(derivatives.shape[1] // 3):
-                rows = np.unique(columns.indices[columns.indptr[3 * k] : columns.indptr[3 * k + 3]])
-                members = np.unique(self._block_of_row[rows]).astype(np.int64)
-                if len(members) < FEWEST_OF_PLANE or members.tobytes() in seen:
-                    continue
-                seen.add(members.tobytes())
-                mine = slice(3 * k, 3 * k + 3)
-                design = columns[:, [3 * k, 3 * k + 1, 3 * k + 2]].toarray()[rows]
-                weights = design.T @ self._weights_of(rows)[:, rows] @ design
-                own = weights - by_planes[mine] @ self._solution.cofactors @ by_planes[mine].T
-                yield (
-                    (station, k),
-                    members,
-                    _quadratic_forms(own[None], weighted[mine][None], np.diag(weights)[None]),
-                )
+            members = self._dependents_of(derivatives)
+            several = np.flatnonzero(members.sum(axis=1) >= FEWEST_OF_PLANE)
+            new = []
+            for k in several.tolist():
+                if members[k].tobytes() not in seen:
+                    seen.add(members[k].tobytes())
+                    new.append(k)
+            if not new:
+                continue
+            columns = (3 * np.array(new)[:, None] + np.arange(3)).ravel()
+            designs = derivatives.tocsc()[:, columns].toarray().T.reshape(len(new), 3, -1)  # Gᵀ
+            weighted_designs = (designs.reshape(len(columns), -1) @ self._weights).reshape(designs.shape)
+            weights = np.einsum("kim,kjm->kij", weighted_designs, designs)
+            by_unknowns = np.einsum("kim,mu->kiu", designs, self._by_unknowns)
+            own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
+            scales = np.diagonal(weights, axis1=1, axis2=2)
+            tested = _quadratic_forms(own, designs @ self._weighted, scales)
+            for place, k in enumerate(new):
+                yield (station, k), np.flatnonzero(members[k]), tested[:, place : place + 1]
+
+    def _dependents_of(self, derivatives: sparse.csr_array) -> Array:
+        """Give (p, blocks) which correspondences depend on each plane."""
+        entries = sparse.coo_array(derivatives)
+        members = np.zeros((derivatives.shape[1] // 3, self._block_count), dtype=bool)
+        members[entries.coords[1] // 3, self._block_of_row[entries.coords[0]]] = True
+        return members
 
 
 def log_probability(statistics: Scalars, degrees: Scalars) -> Scalars:

@@ -13,7 +13,7 @@ from algorithms.adjustment.options import NetworkOptions
 from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.robust_weights import robust_adjustment
 from algorithms.adjustment.snooping import SnoopingResult, SnoopingRules, adjust_and_snoop
-from algorithms.adjustment.solver import Solution, solve
+from algorithms.adjustment.solver import STEP_IN_STD, Solution, solve
 from algorithms.adjustment.testing import ComponentTests, GlobalTest, component_tests, global_test
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.variance_components import (
@@ -100,7 +100,7 @@ def adjust_network(
         problem = problem.scaled(scales)
         result = adjust_and_snoop(problem, components.solution.unknowns, rules, adjust, ~result.used)
     # The datum of a free network refers to the values at which it is linearised: the adjusted ones.
-    solution = adjust(problem.selected(result.used), result.solution.unknowns)
+    solution = adjust(problem.selected(result.used), result.solution.unknowns, STEP_IN_STD)
     result = replace(result, solution=solution)
     return NetworkAdjustment(
         solution=solution,
@@ -124,6 +124,11 @@ def conditions_of(datum: Datum) -> Callable[[Unknowns], Array]:
 
 
 def _adjusted(
-    problem: Problem, start: Unknowns, *, conditions: Callable[[Unknowns], Array], max_iterations: int
+    problem: Problem,
+    start: Unknowns,
+    settled_std: float,
+    *,
+    conditions: Callable[[Unknowns], Array],
+    max_iterations: int,
 ) -> Solution:
-    return solve(problem, start, conditions(start), max_iterations)
+    return solve(problem, start, conditions(start), max_iterations, None, settled_std)

@@ -7,7 +7,9 @@ from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.weights import whitening_of
 
 
-def adjust_pair(problem: PairProblem, start: Unknowns, *, origins: UserOrigins, max_iterations: int) -> Solution:
+def adjust_pair(
+    problem: PairProblem, start: Unknowns, settled_std: float, *, origins: UserOrigins, max_iterations: int
+) -> Solution:
     """Adjust; what is free is decided at the start pose and checked at the solution (MATH 5.2).
 
     Parameters
@@ -16,6 +18,8 @@ def adjust_pair(problem: PairProblem, start: Unknowns, *, origins: UserOrigins, 
         Correspondences between reduced frames.
     start
         Start pose between the reduced frames, as station 1.
+    settled_std
+        Length of a step, in units of its standard deviation, with which the iteration may end.
     origins
         Where the origins of the reduced frames lie in the user's frames.
     max_iterations
@@ -25,11 +29,11 @@ def adjust_pair(problem: PairProblem, start: Unknowns, *, origins: UserOrigins, 
     weights = whitening_of(system)
     whitened = weights.apply(system.jacobian.toarray())
     report = analyse_rank(problem, system, whitened.T @ whitened, start.poses[1], origins)
-    solution = solve(problem, start, report.held, max_iterations, weights)
+    solution = solve(problem, start, report.held, max_iterations, weights, settled_std)
     checked = rank_of(problem, solution, origins)
     if checked.rank == report.rank:
         return solution
-    return solve(problem, solution.unknowns, checked.held, max_iterations)
+    return solve(problem, solution.unknowns, checked.held, max_iterations, None, settled_std)
 
 
 def rank_of(problem: PairProblem, solution: Solution, origins: UserOrigins) -> RankReport:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -28,17 +29,44 @@ class LinearSystem:
     """(m,) contradictions [rad, m]."""
     jacobian: sparse.csr_array
     """(m, u) derivatives by the free unknowns."""
-    covariances: tuple[Array, ...]
-    """For each observation type (n, d, d): the covariance of each block by itself."""
-    joint_covariance: Array | None
-    """(m, m) covariance of everything together, possibly singular; None where blocks are independent."""
-    plane_jacobians: Mapping[int, sparse.csr_array] = field(default_factory=dict)
+    private_covariances: tuple[Array, ...]
+    """For each observation type (n, d, d): the covariance of each block that it shares with no other."""
+    plane_jacobians: Mapping[int, sparse.csr_array]
     """For each station whose planes are shared: (m, 3p) derivatives by their errors (a1, a2, b)."""
+    plane_roots: Mapping[int, sparse.csr_array]
+    """For each of these stations: (3p, 3p) Cholesky factors of the planes' covariances."""
+
+    @cached_property
+    def joint_covariance(self) -> Array | None:
+        """(m, m) covariance of everything together, possibly singular; None where blocks are independent. O(m²)."""
+        if not self.plane_jacobians:
+            return None
+        joint = np.zeros((len(self.residuals), len(self.residuals)))
+        for station, derivatives in self.plane_jacobians.items():
+            factor = derivatives @ self.plane_roots[station]
+            joint += (factor @ factor.T).toarray()
+        for places, blocks in zip(self._rows_of_blocks, self.private_covariances, strict=True):
+            joint[places[:, :, None], places[:, None, :]] += blocks
+        return joint
+
+    @cached_property
+    def covariances(self) -> tuple[Array, ...]:
+        """For each observation type (n, d, d): the covariance of each block by itself."""
+        joint = self.joint_covariance
+        if joint is None:
+            return self.private_covariances
+        return tuple(joint[places[:, :, None], places[:, None, :]] for places in self._rows_of_blocks)
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
         """Number n and size d of the blocks of each type, in stacking order."""
-        return [(blocks.shape[0], blocks.shape[1]) for blocks in self.covariances]
+        return [(blocks.shape[0], blocks.shape[1]) for blocks in self.private_covariances]
+
+    @property
+    def _rows_of_blocks(self) -> list[Array]:
+        """Give for each type (n, d) row numbers in the stack."""
+        starts = np.cumsum([0, *(n * d for n, d in self.shapes)])
+        return [first + np.arange(n * d).reshape(n, d) for first, (n, d) in zip(starts, self.shapes, strict=False)]
 
     @property
     def block_of_row(self) -> Array:
@@ -97,27 +125,25 @@ class Problem:
         Blocks that depend on the same plane share its error: there B goes through the planes' parameters.
         """
         parts = [part.equations(unknowns) for part in self.observations]
-        noises = [part.noises() for part in self.observations]
+        noises = self._noises
         residuals = np.concatenate([part.residuals.ravel() for part in parts])
         alone = [self._alone(part, noise) for part, noise in zip(parts, noises, strict=True)]
         jacobian = _jacobian(parts, unknowns, len(residuals))
         by_planes = {station: self._by_planes(station, parts, noises) for station in self.plane_covariances}
-        scales = np.ones(len(self)) if self.std_scales is None else self.std_scales
-        pieces = np.split(scales, np.cumsum([len(part) for part in self.observations])[:-1])
-        alone = [np.square(piece)[:, None, None] * blocks for piece, blocks in zip(pieces, alone, strict=True)]
-        if not by_planes:
-            return LinearSystem(residuals, jacobian, tuple(alone), None)
-        joint = np.zeros((len(residuals), len(residuals)))
-        for station, derivatives in by_planes.items():
-            factor = derivatives @ _roots(self.plane_covariances[station])
-            joint += (factor @ factor.T).toarray()
-        by_row = np.concatenate([np.repeat(piece, b.shape[1]) for piece, b in zip(pieces, alone, strict=True)])
-        joint *= by_row[:, None] * by_row[None, :]
-        rows = _rows_of_blocks(alone)
-        for places, blocks in zip(rows, alone, strict=True):
-            joint[places[:, :, None], places[:, None, :]] += blocks
-        diagonal = tuple(joint[places[:, :, None], places[:, None, :]] for places in rows)
-        return LinearSystem(residuals, jacobian, diagonal, joint, by_planes)
+        if self.std_scales is not None:
+            pieces = np.split(self.std_scales, np.cumsum([len(part) for part in self.observations])[:-1])
+            alone = [np.square(piece)[:, None, None] * c for piece, c in zip(pieces, alone, strict=True)]
+            by_row = np.concatenate([np.repeat(piece, c.shape[1]) for piece, c in zip(pieces, alone, strict=True)])
+            by_planes = {k: sparse.csr_array(by_row[:, None] * derivatives) for k, derivatives in by_planes.items()}
+        return LinearSystem(residuals, jacobian, tuple(alone), by_planes, self._plane_roots)
+
+    @cached_property
+    def _noises(self) -> list[tuple[FeatureNoise, ...]]:
+        return [tuple(part.noises()) for part in self.observations]
+
+    @cached_property
+    def _plane_roots(self) -> dict[int, sparse.csr_array]:
+        return {station: _roots(covariances) for station, covariances in self.plane_covariances.items()}
 
     def _alone(self, part: Equations, noises: Sequence[FeatureNoise]) -> Array:
         """Give the covariances (n, d, d) of what is not explained by shared planes."""
@@ -155,14 +181,14 @@ class Problem:
         return sparse.csr_array(sparse.coo_array(entries, shape=shape))
 
 
-def _roots(covariances: Matrices3) -> sparse.bsr_array:
+def _roots(covariances: Matrices3) -> sparse.csr_array:
     """Lay the Cholesky factors of the planes' covariances on the diagonal of a sparse matrix."""
     try:
         roots = np.linalg.cholesky(covariances)
     except np.linalg.LinAlgError as error:
         raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
     n = len(covariances)
-    return sparse.bsr_array((roots, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
+    return sparse.csr_array(sparse.bsr_array((roots, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)))
 
 
 AnyProblem = TypeVar("AnyProblem", bound=Problem)
@@ -197,13 +223,3 @@ def _entries(derivative: Derivative, unknowns: Unknowns) -> tuple[Array, Array, 
     values = derivative.jacobians[filled]
     columns = np.broadcast_to(start[filled, None, None] + np.arange(values.shape[2]), values.shape)
     return values, columns, filled
-
-
-def _rows_of_blocks(blocks: Sequence[Array]) -> list[Array]:
-    """Give for each type (n, d) row numbers in the stack."""
-    rows, first = [], 0
-    for part in blocks:
-        n, d = part.shape[:2]
-        rows.append(first + np.arange(n * d).reshape(n, d))
-        first += n * d
-    return rows

@@ -10,7 +10,7 @@ from scipy import stats
 
 from algorithms.adjustment.gross_errors import GrossErrorSearch, Plane
 from algorithms.adjustment.problem import AnyProblem, Problem
-from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.solver import STEP_IN_STD, Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Flags
@@ -18,8 +18,12 @@ from algorithms.arrays import Array, Flags
 FEWEST_BLOCKS = 2
 """Correspondences that must remain."""
 
-Adjust: TypeAlias = Callable[[AnyProblem, Unknowns], Solution]
-"""Adjusts observations from start values, each time with the datum or rank that they allow."""
+Adjust: TypeAlias = Callable[[AnyProblem, Unknowns, float], Solution]
+"""Adjusts observations from start values, each time with the datum or rank that they allow; the number is the length of
+the last step in standard deviations (`solve`)."""
+
+ROUGH_STEP = 1e-3
+"""While the search goes on, a step of this share of a standard deviation changes no test value that matters."""
 
 MEDIAN_SPREAD = 1.15
 """Standard deviation of sqrt(n) times the median of n values of T over its expectation, three degrees of freedom."""
@@ -138,7 +142,7 @@ def _snooped(
     values, adjustments = start, 0
     while True:
         part = problem if used.all() else problem.selected(used)
-        solution = adjust(part, values)
+        solution = adjust(part, values, ROUGH_STEP)
         adjustments += 1
         values = solution.unknowns
         tests = _all_tests(problem, used, solution).with_variance(factor)
@@ -155,6 +159,8 @@ def _snooped(
             )
             used[best] = reinstated[best] = True
             continue
+        solution = adjust(part, values, STEP_IN_STD)
+        tests = _all_tests(problem, used, solution).with_variance(factor)
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
 
 

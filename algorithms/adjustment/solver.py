@@ -77,7 +77,12 @@ class Solution:
 
 
 def solve(
-    problem: Problem, start: Unknowns, held: Array, max_iterations: int, weights: Whitening | None = None
+    problem: Problem,
+    start: Unknowns,
+    held: Array,
+    max_iterations: int,
+    weights: Whitening | None = None,
+    settled_std: float = STEP_IN_STD,
 ) -> Solution:
     """Iterate dx = -(Jᵀ P J)⁻¹ Jᵀ P r with R <- Exp(w) R, t <- t + dt, X <- X + dX until the steps vanish.
 
@@ -97,6 +102,8 @@ def solve(
         Limit of rounds.
     weights
         Weights at the start values, if they are known already.
+    settled_std
+        Length of a step, in units of its standard deviation, with which the iteration may end.
 
     Raises
     ------
@@ -114,7 +121,7 @@ def solve(
         step = equations.step()
         step_std = equations.length_in_std(step)
         share = float(np.abs(step / scales).max(initial=0.0))
-        settled = step_std < STEP_IN_STD or share < STEP_ROUNDING
+        settled = step_std < settled_std or share < STEP_ROUNDING
         trial = unknowns.moved(step)
         trial_system = problem.linearised(trial)
         trial_omega = _omega(whitening, trial_system)
@@ -125,7 +132,7 @@ def solve(
         damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
         unknowns, system = trial, trial_system
         moved_since_weights += share
-        if system.joint_covariance is None:
+        if not system.plane_jacobians:
             whitening = whitening_of(system)
         elif moved_since_weights > SAME_WEIGHTS_STEP:
             whitening, moved_since_weights = whitening_of(system), 0.0

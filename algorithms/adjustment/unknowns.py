@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -49,6 +50,21 @@ class Unknowns:
     def count(self) -> int:
         """Number of unknown parameters."""
         return 6 * int((~self.pose_is_fixed).sum()) + 3 * int((~self.point_is_fixed).sum())
+
+    @cached_property
+    def rotations(self) -> Float64[Array, "poses 3 3"]:
+        """Rotation matrices of all poses."""
+        return np.asarray(self.poses.rotation.as_matrix())
+
+    def relative(self, target: int, source: int) -> RigidTransform:
+        """Give target_from_source of two stations; computed once."""
+        if (target, source) not in self._relative:
+            self._relative[target, source] = self.poses[target].inv() * self.poses[source]
+        return self._relative[target, source]
+
+    @cached_property
+    def _relative(self) -> dict[tuple[int, int], RigidTransform]:
+        return {}
 
     def first_columns(self, kind: UnknownKind, numbers: Indices) -> Indices:
         """Give the first column of each block, -1 for fixed ones.

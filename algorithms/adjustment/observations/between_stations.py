@@ -65,10 +65,10 @@ class BetweenStations(ABC):
         from R <- Exp(w) R, t <- t + dt on each pose (MATH 1.4).
         """
         i, j = self.target_station, self.source_station
-        target, source = unknowns.poses[i], unknowns.poses[j]
-        relative = self.linearised(target.inv() * source)
-        back = target.rotation.as_matrix().T
-        lever = cross_matrix(np.asarray(source.translation) - np.asarray(target.translation))
+        pose = unknowns.relative(i, j)
+        relative = self.linearised(pose)
+        back = unknowns.rotations[i].T
+        lever = cross_matrix(back.T @ np.asarray(pose.translation))
         by_source, by_target = np.zeros((6, 6)), np.zeros((6, 6))
         by_source[:3, :3] = by_source[3:, 3:] = back
         by_target[:3, :3] = by_target[3:, 3:] = -back

@@ -1,6 +1,7 @@
 """A line seen in both scans: two tilts and two offsets must vanish (MATH 3.1)."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -46,19 +47,29 @@ class LineLine(BetweenStations):
             source=lines_about(self.source, source_origin_m),
         )
 
+    @cached_property
+    def matched_target(self) -> Lines:
+        """Target lines in the order of the correspondences."""
+        return self.target[self.pairs[:, 0]]
+
+    @cached_property
+    def matched_source(self) -> Lines:
+        """Source lines in the order of the correspondences."""
+        return self.source[self.pairs[:, 1]]
+
     def target_points(self) -> Points:
         """Give the ends of the target pieces, (2n, 3) [m]: where the geometry is."""
-        return np.vstack(self.target[self.pairs[:, 0]].end_points)
+        return np.vstack(self.matched_target.end_points)
 
     def source_points(self) -> Points:
         """Give the ends of the source pieces, (2n, 3) [m]."""
-        return np.vstack(self.source[self.pairs[:, 1]].end_points)
+        return np.vstack(self.matched_source.end_points)
 
     def noises(self) -> tuple[FeatureNoise, FeatureNoise]:
         """Say how the errors of target and source features come about."""
         return (
-            _noise(self.target[self.pairs[:, 0]], self.target_station),
-            _noise(self.source[self.pairs[:, 1]], self.source_station),
+            _noise(self.matched_target, self.target_station),
+            _noise(self.matched_source, self.source_station),
         )
 
     def linearised(self, pose: RigidTransform) -> Linearised:
@@ -68,7 +79,7 @@ class LineLine(BetweenStations):
         r = [E2ᵀ d'/q; E2ᵀ (p - c2)]. The offsets are taken where the moved line passes the target's anchor, so the
         source tilt is extrapolated there (lam) when the scans see different pieces.
         """
-        target, source = self.target[self.pairs[:, 0]], self.source[self.pairs[:, 1]]
+        target, source = self.matched_target, self.matched_source
         n = len(target)
         rotation, translation = pose.rotation.as_matrix(), np.asarray(pose.translation)
         moved = source.directions @ rotation.T

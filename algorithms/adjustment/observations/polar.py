@@ -65,7 +65,7 @@ class Polar:
 
         dx = Rᵀ (dX - dX0 + S(X - X0) w); differences of horizontal angles are wrapped to a half turn.
         """
-        rotations = unknowns.poses.rotation.as_matrix()[self.stations]
+        rotations = unknowns.rotations[self.stations]
         arms = unknowns.points[self.points] - np.asarray(unknowns.poses.translation)[self.stations]
         back = np.swapaxes(rotations, 1, 2)
         x, y, z = np.einsum("nij,nj->in", back, arms)
