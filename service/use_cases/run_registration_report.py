@@ -1,15 +1,14 @@
 """Put the pairs of a `register` job together: poses in the common frame, comparison, downloads."""
 
-import csv
-import io
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.spanning_tree import StationLink, chain_poses
 from schemas.comparison import ComparedParameter, StationComparison
@@ -23,9 +22,13 @@ from schemas.registration_result import (
     RegistrationDocument,
     Station,
 )
-from service.ports import BlobStore, Json, StepContext
+from service.ports import Json, StepContext
 from service.use_cases.comparison_documents import comparison_documents
-from service.use_cases.pose_documents import PARAMETERS, fixed_pose_document, pose_document
+from service.use_cases.feature_store import load_features
+from service.use_cases.pose_documents import fixed_pose_document, pose_document
+from service.use_cases.report_page import report_page
+from service.use_cases.result_lines import lines_ply, registered_lines
+from service.use_cases.result_tables_csv import correspondences_csv, poses_csv
 from service.use_cases.run_features import SEED
 from service.use_cases.run_lines_report import software
 from service.use_cases.run_pair import method_of
@@ -47,8 +50,13 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     ]
     poses = _station_poses([station["name"] for station in inputs["stations"]], pairs)
     stations = [pose.station for pose in poses]
+    features = {
+        output["counts"]["station"]: load_features(context.blobs.local_path(output["features"]))
+        for output in arguments["features"]
+    }
     unregistered = sum(station.status == "unregistered" for station in stations)
     comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
+    files = _downloads(stations, pairs, features)
     document = RegistrationDocument(
         status=_overall(len(stations), unregistered),
         stations=stations,
@@ -56,10 +64,16 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
         comparison=comparison,
         comparison_summary=summary,
-        artifacts=_write_artifacts(context.blobs, job_id, stations, pairs),
+        artifacts=[],
         provenance=_provenance(inputs, arguments["features"], pairs),
     )
-    context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
+    files["report.html"] = ("text/html", report_page(document, features).encode())
+    artifacts = [_artifact(job_id, name, media, len(content)) for name, (media, content) in files.items()]
+    document = document.model_copy(update={"artifacts": artifacts})
+    document, data = _with_itself(document, job_id)
+    for name, (_, content) in {**files, "result.json": ("", data)}.items():
+        context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
+    context.blobs.write_bytes(f"jobs/{job_id}/result.json", data)
     return {"status": document.status}
 
 
@@ -144,59 +158,34 @@ def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -
     )
 
 
-def _write_artifacts(
-    blobs: BlobStore, job_id: str, stations: Sequence[Station], pairs: Sequence[Pair]
-) -> list[Artifact]:
-    contents = {
-        "poses.csv": ("text/csv", _poses_csv(stations)),
-        "correspondences.csv": ("text/csv", _correspondences_csv(pairs)),
-        "pairs.json": ("application/json", json.dumps([pair.model_dump(by_alias=True) for pair in pairs])),
+def _downloads(
+    stations: Sequence[Station], pairs: Sequence[Pair], features: Mapping[str, ScanFeatures]
+) -> dict[str, tuple[str, bytes]]:
+    """Make the downloads beside the result itself: media type and content by name."""
+    files = {
+        "poses.csv": ("text/csv", poses_csv(stations).encode()),
+        "correspondences.csv": ("text/csv", correspondences_csv(pairs).encode()),
+        "lines.ply": ("application/octet-stream", lines_ply(registered_lines(stations, features, pairs))),
+        "pairs.json": ("application/json", json.dumps([pair.model_dump(by_alias=True) for pair in pairs]).encode()),
     }
     for station in stations:
         if station.world_from_scan is not None:
             lines = [" ".join(repr(v) for v in row) for row in station.world_from_scan.matrix]
-            contents[f"{station.name}.txt"] = ("text/plain", "\n".join(lines) + "\n")
-    artifacts = []
-    for name, (media_type, text) in contents.items():
-        data = text.encode()
-        blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
-        href = f"/jobs/{job_id}/artifacts/{name}"
-        artifacts.append(Artifact(name=name, type=media_type, bytes=len(data), href=href))
-    return artifacts
+            files[f"{station.name}.txt"] = ("text/plain", ("\n".join(lines) + "\n").encode())
+    return files
 
 
-def _poses_csv(stations: Sequence[Station]) -> str:
-    table = io.StringIO()
-    writer = csv.writer(table)
-    writer.writerow(["station", "status", *PARAMETERS, *(f"{parameter}_std" for parameter in PARAMETERS)])
-    for station in stations:
-        pose = station.world_from_scan
-        values = ["" if pose is None else repr(getattr(pose, parameter)) for parameter in PARAMETERS]
-        stds = [None if pose is None or pose.std is None else getattr(pose.std, parameter) for parameter in PARAMETERS]
-        writer.writerow([station.name, station.status, *values, *("" if std is None else repr(std) for std in stds)])
-    return table.getvalue()
+def _artifact(job_id: str, name: str, media_type: str, size: int) -> Artifact:
+    return Artifact(name=name, type=media_type, bytes=size, href=f"/jobs/{job_id}/artifacts/{name}")
 
 
-def _correspondences_csv(pairs: Sequence[Pair]) -> str:
-    table = io.StringIO()
-    writer = csv.writer(table)
-    writer.writerow(
-        [
-            "target_line",
-            "source_line",
-            "source",
-            "state",
-            "angle_gon",
-            "distance_m",
-            "redundancy",
-            "statistic",
-            "critical",
-        ]
-    )
-    for pair in pairs:
-        for c in pair.correspondences:
-            test = ["", ""] if c.test is None else [repr(c.test.statistic), repr(c.test.critical)]
-            writer.writerow(
-                [c.target_line, c.source_line, c.source, c.state, c.angle_gon, c.distance_m, c.redundancy, *test]
-            )
-    return table.getvalue()
+def _with_itself(document: RegistrationDocument, job_id: str) -> tuple[RegistrationDocument, bytes]:
+    """List the document among its own downloads: its length counts the digits of its length."""
+    others, size = document.artifacts, 0
+    while True:
+        artifacts = [*others, _artifact(job_id, "result.json", "application/json", size)]
+        listed = document.model_copy(update={"artifacts": artifacts})
+        data = listed.model_dump_json(by_alias=True).encode()
+        if len(data) == size:
+            return listed, data
+        size = len(data)

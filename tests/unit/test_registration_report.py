@@ -1,19 +1,26 @@
 """The report of a job: chained stations, those left out, comparison with a reference, downloads."""
 
+import csv
 import json
+from dataclasses import replace
+from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
 from schemas.registration_result import Pair
 from service.adapters.memory import MemoryBlobStore
 from service.ports import StepContext
+from service.use_cases.feature_store import save_features
 from service.use_cases.pose_documents import pose_document
 from service.use_cases.run_registration_report import report_registration
+from tests.unit.test_feature_store import some_features
+from tests.unit.test_pair_documents import MIXED, adjusted
 
 
 def motion(x: float, kappa_gon: float) -> RigidTransform:
@@ -41,6 +48,11 @@ def pair(target: str, source: str, pose: RigidTransform, status: str = "accepted
     )
 
 
+def two_lines() -> Lines:
+    anchors = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+    return lines_from_arrays(anchors, np.eye(3)[:2], np.tile(np.eye(4), (2, 1, 1)), np.tile([-1.0, 1.0], (2, 1)))
+
+
 def report(pairs: list[Pair], names: list[str], **inputs: Any) -> tuple[dict[str, Any], MemoryBlobStore]:
     blobs = MemoryBlobStore()
     outputs = []
@@ -50,8 +62,16 @@ def report(pairs: list[Pair], names: list[str], **inputs: Any) -> tuple[dict[str
         outputs.append({"pair": key, "status": each.status})
     stations = [{"name": name, "scan": {"file": f"f-{name}", "index": 0}} for name in names]
     counts = {"points": 10, "lines": 1, "planes": 2, "cylinders": 0, "noise_std_m": 0.002}
+    path = blobs.scratch() / "features.npz"
+    save_features(path, replace(some_features(), lines=two_lines()))
+    blobs.put_file("features/k.npz", path)
     features = [
-        {"features": "k", "sha256": "ab", "counts": {"station": name, **counts}, "timings_s": {"read": 0.5}}
+        {
+            "features": "features/k.npz",
+            "sha256": "ab",
+            "counts": {"station": name, **counts},
+            "timings_s": {"read": 0.5},
+        }
         for name in names
     ]
     arguments = {
@@ -105,7 +125,7 @@ def test_the_options_as_used_stand_in_the_provenance() -> None:
 def test_every_listed_download_is_there_with_its_size() -> None:
     result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
     names = {artifact["name"] for artifact in result["artifacts"]}
-    assert {"poses.csv", "correspondences.csv", "A.txt", "B.txt"} <= names
+    assert {"poses.csv", "correspondences.csv", "lines.ply", "report.html", "result.json", "A.txt", "B.txt"} <= names
     for artifact in result["artifacts"]:
         assert blobs.local_path(f"jobs/j/artifacts/{artifact['name']}").stat().st_size == artifact["bytes"]
 
@@ -114,3 +134,109 @@ def test_a_matrix_download_reads_back_exactly() -> None:
     result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
     read = np.loadtxt(blobs.local_path("jobs/j/artifacts/B.txt"))
     np.testing.assert_array_equal(read, np.array(result["stations"][1]["world_from_scan"]["matrix"]))
+
+
+def test_the_result_can_be_downloaded_as_a_file_that_lists_itself() -> None:
+    result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
+    assert json.loads(blobs.local_path("jobs/j/artifacts/result.json").read_text()) == result
+
+
+def test_the_table_of_correspondences_has_every_figure_under_a_name_with_its_unit() -> None:
+    matched = adjusted(MIXED, moved=4)
+    _, blobs = report([matched], ["A", "B"])
+    with blobs.local_path("jobs/j/artifacts/correspondences.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(matched.correspondences)
+    for row, entry in zip(rows, matched.correspondences, strict=True):
+        assert (row["target_feature"], row["state"], row["kind"]) == (entry.target_line, entry.state, "line")
+        assert float(row["residual_offset_2_m"]) == entry.residuals[3]
+        assert entry.test is not None
+        assert float(row["test_critical_b_method"]) == entry.test.critical_b_method
+    assert (rows[4]["mdb_tilt_1_rad"], rows[4]["effect_tx_m"]) == ("", "")
+    assert rows[4]["why"].startswith("moved between the scans")
+    assert all(rows[3][name] for name in ("mdb_tilt_1_rad", "effect_omega_gon", "effect_global_effect", "at_x_m"))
+
+
+def test_lines_lie_in_the_common_frame_as_edges() -> None:
+    _, blobs = report([pair("A", "B", motion(1.0, 100.0))], ["A", "B"])
+    data = blobs.local_path("jobs/j/artifacts/lines.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    assert b"element vertex 8" in header
+    assert b"element edge 4" in header
+    ends = np.frombuffer(body[: 8 * 24], dtype="<f8").reshape(-1, 2, 3)
+    origin = some_features().origin_m
+    np.testing.assert_allclose(ends[0], np.add(origin, [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), atol=1e-9)
+    np.testing.assert_allclose(ends[2], motion(1.0, 100.0).apply(ends[0]), atol=1e-6)
+    edges = np.frombuffer(body[8 * 24 :], dtype=[("ends", "<i4", 2), ("color", "u1", 3)])
+    assert edges["ends"].tolist() == [[0, 1], [2, 3], [4, 5], [6, 7]]
+
+
+class Page(HTMLParser):
+    """Notes tags and text; fails where a tag is closed that was not open."""
+
+    VOID = ("meta", "br")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: ARG002 - given
+        self.tags.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def page(pairs: list[Pair], **inputs: Any) -> Page:
+    _, blobs = report(pairs, ["A", "B"], **inputs)
+    parsed = Page()
+    parsed.feed(blobs.local_path("jobs/j/artifacts/report.html").read_text())
+    parsed.close()
+    return parsed
+
+
+def test_the_report_needs_nothing_beside_itself_and_is_well_formed() -> None:
+    parsed = page([adjusted(MIXED, moved=4)])
+    assert parsed.open == []
+    assert parsed.links == []
+    assert not {"script", "link", "iframe", "img"} & set(parsed.tags)
+    assert parsed.tags.count("svg") == 3
+
+
+def test_the_report_names_what_was_removed_and_why() -> None:
+    text = page([adjusted(MIXED, moved=4)]).text
+    assert "A/L5 – B/L5" in text
+    assert "moved between the scans" in text
+
+
+def test_the_report_of_parallel_lines_shows_dashes_and_what_is_free() -> None:
+    degenerate = adjusted([[0, 0, 1]] * 6).model_copy(update={"status": "degenerate"})
+    text = page([degenerate]).text
+    assert "translation along" in text
+    assert "would fit as well" in text
+
+
+def test_the_report_compares_with_the_reference() -> None:
+    reference = {"A": np.eye(4).tolist(), "B": {"matrix": motion(1.0, 10.0).as_matrix().tolist()}}
+    text = page([pair("A", "B", motion(1.0, 10.0))], reference=reference).text
+    assert "Comparison with the reference" in text
+    assert "no more than their standard deviations explain" in text
+
+
+def test_reasons_cannot_inject_markup() -> None:
+    hostile = pair("A", "B", motion(1.0, 10.0)).model_copy(update={"reasons": ["<script>alert(1)</script>"]})
+    parsed = page([hostile])
+    assert "script" not in parsed.tags
+    assert "<script>alert(1)</script>" in parsed.text
