@@ -96,6 +96,10 @@ def line_report(
 ) -> LineReport:
     """Gather the figures of each line (MATH 3.5, 4.2 to 4.4).
 
+    The angle is arctan of the tilt's length, sin⁻¹|d' × d2|; the standard deviation of a residual is the root of the
+    diagonal of S = C - J Q Jᵀ; the limit of T is the quantile 1 - alpha of chi-square with the degrees of freedom that
+    are controlled, 18.47 for 0.1 % and four.
+
     Parameters
     ----------
     lines
