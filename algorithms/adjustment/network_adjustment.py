@@ -10,10 +10,10 @@ from jaxtyping import Float64, Int64
 
 from algorithms.adjustment.datum import DatumSelection, free_network_conditions, held_columns
 from algorithms.adjustment.options import NetworkOptions
-from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.problem import LinearSystem, Problem
 from algorithms.adjustment.robust_weights import robust_adjustment
-from algorithms.adjustment.snooping import SnoopingResult, SnoopingRules, adjust_and_snoop
-from algorithms.adjustment.solver import STEP_IN_STD, Solution, solve
+from algorithms.adjustment.snooping import SnoopingResult, SnoopingRules, adjust_and_snoop, adjusted
+from algorithms.adjustment.solver import Solution, solve
 from algorithms.adjustment.testing import ComponentTests, GlobalTest, component_tests, global_test
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.variance_components import (
@@ -22,6 +22,7 @@ from algorithms.adjustment.variance_components import (
     estimate_variance_components,
     group_figures,
 )
+from algorithms.adjustment.weights import whitening_of
 from algorithms.arrays import Array, Flags, Indices
 
 DEFAULT_OPTIONS = NetworkOptions()
@@ -100,7 +101,8 @@ def adjust_network(
         problem = problem.scaled(scales)
         result = adjust_and_snoop(problem, components.solution.unknowns, rules, adjust, ~result.used)
     # The datum of a free network refers to the values at which it is linearised: the adjusted ones.
-    solution = adjust(problem.selected(result.used), result.solution.unknowns, STEP_IN_STD)
+    used = problem.selected(result.used)
+    solution = adjusted(used, result.solution.unknowns, adjust)
     result = replace(result, solution=solution)
     return NetworkAdjustment(
         solution=solution,
@@ -126,9 +128,11 @@ def conditions_of(datum: Datum) -> Callable[[Unknowns], Array]:
 def _adjusted(
     problem: Problem,
     start: Unknowns,
-    settled_std: float,
+    system: LinearSystem,
+    rough: bool,
     *,
     conditions: Callable[[Unknowns], Array],
     max_iterations: int,
 ) -> Solution:
-    return solve(problem, start, conditions(start), max_iterations, None, settled_std)
+    linearised = (system, whitening_of(system))
+    return solve(problem, start, conditions(start), max_iterations, linearised=linearised, rough=rough)

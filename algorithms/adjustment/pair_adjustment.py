@@ -1,6 +1,7 @@
 """Adjusting one pose, with what its geometry leaves free held at the start values (MATH 5)."""
 
 from algorithms.adjustment.pair_problem import PairProblem
+from algorithms.adjustment.problem import LinearSystem
 from algorithms.adjustment.rank import RankReport, UserOrigins, analyse_rank
 from algorithms.adjustment.solver import Solution, solve
 from algorithms.adjustment.unknowns import Unknowns
@@ -8,7 +9,13 @@ from algorithms.adjustment.weights import whitening_of
 
 
 def adjust_pair(
-    problem: PairProblem, start: Unknowns, settled_std: float, *, origins: UserOrigins, max_iterations: int
+    problem: PairProblem,
+    start: Unknowns,
+    system: LinearSystem,
+    rough: bool,
+    *,
+    origins: UserOrigins,
+    max_iterations: int,
 ) -> Solution:
     """Adjust; what is free is decided at the start pose and checked at the solution (MATH 5.2).
 
@@ -18,22 +25,23 @@ def adjust_pair(
         Correspondences between reduced frames.
     start
         Start pose between the reduced frames, as station 1.
-    settled_std
-        Length of a step, in units of its standard deviation, with which the iteration may end.
+    system
+        The problem at the start pose.
+    rough
+        Whether the figures need not be final (`solve`).
     origins
         Where the origins of the reduced frames lie in the user's frames.
     max_iterations
         Limit of rounds.
     """
-    system = problem.linearised(start)
     weights = whitening_of(system)
     whitened = weights.apply(system.jacobian.toarray())
     report = analyse_rank(problem, system, whitened.T @ whitened, start.poses[1], origins)
-    solution = solve(problem, start, report.held, max_iterations, weights, settled_std)
+    solution = solve(problem, start, report.held, max_iterations, linearised=(system, weights), rough=rough)
     checked = rank_of(problem, solution, origins)
     if checked.rank == report.rank:
         return solution
-    return solve(problem, solution.unknowns, checked.held, max_iterations, None, settled_std)
+    return solve(problem, solution.unknowns, checked.held, max_iterations, rough=rough)
 
 
 def rank_of(problem: PairProblem, solution: Solution, origins: UserOrigins) -> RankReport:

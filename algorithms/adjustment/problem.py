@@ -36,6 +36,18 @@ class LinearSystem:
     plane_roots: Mapping[int, sparse.csr_array]
     """For each of these stations: (3p, 3p) Cholesky factors of the planes' covariances."""
 
+    def selected(self, keep: Array) -> "LinearSystem":
+        """Keep the blocks for which the mask (number of blocks,) is True."""
+        rows = keep[self.block_of_row]
+        pieces = np.split(keep, np.cumsum([n for n, _ in self.shapes])[:-1])
+        return LinearSystem(
+            self.residuals[rows],
+            self.jacobian[rows],
+            tuple(blocks[piece] for blocks, piece in zip(self.private_covariances, pieces, strict=True)),
+            {station: derivatives[rows] for station, derivatives in self.plane_jacobians.items()},
+            self.plane_roots,
+        )
+
     @cached_property
     def joint_covariance(self) -> Array | None:
         """(m, m) covariance of everything together, possibly singular; None where blocks are independent. O(m²)."""
@@ -68,7 +80,7 @@ class LinearSystem:
         starts = np.cumsum([0, *(n * d for n, d in self.shapes)])
         return [first + np.arange(n * d).reshape(n, d) for first, (n, d) in zip(starts, self.shapes, strict=False)]
 
-    @property
+    @cached_property
     def block_of_row(self) -> Array:
         """(m,) number of the block each residual belongs to."""
         numbers, first = [], 0

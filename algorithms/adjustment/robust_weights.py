@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.adjustment.problem import AnyProblem
-from algorithms.adjustment.snooping import ROUGH_STEP, Adjust
+from algorithms.adjustment.snooping import Adjust, adjusted
 from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Flags, Scalars
@@ -70,7 +70,7 @@ def robust_adjustment(
     DegenerateGeometryError
         When the good ones do not determine the unknowns.
     """
-    solution = adjust(problem, start, ROUGH_STEP)
+    solution = adjusted(problem, start, adjust, rough=True)
     distances = standardised_distances(problem, solution.unknowns)
     marked = np.zeros(len(problem), dtype=bool)
     widths: list[float] = []
@@ -78,10 +78,10 @@ def robust_adjustment(
         widths.append(_next_half_width(distances[~marked], widths))
         marked = distances > widths[-1]
         factors = np.sqrt(weight_factor(distances[~marked], widths[-1]))
-        solution = adjust(problem.selected(~marked).scaled(1.0 / factors), solution.unknowns, ROUGH_STEP)
+        solution = adjusted(problem.selected(~marked).scaled(1.0 / factors), solution.unknowns, adjust, rough=True)
         distances = standardised_distances(problem, solution.unknowns)
     marked = distances > LAST_HALF_WIDTHS[-1]
-    return RobustResult(adjust(problem.selected(~marked), solution.unknowns, ROUGH_STEP), marked, tuple(widths))
+    return RobustResult(adjusted(problem.selected(~marked), solution.unknowns, adjust), marked, tuple(widths))
 
 
 def standardised_distances(problem: AnyProblem, unknowns: Unknowns) -> Scalars:

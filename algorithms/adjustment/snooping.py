@@ -9,8 +9,8 @@ import numpy as np
 from scipy import stats
 
 from algorithms.adjustment.gross_errors import GrossErrorSearch, Plane
-from algorithms.adjustment.problem import AnyProblem, Problem
-from algorithms.adjustment.solver import STEP_IN_STD, Solution
+from algorithms.adjustment.problem import AnyProblem, LinearSystem, Problem
+from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Flags
@@ -18,12 +18,9 @@ from algorithms.arrays import Array, Flags
 FEWEST_BLOCKS = 2
 """Correspondences that must remain."""
 
-Adjust: TypeAlias = Callable[[AnyProblem, Unknowns, float], Solution]
-"""Adjusts observations from start values, each time with the datum or rank that they allow; the number is the length of
-the last step in standard deviations (`solve`)."""
-
-ROUGH_STEP = 1e-3
-"""While the search goes on, a step of this share of a standard deviation changes no test value that matters."""
+Adjust: TypeAlias = Callable[[AnyProblem, Unknowns, LinearSystem, bool], Solution]
+"""Adjusts observations from start values, at which they are linearised already, each time with the datum or rank that
+they allow; roughly where figures need not be final (`solve`)."""
 
 MEDIAN_SPREAD = 1.15
 """Standard deviation of sqrt(n) times the median of n values of T over its expectation, three degrees of freedom."""
@@ -125,6 +122,11 @@ def adjust_and_snoop(
     return result if factor == 1.0 else _snooped(problem, result.solution.unknowns, rules, adjust, factor, suspicious)
 
 
+def adjusted(problem: AnyProblem, start: Unknowns, adjust: Adjust[AnyProblem], *, rough: bool = False) -> Solution:
+    """Linearise observations and adjust them."""
+    return adjust(problem, start, problem.linearised(start), rough)
+
+
 def _snooped(
     problem: AnyProblem,
     start: Unknowns,
@@ -141,16 +143,17 @@ def _snooped(
     steps: list[SnoopingStep] = []
     values, adjustments = start, 0
     while True:
-        part = problem if used.all() else problem.selected(used)
-        solution = adjust(part, values, ROUGH_STEP)
+        system = problem.linearised(values)
+        part, of_part = (problem, system) if used.all() else (problem.selected(used), system.selected(used))
+        solution = adjust(part, values, of_part, True)
         adjustments += 1
         values = solution.unknowns
-        tests = _all_tests(problem, used, solution).with_variance(factor)
         removed = _worst(solution, np.flatnonzero(used), reinstated, rules, factor, most_removed - int((~used).sum()))
         if removed:
             steps.extend(replace(step, step=adjustments) for step in removed)
             used[[step.block for step in removed]] = False
             continue
+        tests = _all_tests(problem, used, solution).with_variance(factor)
         best = int(np.argmax(np.where(used, -1.0, tests.p_values)))
         if not used[best] and tests.degrees[best] > 0 and tests.p_values[best] >= rules.alpha:
             critical = float(stats.chi2.isf(rules.alpha, tests.degrees[best]))
@@ -159,7 +162,7 @@ def _snooped(
             )
             used[best] = reinstated[best] = True
             continue
-        solution = adjust(part, values, STEP_IN_STD)
+        solution = adjusted(part, values, adjust)
         tests = _all_tests(problem, used, solution).with_variance(factor)
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
 

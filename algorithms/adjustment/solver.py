@@ -1,10 +1,12 @@
 """Least squares on the group of rigid motions, sparse and with conditions (MATH 1.4, 3.1, 6.2)."""
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.problem import LinearSystem, Problem
@@ -23,11 +25,18 @@ SAME_WEIGHTS_STEP = 1e-5
 """Joint weights (costly) are computed anew only after the unknowns have moved by more than this share of the size:
 below, they change by about as little, and the solution by that share of its standard deviation."""
 
+ROUGH_STEP_IN_STD, ROUGH_SAME_WEIGHTS_STEP = 0.5, 1e-3
+"""The same while a search for gross errors goes on: after a step of half a standard deviation the next has at most some
+hundredths of it, which decides no test."""
+
 SMALLEST_SHARE = 1e-20
 """Share of the largest diagonal element of N below which an unknown is not observed by itself."""
 
 SMALLEST_PIVOT = 1e-13
 """A pivot of the normal equations, scaled to a unit diagonal, below this is zero up to rounding."""
+
+MOST_DENSE = 300
+"""Up to so many unknowns the normal equations are kept dense."""
 
 FIRST_DAMPING, DAMPING_GROWTH, MOST_DAMPING = 1e-3, 10.0, 1e9
 """Damping of the scaled normal equations after a step that made the residuals worse, and its changes."""
@@ -81,8 +90,9 @@ def solve(
     start: Unknowns,
     held: Array,
     max_iterations: int,
-    weights: Whitening | None = None,
-    settled_std: float = STEP_IN_STD,
+    *,
+    linearised: tuple[LinearSystem, Whitening] | None = None,
+    rough: bool = False,
 ) -> Solution:
     """Iterate dx = -(Jᵀ P J)⁻¹ Jᵀ P r with R <- Exp(w) R, t <- t + dt, X <- X + dX until the steps vanish.
 
@@ -100,10 +110,10 @@ def solve(
         (u, k) columns b of conditions bᵀ dx = 0 on every step: a datum, or what is not determined; k = 0 for none.
     max_iterations
         Limit of rounds.
-    weights
-        Weights at the start values, if they are known already.
-    settled_std
-        Length of a step, in units of its standard deviation, with which the iteration may end.
+    linearised
+        The problem at the start values and its weights, if they are known already.
+    rough
+        Whether the iteration may end with a step that still matters for the figures, but for no decision.
 
     Raises
     ------
@@ -111,8 +121,11 @@ def solve(
         When the conditions leave something undetermined.
     """
     scales = start.scales(problem.extent_m())
-    unknowns, system = start, problem.linearised(start)
-    whitening = whitening_of(system) if weights is None else weights
+    unknowns, system = start, problem.linearised(start) if linearised is None else linearised[0]
+    whitening = whitening_of(system) if linearised is None else linearised[1]
+    step_limit, weights_limit = (
+        (ROUGH_STEP_IN_STD, ROUGH_SAME_WEIGHTS_STEP) if rough else (STEP_IN_STD, SAME_WEIGHTS_STEP)
+    )
     moved_since_weights, step_std, iterations, converged, damping = 0.0, np.inf, 0, False, 0.0
     omega = _omega(whitening, system)
     while not converged and iterations < max_iterations:
@@ -121,7 +134,7 @@ def solve(
         step = equations.step()
         step_std = equations.length_in_std(step)
         share = float(np.abs(step / scales).max(initial=0.0))
-        settled = step_std < settled_std or share < STEP_ROUNDING
+        settled = step_std < step_limit or share < STEP_ROUNDING
         trial = unknowns.moved(step)
         trial_system = problem.linearised(trial)
         trial_omega = _omega(whitening, trial_system)
@@ -134,7 +147,7 @@ def solve(
         moved_since_weights += share
         if not system.plane_jacobians:
             whitening = whitening_of(system)
-        elif moved_since_weights > SAME_WEIGHTS_STEP:
+        elif moved_since_weights > weights_limit:
             whitening, moved_since_weights = whitening_of(system), 0.0
             settled = False
         omega = _omega(whitening, system)
@@ -156,27 +169,35 @@ def solve(
 
 
 class NormalEquations:
-    """Bordered normal equations [[N, D], [Dᵀ, 0]], scaled to a unit diagonal and factorised."""
+    """Bordered normal equations [[N, D], [Dᵀ, 0]], scaled to a unit diagonal and factorised.
+
+    Up to a few hundred unknowns dense matrices are some ten times faster than sparse ones, whose overhead is fixed.
+    """
 
     def __init__(self, whitening: Whitening, system: LinearSystem, held: Array, damping: float) -> None:
-        self._jacobian = whitening.matrix @ system.jacobian
-        self._right = -np.asarray(self._jacobian.T @ whitening.apply(system.residuals))
-        self._normal = sparse.csc_array(self._jacobian.T @ self._jacobian)
+        jacobian = whitening.matrix @ system.jacobian
+        if jacobian.shape[1] <= MOST_DENSE and not isinstance(jacobian, np.ndarray):
+            jacobian = jacobian.toarray()
+        self._jacobian = jacobian
+        self._right = -np.asarray(jacobian.T @ whitening.apply(system.residuals))
+        self._normal = jacobian.T @ jacobian
         diagonal = np.asarray(self._normal.diagonal())
         self._scale = 1.0 / np.sqrt(np.maximum(diagonal, SMALLEST_SHARE * diagonal.max(initial=0.0)))
-        self._factors = self._factorised(held * self._scale[:, None], damping)
+        border = np.linalg.qr(held * self._scale[:, None])[0] if held.shape[1] else held
+        scaled = self._normal * self._scale[:, None] * self._scale[None, :]
+        if isinstance(scaled, np.ndarray):
+            self._solver = _dense_factors(scaled + damping * np.eye(len(scaled)), border)
+        else:
+            self._solver = _sparse_factors(scaled + damping * sparse.eye_array(len(self._scale)), border)
 
     @property
     def matrix(self) -> Array:
         """(u, u) N = Jᵀ P J."""
-        return np.asarray(self._normal.toarray())
+        return self._normal if isinstance(self._normal, np.ndarray) else np.asarray(self._normal.toarray())
 
     def step(self) -> Array:
         """Solve for the step dx, (u,)."""
-        u = len(self._scale)
-        right = np.zeros(self._factors.shape[0])
-        right[:u] = self._right * self._scale
-        return np.asarray(self._factors.solve(right)[:u] * self._scale)
+        return self._solved((self._right * self._scale)[:, None])[:, 0]
 
     def length_in_std(self, step: Array) -> float:
         """Give the length of a step in units of its standard deviation, sqrt(dxᵀ N dx)."""
@@ -184,25 +205,36 @@ class NormalEquations:
 
     def cofactors(self) -> Array:
         """Give Q, (u, u), the inverse of N under the conditions."""
-        u = len(self._scale)
-        right = np.zeros((self._factors.shape[0], u))
-        right[:u] = np.diag(self._scale)
-        inverse = self._factors.solve(right)[:u] * self._scale[:, None]
+        inverse = self._solved(np.diag(self._scale))
         return np.asarray(0.5 * (inverse + inverse.T))
 
-    def _factorised(self, border: Array, damping: float) -> SuperLU:
-        u, k = border.shape
-        matrix = self._normal * self._scale[:, None] * self._scale[None, :] + damping * sparse.eye_array(u)
-        if k:
-            conditions = sparse.csc_array(np.linalg.qr(border)[0])
-            matrix = sparse.block_array([[matrix, conditions], [conditions.T, None]])
-        try:
-            factors = splu(sparse.csc_array(matrix))
-        except RuntimeError as error:  # an exactly singular factor
-            raise _undetermined(u) from error
-        if np.abs(factors.U.diagonal()).min(initial=np.inf) < SMALLEST_PIVOT:
-            raise _undetermined(u)
-        return factors
+    def _solved(self, right: Array) -> Array:
+        return np.asarray(self._solver(right) * self._scale[:, None])
+
+
+def _dense_factors(matrix: Array, border: Array) -> Callable[[Array], Array]:
+    u, k = border.shape
+    bordered = np.block([[matrix, border], [border.T, np.zeros((k, k))]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", linalg.LinAlgWarning)  # an exactly singular matrix is found by its pivot
+        factors = linalg.lu_factor(bordered)
+    if np.abs(np.diagonal(factors[0])).min(initial=np.inf) < SMALLEST_PIVOT:
+        raise _undetermined(u)
+    return lambda right: np.asarray(linalg.lu_solve(factors, np.pad(right, ((0, k), (0, 0))))[:u])
+
+
+def _sparse_factors(matrix: sparse.sparray, border: Array) -> Callable[[Array], Array]:
+    u, k = border.shape
+    if k:
+        conditions = sparse.csc_array(border)
+        matrix = sparse.block_array([[matrix, conditions], [conditions.T, None]])
+    try:
+        factors = splu(sparse.csc_array(matrix))
+    except RuntimeError as error:  # an exactly singular factor
+        raise _undetermined(u) from error
+    if np.abs(factors.U.diagonal()).min(initial=np.inf) < SMALLEST_PIVOT:
+        raise _undetermined(u)
+    return lambda right: np.asarray(factors.solve(np.pad(right, ((0, k), (0, 0))))[:u])
 
 
 def _undetermined(unknowns: int) -> DegenerateGeometryError:

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from algorithms.adjustment.problem import AnyProblem
-from algorithms.adjustment.snooping import Adjust
-from algorithms.adjustment.solver import STEP_IN_STD, Solution
+from algorithms.adjustment.snooping import Adjust, adjusted
+from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.testing import redundancy_numbers
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array
@@ -113,7 +113,7 @@ def estimate_variance_components(
         raise InvalidInputError("groups", f"{len(groups)} entries for {len(problem)} observations", "name each once")
     count = int(groups.max(initial=-1)) + 1
     factors = np.ones(count)
-    solution = adjust(problem, start, STEP_IN_STD)
+    solution = adjusted(problem, start, adjust)
     figures = group_figures(solution, groups, count)
     for rounds in range(1, max_rounds + 1):
         estimated = figures.redundancies >= LEAST_REDUNDANCY
@@ -122,7 +122,7 @@ def estimate_variance_components(
         if settled or rounds == max_rounds:
             break
         factors = factors * change
-        solution = adjust(problem.scaled(factors[groups]), solution.unknowns, STEP_IN_STD)
+        solution = adjusted(problem.scaled(factors[groups]), solution.unknowns, adjust)
         figures = group_figures(solution, groups, count)
     redundancies = figures.redundancies
     spread = np.where(redundancies > 0.0, factors / np.sqrt(2.0 * np.maximum(redundancies, 1e-300)), np.inf)

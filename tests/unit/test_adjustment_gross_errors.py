@@ -20,8 +20,8 @@ from algorithms.adjustment.unknowns import Unknowns
 FREE = np.zeros((6, 0))
 
 
-def solved(problem: Problem, start: Unknowns, settled_std: float = 1e-8) -> Solution:
-    return solve(problem, start, FREE, 20, None, settled_std)
+def solved(problem: Problem, start: Unknowns, *_: object) -> Solution:
+    return solve(problem, start, FREE, 20)
 
 
 @cache
