@@ -1,8 +1,9 @@
 """Critical values of tests of different dimension that find the same error alike: Baarda's B-method (MATH 4.4)."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
-from scipy import optimize, stats
+from scipy import stats
 
 from algorithms.adjustment.testing import noncentrality
 
@@ -18,6 +19,7 @@ class BMethodLimit:
     """Probability that a good observation exceeds it; grows with the dimension."""
 
 
+@lru_cache(maxsize=64)
 def b_method_limit(degrees_of_freedom: int, alpha: float, power: float) -> BMethodLimit:
     """Find the limit k with P(χ'²(d, λ0) > k) = power, λ0 = δ0² that of the one-dimensional test (MATH 4.4).
 
@@ -35,11 +37,5 @@ def b_method_limit(degrees_of_freedom: int, alpha: float, power: float) -> BMeth
         Probability with which the error is found.
     """
     shift = noncentrality(alpha, power) ** 2
-    above = shift + degrees_of_freedom  # the mean: a statistic exceeds it with a probability of less than a half
-    below = 0.0
-    while stats.ncx2.sf(above, degrees_of_freedom, shift) > power:
-        below, above = above, 2.0 * above
-    critical = float(
-        optimize.brentq(lambda k: float(stats.ncx2.sf(k, degrees_of_freedom, shift)) - power, below, above, xtol=1e-12)
-    )
+    critical = float(stats.ncx2.isf(power, degrees_of_freedom, shift))
     return BMethodLimit(degrees_of_freedom, critical, float(stats.chi2.sf(critical, degrees_of_freedom)))

@@ -118,7 +118,7 @@ def adjust_and_snoop(
     result = _snooped(problem, start, rules, adjust, 1.0, suspicious)
     if not rules.robust_variance or result.used.all():
         return result
-    factor = robust_variance_factor(result.tests)
+    factor = robust_variance_factor(result.tests, result.solution.redundancy)
     return result if factor == 1.0 else _snooped(problem, result.solution.unknowns, rules, adjust, factor, suspicious)
 
 
@@ -167,13 +167,16 @@ def _snooped(
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
 
 
-def robust_variance_factor(tests: BlockTests) -> float:
+def robust_variance_factor(tests: BlockTests, redundancy: int) -> float:
     """Estimate the variance factor from the median of T over its expected median, blunders notwithstanding.
 
     Parameters
     ----------
     tests
         Of all correspondences in a pose that blunders do not bend; removed ones count too.
+    redundancy
+        Of the used correspondences. Lines that share planes are worth fewer independent values of T than they are
+        many: redundancy over the mean degrees of freedom of one.
 
     Returns
     -------
@@ -181,10 +184,12 @@ def robust_variance_factor(tests: BlockTests) -> float:
     deviations).
     """
     controlled = tests.degrees > 0
-    if not controlled.any():
+    if not controlled.any() or redundancy <= 0:
         return 1.0
-    factor = float(np.median(tests.statistics[controlled] / stats.chi2.median(tests.degrees[controlled])))
-    return factor if factor > 1.0 + 2.0 * MEDIAN_SPREAD / np.sqrt(controlled.sum()) else 1.0
+    degrees = tests.degrees[controlled]
+    factor = float(np.median(tests.statistics[controlled] / stats.chi2.median(degrees)))
+    independent = min(redundancy / float(degrees.mean()), float(controlled.sum()))
+    return factor if factor > 1.0 + 2.0 * MEDIAN_SPREAD / np.sqrt(independent) else 1.0
 
 
 def _all_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
