@@ -32,6 +32,16 @@ Plane: TypeAlias = tuple[int, int]
 """Station and number of a plane."""
 
 
+@dataclass(frozen=True)
+class Partner:
+    """A correspondence that may be the wrong one instead."""
+
+    block: int
+    """Number of the correspondence."""
+    correlation: float
+    """Largest correlation between a combination of its residuals and one of the other's, 0..1."""
+
+
 @dataclass(frozen=True, eq=False)
 class GrossErrorTests:
     """Tests of all hypotheses: the n correspondences first, then planes."""
@@ -77,11 +87,11 @@ class GrossErrorSearch:
         statistics, degrees = np.concatenate(single, axis=1)
         return GrossErrorTests(statistics, degrees, log_probability(statistics, degrees), tuple(blocks), tuple(planes))
 
-    def inseparable_blocks(self, block: int) -> Indices:
+    def inseparable(self, block: int) -> tuple[Partner, ...]:
         """Give the other correspondences whose tests are correlated with this one's by more than 0.9 (MATH 4.5).
 
         The largest canonical correlation of u_i and u_j, with covariance Gᵀ P Qvv P G; for single observations it is
-        |(Qvv)_ij| / sqrt(r_i r_j) in units of their standard deviations.
+        |(Qvv)_ij| / sqrt(r_i r_j) in units of their standard deviations. The most correlated come first.
         """
         rows = np.flatnonzero(self._block_of_row == block)
         crossed = self._weights_of(rows) - self._by_unknowns[rows] @ self._solution.cofactors @ self._by_unknowns.T
@@ -91,12 +101,12 @@ class GrossErrorSearch:
             n, d = own.shape[:2]
             crossings = crossed[:, first : first + n * d].reshape(len(rows), n, d).transpose(1, 0, 2)
             roots = _whitened(own, self._diagonal_weights[first : first + n * d].reshape(n, d))
-            correlations = np.linalg.norm(mine @ crossings @ np.swapaxes(roots, 1, 2), ord=2, axis=(1, 2))
-            found.append(correlations)
+            found.append(np.linalg.norm(mine @ crossings @ np.swapaxes(roots, 1, 2), ord=2, axis=(1, 2)))
             first += n * d
-        together = np.concatenate(found)
+        together = np.minimum(np.concatenate(found), 1.0)
         together[block] = 0.0
-        return np.flatnonzero(together > INSEPARABLE)
+        order = np.argsort(-together, kind="stable")
+        return tuple(Partner(int(k), float(together[k])) for k in order if together[k] > INSEPARABLE)
 
     @cached_property
     def _weights(self) -> Array | None:

@@ -7,17 +7,20 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.gross_errors import Partner, Plane
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.pair_problem import PairProblem
 from algorithms.adjustment.reports import offsets_in_the_middle
-from algorithms.adjustment.separability import Partner, inseparable_partners
 from algorithms.adjustment.snooping import Change, SnoopingResult
 from algorithms.arrays import Array, Matrix, Vector
 from algorithms.geometry.angles import GON_PER_RAD
 
 DIFFERENT_FEATURES_M = 0.3
 """Farther apart than this [m], and not parallel either, two features are called different ones rather than moved."""
+
+SIDES = ("target", "source")
+"""Names of stations 0 and 1."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Removal:
     """Its limit."""
     inseparable_from: tuple[Partner, ...]
     """Correspondences that may be the wrong ones instead; empty for reinstated ones."""
+    plane: Plane | None
+    """Station (0 target, 1 source) and number of the plane with which it was rejected; None where it was by itself."""
     reason: str
     """In words."""
 
@@ -61,24 +66,25 @@ def removals_in_words(
     """
     kinds = ["line" if isinstance(part, LineLine) else "plane" for part in observations for _ in range(len(part))]
     numbers = np.vstack([part.pairs for part in observations])
-    used = np.ones(len(kinds), dtype=bool)
     misfits = _misfits(problem, result.solution.pose, result.variance_factor, alpha)
     removals = []
     for step in result.steps:
         kind, (target, source) = kinds[step.block], (int(number) for number in numbers[step.block])
-        partners: tuple[Partner, ...] = ()
         if step.change is Change.REMOVED:
-            partners = inseparable_partners(problem, used, result.solution.pose, step.block)
             reason = misfits[step.block].in_words(kind)
-            if partners:
-                named = " or ".join(_pair_name(kinds[p.block], numbers[p.block]) for p in partners)
+            if step.plane is not None:
+                reason += (
+                    f". It was rejected together with all that depends on plane P{step.plane[1] + 1} of the "
+                    f"{SIDES[step.plane[0]]}: as one object they contradict the others"
+                )
+            if step.inseparable_from:
+                named = " or ".join(_pair_name(kinds[p.block], numbers[p.block]) for p in step.inseparable_from)
                 reason += (
                     f". The data cannot tell whether this pair or {named} is the wrong one: check both, or add a "
                     "feature that controls them"
                 )
         else:
             reason = f"the two {kind}s fit after all, now that other wrong pairs are out: used again"
-        used[step.block] = step.change is not Change.REMOVED
         removals.append(
             Removal(
                 step.step,
@@ -89,7 +95,8 @@ def removals_in_words(
                 source,
                 step.statistic,
                 step.critical,
-                partners,
+                step.inseparable_from,
+                step.plane,
                 reason,
             )
         )

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy import stats
 
-from algorithms.adjustment.gross_errors import GrossErrorSearch, Plane
+from algorithms.adjustment.gross_errors import GrossErrorSearch, Partner, Plane
 from algorithms.adjustment.problem import AnyProblem, LinearSystem, Problem
 from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
@@ -57,7 +57,7 @@ class SnoopingStep:
     """Its test value T."""
     critical: float
     """Limit of T."""
-    inseparable_from: tuple[int, ...]
+    inseparable_from: tuple[Partner, ...]
     """Correspondences whose test values are correlated with this one's by more than 0.9: any may be the wrong one."""
     plane: Plane | None = None
     """Plane that was rejected with all that depends on it; None where the correspondence was rejected by itself."""
@@ -224,7 +224,7 @@ def _worst(
     """
     search = GrossErrorSearch(solution)
     tests = search.tests().with_variance(factor)
-    for k in np.argsort(tests.log_p, kind="stable"):
+    for k in np.argsort(tests.log_p, kind="stable").tolist():
         if tests.log_p[k] >= np.log(rules.alpha):
             break
         members = numbers[tests.blocks[k]]
@@ -232,7 +232,9 @@ def _worst(
             continue
         critical = float(stats.chi2.isf(rules.alpha, tests.degrees[k]))
         plane = tests.planes[k]
-        partners = () if plane else tuple(int(numbers[other]) for other in search.inseparable_blocks(int(k)))
+        partners = tuple(
+            replace(partner, block=int(numbers[partner.block])) for partner in ([] if plane else search.inseparable(k))
+        )
         return [
             SnoopingStep(0, Change.REMOVED, int(block), float(tests.statistics[k]), critical, partners, plane)
             for block in members

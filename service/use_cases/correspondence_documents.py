@@ -6,10 +6,10 @@ from typing import Any, cast
 import numpy as np
 
 from algorithms.adjustment.external_reliability import largest_effect
+from algorithms.adjustment.gross_errors import Partner
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.removals import Removal as RemovalStep
 from algorithms.adjustment.reports import CorrespondenceReport
-from algorithms.adjustment.separability import Partner
 from algorithms.adjustment.snooping import Change, CorrespondenceState
 from algorithms.arrays import Array, Vector3
 from algorithms.features.scan_features import ScanFeatures
