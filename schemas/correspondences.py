@@ -1,6 +1,6 @@
 """Two features taken for one: how well they agree, what controls them, and what became of them (API section 4)."""
 
-from typing import Annotated, TypeAlias
+from typing import TypeAlias
 
 from pydantic import Field
 
@@ -54,7 +54,10 @@ class Removal(Document):
     statistic: float
     critical: float
     why: str
-    inseparable_from: list[Inseparable]
+    inseparable_from: list[Inseparable] = Field(description="Pairs that may be the wrong ones instead.")
+    moved_plane: str | None = Field(
+        description="Plane that was rejected with everything that depends on it; null: the pair was rejected by itself."
+    )
 
 
 class _Tested(Document):
@@ -118,4 +121,7 @@ class Outlier(Document):
     critical: float
     change: str = Field(description="removed or reinstated")
     why: str
-    inseparable_from: Annotated[list[Inseparable], Field(description="Pairs that may be the wrong ones instead.")]
+    inseparable_from: list[Inseparable] = Field(description="Pairs that may be the wrong ones instead.")
+    moved_plane: str | None = Field(
+        description="Plane that was rejected with everything that depends on it; null: the pair was rejected by itself."
+    )

@@ -17,6 +17,8 @@ PARAMETERS = (
 )
 """Key in a pose document, letter, unit."""
 DECIMALS = {"gon": 5, "m": 5}
+MOST_REMOVED = 5
+"""So many removed lines and planes are told by name."""
 
 
 def print_result(console: Console, result: Document) -> None:
@@ -26,8 +28,31 @@ def print_result(console: Console, result: Document) -> None:
         console.print(f"{pair['source']} -> {pair['target']}: {pair['status']}")
         for reason in pair["reasons"]:
             console.print(f"  {reason}", style="dim")
+        for line in _agreement(pair):
+            console.print(f"  {line}", style="dim", highlight=False, markup=False)
     for station in result["stations"]:
         console.print(*_station(station), sep="\n")
+    for compared in result.get("comparison_summary") or []:
+        console.print(
+            f"{compared['station']} against its reference: {compared['verdict']} (on average "
+            f"{compared['mean_difference_rotation_gon']:.4f} gon, {compared['mean_difference_translation_m']:.4f} m)"
+        )
+
+
+def _agreement(pair: Document) -> Iterator[str]:
+    """Tell how well the lines of a pair agree, and which were removed."""
+    accuracy = pair.get("accuracy")
+    if accuracy and accuracy["max_offset_m"] is not None:
+        counts = accuracy["lines"]
+        used = counts["plane_intersections"] + counts["cylinder_axes"] + counts["photo_edges"]
+        yield (
+            f"{used} lines agree within {1e3 * accuracy['max_offset_m']:.2f} mm and {accuracy['max_angle_gon']:.4f} gon"
+        )
+    removed = [outlier for outlier in pair.get("outliers", []) if outlier["change"] == "removed"]
+    for outlier in removed[:MOST_REMOVED]:
+        yield f"removed {outlier['line']}: {outlier['why']}"
+    if len(removed) > MOST_REMOVED:
+        yield f"and {len(removed) - MOST_REMOVED} more, see report.html"
 
 
 def number(value: float | None, decimals: int) -> str:

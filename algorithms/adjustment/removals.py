@@ -70,21 +70,10 @@ def removals_in_words(
     removals = []
     for step in result.steps:
         kind, (target, source) = kinds[step.block], (int(number) for number in numbers[step.block])
+        reason = f"the two {kind}s fit after all, now that other wrong pairs are out: used again"
         if step.change is Change.REMOVED:
-            reason = misfits[step.block].in_words(kind)
-            if step.plane is not None:
-                reason += (
-                    f". It was rejected together with all that depends on plane P{step.plane[1] + 1} of the "
-                    f"{SIDES[step.plane[0]]}: as one object they contradict the others"
-                )
-            if step.inseparable_from:
-                named = " or ".join(_pair_name(kinds[p.block], numbers[p.block]) for p in step.inseparable_from)
-                reason += (
-                    f". The data cannot tell whether this pair or {named} is the wrong one: check both, or add a "
-                    "feature that controls them"
-                )
-        else:
-            reason = f"the two {kind}s fit after all, now that other wrong pairs are out: used again"
+            named = [_pair_name(kinds[partner.block], numbers[partner.block]) for partner in step.inseparable_from]
+            reason = _why_removed(misfits[step.block].in_words(kind), kind, step.plane, named)
         removals.append(
             Removal(
                 step.step,
@@ -101,6 +90,22 @@ def removals_in_words(
             )
         )
     return tuple(removals)
+
+
+def _why_removed(misfit: str, kind: str, plane: Plane | None, partners: Sequence[str]) -> str:
+    reason = misfit
+    if plane is not None:
+        belongs = "is" if kind == "plane" else "depends on"
+        reason = (
+            f"{belongs} plane P{plane[1] + 1} of the {SIDES[plane[0]]}, which was moved between the scans with "
+            f"everything that depends on it (a door, a cupboard), or is another plane: {misfit}"
+        )
+    if partners:
+        reason += (
+            f". The data cannot tell whether this pair or {' or '.join(partners)} is the wrong one: check both, or add "
+            "a feature that controls them"
+        )
+    return reason
 
 
 @dataclass(frozen=True)

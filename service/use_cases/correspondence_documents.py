@@ -116,6 +116,7 @@ def outliers(fine: FineRegistration, target: str, source: str) -> list[Outlier]:
             change=removal.change.value,
             why=removal.reason,
             inseparable_from=_inseparable(removal.inseparable_from, names),
+            moved_plane=_moved_plane(removal, target, source),
         )
         for removal in fine.adjustment.removals
     ]
@@ -167,6 +168,7 @@ def _tested(
                 critical=removal.critical,
                 why=removal.reason,
                 inseparable_from=_inseparable(removal.inseparable_from, names),
+                moved_plane=_moved_plane(removal, target, source),
             ),
         }
 
@@ -207,6 +209,13 @@ def _names(fine: FineRegistration, target: str, source: str) -> Callable[[int], 
 
 def _inseparable(partners: tuple[Partner, ...], names: Callable[[int], str]) -> list[Inseparable]:
     return [Inseparable(correspondence=names(p.block), correlation=p.correlation) for p in partners]
+
+
+def _moved_plane(removal: RemovalStep, target: str, source: str) -> str | None:
+    if removal.plane is None:
+        return None
+    side, number = removal.plane
+    return f"{(target, source)[side]}/{plane_name(number)}"
 
 
 def _triple(vector: Vector3) -> Triple:

@@ -96,6 +96,7 @@ def _common(pair: Pair, entry: Correspondence | PlaneCorrespondence, components:
             "inseparable_from": "; ".join(
                 f"{partner.correspondence} ({partner.correlation:.3f})" for partner in entry.removal.inseparable_from
             ),
+            "moved_plane": entry.removal.moved_plane,
         }
     return row
 
@@ -116,7 +117,7 @@ CORRESPONDENCE_COLUMNS = (
     *("test_statistic", "test_degrees_of_freedom", "test_critical", "test_critical_b_method", "test_p_value"),
     *(f"effect_{name}" for name in PARAMETERS),
     *("effect_centroid_shift_m", "effect_global_effect"),
-    *("removed_in_step", "removed_with_statistic", "why", "inseparable_from"),
+    *("removed_in_step", "removed_with_statistic", "why", "inseparable_from", "moved_plane"),
 )
 """What was not determined, or does not exist for planes, is left empty."""
 

@@ -1,0 +1,52 @@
+"""What the terminal tells of a result."""
+
+from typing import Any
+
+from rich.console import Console
+
+from service.result_tables import MOST_REMOVED, print_result
+
+
+def told(**pair: Any) -> str:
+    result = {
+        "status": "registered",
+        "pairs": [{"target": "A", "source": "B", "status": "accepted", "reasons": [], **pair}],
+        "stations": [],
+        "comparison_summary": [
+            {
+                "station": "B",
+                "verdict": "the poses differ",
+                "mean_difference_rotation_gon": 0.01234,
+                "mean_difference_translation_m": 0.005,
+            }
+        ],
+    }
+    console = Console(record=True, width=200)
+    print_result(console, result)
+    return console.export_text()
+
+
+def outlier(number: int, change: str = "removed") -> dict[str, Any]:
+    return {"line": f"A/L{number} – B/L{number}", "change": change, "why": "moved [between] the scans"}
+
+
+def test_removed_lines_are_told_with_their_reason() -> None:
+    text = told(outliers=[outlier(7), outlier(8, "reinstated")])
+    assert "removed A/L7 – B/L7: moved [between] the scans" in text
+    assert "L8" not in text
+
+
+def test_a_long_list_of_removed_lines_is_cut_and_counted() -> None:
+    text = told(outliers=[outlier(k) for k in range(MOST_REMOVED + 3)])
+    assert text.count("removed A/") == MOST_REMOVED
+    assert "and 3 more" in text
+
+
+def test_agreement_of_lines_is_told_in_millimetres_and_gon() -> None:
+    counts = {"plane_intersections": 20, "cylinder_axes": 3, "photo_edges": 0, "removed": 1}
+    text = told(accuracy={"max_offset_m": 0.00123, "max_angle_gon": 0.0456, "lines": counts})
+    assert "23 lines agree within 1.23 mm and 0.0456 gon" in text
+
+
+def test_the_comparison_with_the_reference_ends_the_output() -> None:
+    assert told().rstrip().endswith("the poses differ (on average 0.0123 gon, 0.0050 m)")
