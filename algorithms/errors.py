@@ -25,17 +25,24 @@ class DegenerateGeometryError(AlgorithmError):
     Parameters
     ----------
     rank
-        Rank of the normal matrix that the data really support (of 6).
+        Rank of the normal matrix that the data really support.
     free_directions
         The null space in words, e.g. "translation along (0.00, 0.00, 1.00) of the target frame".
     null_space
-        Columns of (rotation vector [rad], translation [m]) that change no observation, shape (6, 6 - rank), or None.
+        Columns of (rotation vector [rad], translation [m]) that change no observation, shape (6, 6 - rank), or None; of a network all unknowns in their order.
     advice
         What the user should add to make it determined.
+    parameters
+        Number of unknown parameters: the six of a pose, unless said otherwise.
     """
 
     def __init__(
-        self, rank: int, free_directions: Sequence[str], null_space: Array | None = None, advice: str = ""
+        self,
+        rank: int,
+        free_directions: Sequence[str],
+        null_space: Array | None = None,
+        advice: str = "",
+        parameters: int = 6,
     ) -> None:
         self.rank = rank
         self.free_directions = tuple(free_directions)
@@ -43,7 +50,8 @@ class DegenerateGeometryError(AlgorithmError):
         self.advice = advice
         text = "; ".join(free_directions) or "directions could not be named"
         super().__init__(
-            f"the geometry determines only {rank} of 6 parameters, free: {text}" + (f". {advice}" if advice else "")
+            f"the geometry determines only {rank} of {parameters} parameters, free: {text}"
+            + (f". {advice}" if advice else "")
         )
 
 

@@ -5,21 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from algorithms.adjustment.unknowns import UnknownKind, Unknowns
+from algorithms.adjustment.unknowns import SIZES, UnknownKind, Unknowns
 from algorithms.arrays import Array, Indices
 from algorithms.errors import DegenerateGeometryError
 from algorithms.geometry.angles import angles_from_rotation, rotation_vector_rates
 from algorithms.geometry.rotations import cross_matrices
 
-DEFECT_NAMES = (
-    "translation along x",
-    "translation along y",
-    "translation along z",
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-)
-"""Motions that polar and relative observations leave free; distances fix the scale."""
+COMMON_MOTION_SHARE = 0.999
+"""A free direction whose length lies in the space of common motions by more than this share is one."""
+
+TAKES_PART = 0.3
+"""An unknown takes part in a free direction with more than this share of its largest component."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,3 +115,27 @@ def s_transformation(
             basis.shape[1] - 1, ("a common motion",), advice="hold more coordinates, or others"
         )
     return np.asarray(np.eye(len(basis)) - basis @ np.linalg.solve(crossed, conditions.T))
+
+
+def free_unknowns(unknowns: Unknowns, null_space: Float64[Array, "unknowns free"]) -> tuple[str, ...]:
+    """Say in words which unknowns are free (MATH 5.3); stations and points by their numbers from 0.
+
+    Parameters
+    ----------
+    unknowns
+        Values of the unknowns.
+    null_space
+        (u, k) directions that change no observation.
+    """
+    common = np.linalg.qr(motion_basis(unknowns))[0]
+    if np.linalg.norm(common.T @ null_space) ** 2 > COMMON_MOTION_SHARE * np.linalg.norm(null_space) ** 2:
+        return ("a common motion of all stations and points: the datum",)
+    names = []
+    for kind, word, count in (
+        (UnknownKind.POSE, "station", len(unknowns.pose_is_fixed)),
+        (UnknownKind.POINT, "point", len(unknowns.points)),
+    ):
+        first = unknowns.first_columns(kind, np.arange(count, dtype=np.int64))
+        sizes = np.array([np.abs(null_space[c : c + SIZES[kind]]).max() if c >= 0 else 0.0 for c in first])
+        names += [f"{word} {k}" for k in np.flatnonzero(sizes > TAKES_PART * np.abs(null_space).max())]
+    return tuple(names)

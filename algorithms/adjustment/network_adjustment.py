@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from algorithms.adjustment.datum import DatumSelection, free_network_conditions, held_columns
+from algorithms.adjustment.datum import DatumSelection, free_network_conditions, free_unknowns, held_columns
 from algorithms.adjustment.options import NetworkOptions
 from algorithms.adjustment.problem import LinearSystem, Problem
 from algorithms.adjustment.robust_weights import robust_adjustment
@@ -24,6 +24,7 @@ from algorithms.adjustment.variance_components import (
 )
 from algorithms.adjustment.weights import whitening_of
 from algorithms.arrays import Array, Flags, Indices
+from algorithms.errors import DegenerateGeometryError
 
 DEFAULT_OPTIONS = NetworkOptions()
 
@@ -135,4 +136,12 @@ def _adjusted(
     max_iterations: int,
 ) -> Solution:
     linearised = (system, whitening_of(system))
-    return solve(problem, start, conditions(start), max_iterations, linearised=linearised, rough=rough)
+    try:
+        return solve(problem, start, conditions(start), max_iterations, linearised=linearised, rough=rough)
+    except DegenerateGeometryError as error:
+        if error.null_space is None:
+            raise
+        named = free_unknowns(start, error.null_space)
+        raise DegenerateGeometryError(
+            error.rank, named, error.null_space, error.advice, parameters=start.count
+        ) from error

@@ -35,6 +35,9 @@ SMALLEST_SHARE = 1e-20
 SMALLEST_PIVOT = 1e-13
 """A pivot of the normal equations, scaled to a unit diagonal, below this is zero up to rounding."""
 
+FREE_SHARE = 1e-11
+"""Eigenvalues of the scaled normal matrix below this share of the largest belong to what is free."""
+
 MOST_DENSE = 300
 """Up to so many unknowns the normal equations are kept dense."""
 
@@ -186,9 +189,13 @@ class NormalEquations:
         border = np.linalg.qr(held * self._scale[:, None])[0] if held.shape[1] else held
         scaled = self._normal * self._scale[:, None] * self._scale[None, :]
         if isinstance(scaled, np.ndarray):
-            self._solver = _dense_factors(scaled + damping * np.eye(len(scaled)), border)
+            solver = _dense_solver(scaled + damping * np.eye(len(scaled)), border)
         else:
-            self._solver = _sparse_factors(scaled + damping * sparse.eye_array(len(self._scale)), border)
+            solver = _sparse_solver(scaled + damping * sparse.eye_array(len(self._scale)), border)
+        if solver is None:
+            dense = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
+            raise _undetermined(dense, border, self._scale)
+        self._solver = solver
 
     @property
     def matrix(self) -> Array:
@@ -212,36 +219,44 @@ class NormalEquations:
         return np.asarray(self._solver(right) * self._scale[:, None])
 
 
-def _dense_factors(matrix: Array, border: Array) -> Callable[[Array], Array]:
+def _dense_solver(matrix: Array, border: Array) -> Callable[[Array], Array] | None:
     u, k = border.shape
     bordered = np.block([[matrix, border], [border.T, np.zeros((k, k))]])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", linalg.LinAlgWarning)  # an exactly singular matrix is found by its pivot
         factors = linalg.lu_factor(bordered)
     if np.abs(np.diagonal(factors[0])).min(initial=np.inf) < SMALLEST_PIVOT:
-        raise _undetermined(u)
+        return None
     return lambda right: np.asarray(linalg.lu_solve(factors, np.pad(right, ((0, k), (0, 0))))[:u])
 
 
-def _sparse_factors(matrix: sparse.sparray, border: Array) -> Callable[[Array], Array]:
+def _sparse_solver(matrix: sparse.sparray, border: Array) -> Callable[[Array], Array] | None:
     u, k = border.shape
     if k:
         conditions = sparse.csc_array(border)
         matrix = sparse.block_array([[matrix, conditions], [conditions.T, None]])
     try:
         factors = splu(sparse.csc_array(matrix))
-    except RuntimeError as error:  # an exactly singular factor
-        raise _undetermined(u) from error
+    except RuntimeError:  # an exactly singular factor: SuperLU has no other way to say so
+        return None
     if np.abs(factors.U.diagonal()).min(initial=np.inf) < SMALLEST_PIVOT:
-        raise _undetermined(u)
+        return None
     return lambda right: np.asarray(factors.solve(np.pad(right, ((0, k), (0, 0))))[:u])
 
 
-def _undetermined(unknowns: int) -> DegenerateGeometryError:
+def _undetermined(matrix: Array, border: Array, scale: Array) -> DegenerateGeometryError:
+    """Find what the scaled normal matrix and the conditions leave free. O(u³)."""
+    u, k = border.shape
+    allowed = np.linalg.svd(border, full_matrices=True)[0][:, k:] if k else np.eye(u)
+    values, vectors = np.linalg.eigh(allowed.T @ matrix @ allowed)
+    free = values < FREE_SHARE * max(values[-1], np.finfo(np.float64).tiny)
+    free[0] = True  # the factorisation failed, so the least one is free
     return DegenerateGeometryError(
-        unknowns - 1,
+        u - int(free.sum()),
         ("a combination of unknowns that no observation depends on",),
-        advice="add observations, or a datum that holds it",
+        scale[:, None] * (allowed @ vectors[:, free]),
+        "add observations, or a datum that holds it",
+        parameters=u,
     )
 
 

@@ -14,6 +14,7 @@ from algorithms.adjustment.datum import (
     motion_basis,
     s_transformation,
 )
+from algorithms.adjustment.network_adjustment import adjust_network
 from algorithms.adjustment.observations.levelling import Levelling
 from algorithms.adjustment.observations.point_point import PointPoint
 from algorithms.adjustment.observations.polar import Polar, PolarComponent
@@ -101,11 +102,18 @@ def test_a_datum_that_leaves_a_motion_free_is_refused() -> None:
         s_transformation(motion_basis(start), np.repeat(held_columns(start, np.array([24])), 6, axis=1))
 
 
-def test_a_point_that_nobody_measured_is_refused() -> None:
+def test_a_point_that_nobody_measured_is_refused_and_named() -> None:
     problem, start = network(6)
     polar = problem.observations[0]
-    with pytest.raises(DegenerateGeometryError):
-        free(Problem((polar.selected(polar.points != 3),)), start)
+    unseen = Problem((polar.selected(polar.points != 3),))
+    with pytest.raises(DegenerateGeometryError, match="57 of 60 parameters, free: point 3"):
+        adjust_network(unseen, start, DatumSelection.of_everything(start))
+
+
+def test_a_network_without_datum_is_refused_and_its_common_motion_named() -> None:
+    problem, start = network(6)
+    with pytest.raises(DegenerateGeometryError, match="54 of 60 parameters, free: a common motion"):
+        adjust_network(problem, start, None)
 
 
 def test_sparse_and_dense_normal_equations_agree(monkeypatch: pytest.MonkeyPatch) -> None:
