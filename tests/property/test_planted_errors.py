@@ -7,9 +7,9 @@ from planted_errors import PLANTED_ERRORS, adjusted, outcome_of
 
 from algorithms.adjustment.options import AdjustmentOptions
 
-SCENES = 8
+SCENES = 6
 MOST_MISSED = 1
-"""Where 95 % are found, more than one of eight is missed in 6 % of such series; more than two in 0.6 %."""
+"""Where 95 % are found, more than one of six is missed in 3 % of such series."""
 MOST_FALSE = 0.02
 """Share of good correspondences removed: 1 % is allowed in the long run."""
 
