@@ -7,7 +7,6 @@ derivatives of all residuals by the plane's errors: a door that was opened moves
 and single tests would put the blame on neighbours.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -80,19 +79,30 @@ class GrossErrorSearch:
         single = [self._of_blocks()]
         blocks = list(np.arange(count, dtype=np.int64)[:, None])
         planes: list[Plane | None] = [None] * count
-        for plane, members, tested in self._of_planes():
-            planes.append(plane)
-            blocks.append(members)
-            single.append(tested)
+        for hypothesis in self._plane_hypotheses:
+            planes.append(hypothesis.plane)
+            blocks.append(hypothesis.members)
+            single.append(hypothesis.tested)
         statistics, degrees = np.concatenate(single, axis=1)
         return GrossErrorTests(statistics, degrees, log_probability(statistics, degrees), tuple(blocks), tuple(planes))
 
-    def inseparable(self, block: int) -> tuple[Partner, ...]:
-        """Give the other correspondences whose tests are correlated with this one's by more than 0.9 (MATH 4.5).
+    def inseparable(self, hypothesis: int) -> tuple[Partner, ...]:
+        """Give what may be wrong instead: other hypotheses whose tests are correlated by more than 0.9 (MATH 4.5).
 
         The largest canonical correlation of u_i and u_j, with covariance Gᵀ P Qvv P G; for single observations it is
-        |(Qvv)_ij| / sqrt(r_i r_j) in units of their standard deviations. The most correlated come first.
+        |(Qvv)_ij| / sqrt(r_i r_j) in units of their standard deviations. Correspondences are compared with
+        correspondences, planes with planes that no correspondence shares. The most correlated come first.
+
+        Parameters
+        ----------
+        hypothesis
+            Number in `tests()`.
         """
+        if hypothesis < self._block_count:
+            return self._inseparable_blocks(hypothesis)
+        return self._inseparable_planes(self._plane_hypotheses[hypothesis - self._block_count])
+
+    def _inseparable_blocks(self, block: int) -> tuple[Partner, ...]:
         rows = np.flatnonzero(self._block_of_row == block)
         crossed = self._weights_of(rows) - self._by_unknowns[rows] @ self._solution.cofactors @ self._by_unknowns.T
         mine = _whitened(crossed[:, rows][None], self._diagonal_weights[rows][None])[0]
@@ -103,10 +113,23 @@ class GrossErrorSearch:
             roots = _whitened(own, self._diagonal_weights[first : first + n * d].reshape(n, d))
             found.append(np.linalg.norm(mine @ crossings @ np.swapaxes(roots, 1, 2), ord=2, axis=(1, 2)))
             first += n * d
-        together = np.minimum(np.concatenate(found), 1.0)
-        together[block] = 0.0
-        order = np.argsort(-together, kind="stable")
-        return tuple(Partner(int(k), float(together[k])) for k in order if together[k] > INSEPARABLE)
+        together = np.concatenate(found)
+        return _partners(
+            [k for k in range(len(together)) if k != block], [float(r) for r in np.delete(together, block)]
+        )
+
+    def _inseparable_planes(self, plane: "_PlaneHypothesis") -> tuple[Partner, ...]:
+        crossed = plane.design @ self._weights
+        by_unknowns = plane.design @ self._by_unknowns @ self._solution.cofactors @ self._by_unknowns.T
+        mine = _whitened(plane.own[None], plane.weights[None])[0]
+        blocks, correlations = [], []
+        for other in self._plane_hypotheses:
+            if np.intersect1d(plane.members, other.members).size:
+                continue
+            root = _whitened(other.own[None], other.weights[None])[0]
+            correlations.append(float(np.linalg.norm(mine @ (crossed - by_unknowns) @ other.design.T @ root.T, ord=2)))
+            blocks.append(int(other.members[-1]))  # the pair of planes itself comes after the lines in it
+        return _partners(blocks, correlations)
 
     @cached_property
     def _weights(self) -> Array | None:
@@ -150,17 +173,18 @@ class GrossErrorSearch:
             parts.append(_quadratic_forms(own, weighted, scale))
         return np.concatenate(parts, axis=1)
 
-    def _of_planes(self) -> Iterator[tuple[Plane, Indices, Array]]:
-        """Give each plane that several correspondences depend on, these, and its test.
+    @cached_property
+    def _plane_hypotheses(self) -> list["_PlaneHypothesis"]:
+        """Planes that several correspondences depend on.
 
         Of two planes with the same dependents (a matched pair) one stands for both: their derivatives span the same.
         """
         seen: set[bytes] = set()
+        found = []
         for station, derivatives in self._solution.system.plane_jacobians.items():
             members = self._dependents_of(derivatives)
-            several = np.flatnonzero(members.sum(axis=1) >= FEWEST_OF_PLANE)
             new = []
-            for k in several.tolist():
+            for k in np.flatnonzero(members.sum(axis=1) >= FEWEST_OF_PLANE).tolist():
                 if members[k].tobytes() not in seen:
                     seen.add(members[k].tobytes())
                     new.append(k)
@@ -174,8 +198,13 @@ class GrossErrorSearch:
             own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
             scales = np.diagonal(weights, axis1=1, axis2=2)
             tested = _quadratic_forms(own, designs @ self._weighted, scales)
-            for place, k in enumerate(new):
-                yield (station, k), np.flatnonzero(members[k]), tested[:, place : place + 1]
+            found += [
+                _PlaneHypothesis(
+                    (station, k), np.flatnonzero(members[k]), designs[i], own[i], scales[i], tested[:, i : i + 1]
+                )
+                for i, k in enumerate(new)
+            ]
+        return found
 
     def _dependents_of(self, derivatives: sparse.csr_array) -> Array:
         """Give (p, blocks) which correspondences depend on each plane."""
@@ -183,6 +212,29 @@ class GrossErrorSearch:
         members = np.zeros((derivatives.shape[1] // 3, self._block_count), dtype=bool)
         members[entries.coords[1] // 3, self._block_of_row[entries.coords[0]]] = True
         return members
+
+
+@dataclass(frozen=True, eq=False)
+class _PlaneHypothesis:
+    """A plane and what the tests need of it."""
+
+    plane: Plane
+    members: Array
+    """Correspondences that depend on it."""
+    design: Array
+    """(3, m) Gᵀ."""
+    own: Array
+    """(3, 3) N, the covariance of u."""
+    weights: Array
+    """(3,) diagonal of Gᵀ P G, to which control is relative."""
+    tested: Array
+    """(2, 1) T and degrees of freedom."""
+
+
+def _partners(blocks: list[int], correlations: list[float]) -> tuple[Partner, ...]:
+    """Keep what is correlated too much, the most correlated first."""
+    order = np.argsort([-correlation for correlation in correlations], kind="stable").tolist()
+    return tuple(Partner(blocks[k], min(correlations[k], 1.0)) for k in order if correlations[k] > INSEPARABLE)
 
 
 def log_probability(statistics: Scalars, degrees: Scalars) -> Scalars:

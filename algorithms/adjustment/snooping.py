@@ -232,9 +232,7 @@ def _worst(
             continue
         critical = float(stats.chi2.isf(rules.alpha, tests.degrees[k]))
         plane = tests.planes[k]
-        partners = tuple(
-            replace(partner, block=int(numbers[partner.block])) for partner in ([] if plane else search.inseparable(k))
-        )
+        partners = tuple(replace(partner, block=int(numbers[partner.block])) for partner in search.inseparable(k))
         return [
             SnoopingStep(0, Change.REMOVED, int(block), float(tests.statistics[k]), critical, partners, plane)
             for block in members
