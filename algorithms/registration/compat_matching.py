@@ -10,19 +10,21 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, IndexPairs, Labels, OtherIndexPairs, Scalars, Vector3
+from algorithms.arrays import Array, IndexPairs, Labels, Matrix3, OtherIndexPairs, Scalars, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.geometry.line_pairs_geometry import PARALLEL_SINE, LinePairs, line_pairs_of, pair_geometry
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.rotations import rotation_from_frames
-from algorithms.matching.votes import Motions, vote_motions
+from algorithms.matching.votes import Motions, nearest_rotations, vote_motions
 from algorithms.registration.lines_compat import PairVotingOptions
 
 MOST_ROTATIONS = 200
 """So many clusters of rotations are looked into for the most frequent motion."""
+CENTRING_WIDTHS = (3.0, 2.0, 1.0, 1.0, 1.0)
+"""Rounds in which the winner becomes the mean of those that agree with it, within so many times the limits."""
 
 CASES = np.array(
     [
@@ -36,6 +38,9 @@ CASES = np.array(
 1: CD), and the signs of the directions of 12 and 34. Cases 1-4 keep both directions, 5-8 reverse both, 9-12 the first,
 13-16 the second. Only 8 are distinct (MATH 5.5): laying 12 on AB leaves CD for 34, so 1 and 4, 2 and 3 and so on differ
 only in which of the two lines is laid exactly on its partner when the angles differ a little."""
+
+DISTINCT_CASES = CASES[CASES[:, 0] == 0]
+"""(8, 4) one of each two; these vote, since counting every motion twice changes no majority."""
 
 
 class PairRelation(IntEnum):
@@ -70,9 +75,9 @@ class CompatMatch:
     lines: IndexPairs
     """(k, 2) target and source lines that the agreeing pairs put together, one to one."""
     votes: int
-    """Cases that agree on the motion."""
+    """Motions that agree with it."""
     motions: int
-    """Motions that were compared."""
+    """Motions that were compared: eight distinct cases for each entry."""
 
 
 def described_pairs(lines: Lines, options: PairVotingOptions) -> DescribedPairs:
@@ -126,10 +131,15 @@ def correspondence_matrix(
     return np.asarray(distances + distance_per_angle_m * angles)
 
 
+CaseTable = Int64[Array, "cases 4"]
+CaseRotations = Float64[Array, "n cases 3 3"]
+CaseTranslations = Float64[Array, "n cases 3"]
+
+
 def motions_of_cases(
-    target: LinePairs, source: LinePairs
-) -> tuple[Float64[Array, "n 16 3 3"], Float64[Array, "n 16 3"]]:
-    """Give for each k the rotation and translation of the sixteen cases that lay source pair k on target pair k.
+    target: LinePairs, source: LinePairs, cases: CaseTable = CASES
+) -> tuple[CaseRotations, CaseTranslations]:
+    """Give for each k the rotation and translation of every case that lays source pair k on target pair k.
 
     Rotation (4.22 to 4.28): the frame M has its second axis along the first line, its third across both, its first
     completing them; R = R_M2 R_M1ᵀ. Translation (4.44 to 4.50): the middles of the shortest connections are laid on
@@ -139,11 +149,13 @@ def motions_of_cases(
     ----------
     target, source
         n pairs each, not parallel.
+    cases
+        Rows of `CASES`.
     """
     directions = np.stack([source.directions_a, source.directions_b], axis=1)
     wanted = np.stack([target.directions_a, target.directions_b], axis=1)
-    lead, other, signs = CASES[:, 0], CASES[:, 1], CASES[:, 2:]
-    every = np.arange(16)
+    lead, other, signs = cases[:, 0], cases[:, 1], cases[:, 2:]
+    every = np.arange(len(cases))
     signed = directions[:, None, :, :] * signs[None, :, :, None]
     source_frames = _frames(signed[:, every, lead], signed[:, every, 1 - lead])
     target_frames = _frames(wanted[:, other], wanted[:, 1 - other])
@@ -176,14 +188,13 @@ def match_by_pairs(target: Lines, source: Lines, options: PairVotingOptions) -> 
     if len(rows) == 0:
         raise TooFewCorrespondencesError(0, 1, "pairs of lines that look alike")
     numbers = described[0].numbers[rows], described[1].numbers[columns]
-    rotations, translations = motions_of_cases(line_pairs_of(target, numbers[0]), line_pairs_of(source, numbers[1]))
-    motions = Motions(
-        rotations.reshape(-1, 3, 3), translations.reshape(-1, 3), np.ones(rotations.shape[0] * rotations.shape[1])
+    rotations, translations = motions_of_cases(
+        line_pairs_of(target, numbers[0]), line_pairs_of(source, numbers[1]), DISTINCT_CASES
     )
+    motions = Motions(rotations.reshape(-1, 3, 3), translations.reshape(-1, 3), np.ones(rotations.size // 9))
     centre = source.anchors.mean(axis=0)
-    pose = _most_frequent(motions, centre, options)
-    agree = _agreeing(motions, pose, centre, options)
-    lines = _single_lines(numbers[0], numbers[1], agree.reshape(-1, 16), (len(target), len(source)))
+    pose, agree = _most_frequent(motions, centre, options)
+    lines = _single_lines(numbers[0], numbers[1], agree.reshape(-1, len(DISTINCT_CASES)), (len(target), len(source)))
     if len(lines) < 2:
         raise TooFewCorrespondencesError(len(lines), 2)
     return CompatMatch(pose, lines, int(agree.sum()), len(motions))
@@ -215,8 +226,8 @@ def _frames(first: Array, second: Array) -> Array:
     return np.stack([np.cross(first, r3), first, r3], axis=-1)
 
 
-def _most_frequent(motions: Motions, centre_m: Vector3, options: PairVotingOptions) -> RigidTransform:
-    """Give the motion on which most cases agree; the mean of their images of the centre and of their rotations."""
+def _most_frequent(motions: Motions, centre_m: Vector3, options: PairVotingOptions) -> tuple[RigidTransform, Array]:
+    """Give the motion on which most cases agree, in the middle of those, and which these are."""
     voted = vote_motions(
         motions,
         centre_m,
@@ -225,19 +236,24 @@ def _most_frequent(motions: Motions, centre_m: Vector3, options: PairVotingOptio
         most_rotations=MOST_ROTATIONS,
         most=1,
     )
-    return RigidTransform.from_components(voted.translations_m[0], Rotation.from_matrix(voted.rotations[0]))
-
-
-def _agreeing(motions: Motions, pose: RigidTransform, centre_m: Vector3, options: PairVotingOptions) -> Array:
-    """Say which motions agree with the winner within the limits."""
-    matrix = pose.rotation.as_matrix()
-    # |R1 - R2|^2 (Frobenius) = 8 sin^2(angle / 2)
-    turned = ((motions.rotations - matrix) ** 2).sum(axis=(1, 2)) <= 8.0 * np.sin(
-        0.5 * options.agreement_angle_rad
-    ) ** 2
+    rotation, translation = voted.rotations[0], voted.translations_m[0]
     images = motions.rotations @ centre_m + motions.translations_m
-    shifted = np.linalg.norm(images - pose.apply(centre_m), axis=1) <= options.agreement_distance_m
-    return np.asarray(turned & shifted)
+    for width in CENTRING_WIDTHS:
+        agree = _agreeing(motions, rotation, images, rotation @ centre_m + translation, options, width)
+        if not agree.any():
+            break
+        rotation = nearest_rotations(motions.rotations[agree].sum(axis=0)[None])[0]
+        translation = images[agree].mean(axis=0) - rotation @ centre_m
+    agree = _agreeing(motions, rotation, images, rotation @ centre_m + translation, options)
+    return RigidTransform.from_components(translation, Rotation.from_matrix(rotation)), agree
+
+
+def _agreeing(motions: Motions, rotation: Matrix3, images: Array, image: Vector3, options: PairVotingOptions) -> Array:
+    """Say which motions agree with one within the limits: in the rotation, and in where they put the centre."""
+    # |R1 - R2|^2 (Frobenius) = 8 sin^2(angle / 2)
+    limit = 8.0 * np.sin(0.5 * options.agreement_angle_rad) ** 2
+    turned = ((motions.rotations - rotation) ** 2).sum(axis=(1, 2)) <= limit
+    return np.asarray(turned & (np.linalg.norm(images - image, axis=1) <= options.agreement_distance_m))
 
 
 def _single_lines(target: IndexPairs, source: IndexPairs, agree: Array, counts: tuple[int, int]) -> OtherIndexPairs:
@@ -245,7 +261,7 @@ def _single_lines(target: IndexPairs, source: IndexPairs, agree: Array, counts: 
     entry, case = np.nonzero(agree)
     tally = np.zeros(counts)
     for lead in (0, 1):
-        ours = np.where(lead == CASES[case, 0], CASES[case, 1], 1 - CASES[case, 1])
+        ours = np.where(lead == DISTINCT_CASES[case, 0], DISTINCT_CASES[case, 1], 1 - DISTINCT_CASES[case, 1])
         np.add.at(tally, (target[entry, ours], source[entry, lead]), 1.0)
     best_source, best_target = tally.argmax(axis=1), tally.argmax(axis=0)
     rows = np.arange(counts[0])

@@ -5,7 +5,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.plucker_adjustment import adjust_plucker
-from algorithms.arrays import IndexPairs
+from algorithms.arrays import IndexPairs, OtherIndexPairs
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
@@ -47,14 +47,14 @@ def _voted(problem: RegistrationProblem, voting: PairVotingOptions) -> Proposal:
     turn = float(np.linalg.norm(pose_difference(match.target_from_source, pose)[:3]))
     centre = problem.source.lines.anchors.mean(axis=0)
     shift = float(np.linalg.norm(match.target_from_source.apply(centre) - pose.apply(centre)))
-    found = f"coarse registration: {match.votes} of {match.motions} cases agree, {len(match.lines)} lines correspond"
+    found = f"coarse registration: {match.votes} of {match.motions} motions agree, {len(match.lines)} lines correspond"
     off = f"the coarse pose differs from the fine one by {turn:.4f} rad and {shift:.3f} m in the middle of the lines"
     return Proposal(lines, pose, (found, off))
 
 
 def _near(
     problem: RegistrationProblem, lines: IndexPairs, pose: RigidTransform, max_angle_rad: float, max_distance_m: float
-) -> IndexPairs:
+) -> OtherIndexPairs:
     """Keep the pairs of lines whose tilt and offset in a pose are within the limits."""
     residuals = LineLine(problem.target.lines, problem.source.lines, lines).linearised(pose).residuals
     tilts, offsets = (np.linalg.norm(residuals[:, part], axis=1) for part in (slice(0, 2), slice(2, 4)))

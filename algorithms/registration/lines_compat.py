@@ -31,7 +31,7 @@ class PairVotingOptions:
     """Entries of the correspondence matrix above this are no match [m]."""
     max_lines: Annotated[int, Ge(3), Le(200)] = 80
     """So many of the longest lines of a scan form pairs."""
-    max_pair_matches: Annotated[int, Ge(1), Le(200_000)] = 20_000
+    max_pair_matches: Annotated[int, Ge(1), Le(200_000)] = 60_000
     """So many of the smallest entries of the correspondence matrix vote."""
     agreement_angle_rad: Annotated[float, Gt(0.0), Le(0.5)] = 0.02
     """Motions that differ by less agree [rad]."""

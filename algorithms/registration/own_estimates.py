@@ -13,7 +13,7 @@ from algorithms.adjustment.line_estimate import LineEstimate, closeness
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
 from algorithms.adjustment.snooping import CorrespondenceState
-from algorithms.arrays import IndexPairs, Vector3
+from algorithms.arrays import Array, IndexPairs, OtherIndexPairs, Vector3
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.line_motion import lines_about
@@ -144,7 +144,7 @@ def rigorously_adjusted(
     )
 
 
-def kept_lines(lines: IndexPairs, adjustment: LineAdjustment) -> IndexPairs:
+def kept_lines(lines: IndexPairs, adjustment: LineAdjustment) -> OtherIndexPairs:
     """Give the correspondences that the rigorous tests leave."""
     return np.asarray(lines[adjustment.lines.states != int(CorrespondenceState.REMOVED)])
 
@@ -289,7 +289,7 @@ def _doubts(problem: RegistrationProblem, outcome: _Outcome, pose: PoseEstimate)
     return doubts
 
 
-def pose_difference(first: RigidTransform, second: RigidTransform) -> np.ndarray:
+def pose_difference(first: RigidTransform, second: RigidTransform) -> Array:
     """Give (rotation vector on the left, translation) that lead from the first pose to the second, (6,)."""
     turn = (second.rotation * first.rotation.inv()).as_rotvec()
     return np.concatenate([turn, np.asarray(second.translation) - np.asarray(first.translation)])
