@@ -15,10 +15,12 @@ from scipy import stats
 
 from algorithms.adjustment.testing import normal_critical_value
 
+FITTED = "generic 24, fitted"
+"""Lines fitted to noisy points instead of drawn from the covariance of such fits."""
 PLANE_ROOM = "plane room, 12 edges"
 PLANE_ROOMS = "plane rooms, 24 edges, 3 pipes"
 NAMES = (*LINE_SCENES, PLANE_ROOM, PLANE_ROOMS)
-"""All kinds of scenes: those of MATH 10, and rooms whose edges are correlated through the planes they share."""
+"""Those of MATH 10, and rooms whose edges are correlated through the planes they share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,8 @@ def scene_pairs(name: str) -> Callable[[np.random.Generator], ObservedPair]:
         return lambda rng: observed_rooms(plane_rooms(rng, lines=12, rooms=1, bodies=0), rng)
     if name == PLANE_ROOMS:
         return lambda rng: observed_rooms(plane_rooms(rng), rng, pipes=generic_lines(rng, 3))
+    if name == FITTED:
+        return lambda rng: observed_pair(generic_lines(rng, 24), rng, fitted=True)
     make = LINE_SCENES[name]
     return lambda rng: observed_pair(make(rng), rng)
 
