@@ -39,6 +39,7 @@ class Adjustment(Document):
     """Figures of the fine registration."""
 
     model: str
+    datum: str = Field(description="What defines the frame in which the pose and its standard deviations are given.")
     observations: int = Field(description="Conditions: four for each used line, three for each used plane.")
     independent_observations: int = Field(
         description="Rank of their covariance: fewer than the conditions where lines share planes."

@@ -46,6 +46,7 @@ def adjustment_document(fine: FineRegistration) -> Adjustment:
     options = adjustment.options
     return Adjustment(
         model="gauss-helmert-lines-planes" if len(fine.planes) else "gauss-helmert-lines",
+        datum="the target scan is fixed, the source scan moves",
         observations=adjustment.observation_count,
         independent_observations=adjustment.independent_condition_count,
         unknowns=6,

@@ -7,26 +7,25 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.features.scan_features import ScanFeatures
 from schemas.correspondences import Correspondence, PlaneCorrespondence
 from schemas.registration_result import Pair, RegistrationDocument
 from service.use_cases.pose_documents import PARAMETERS
 from service.use_cases.report_drawings import StandPoint, pair_name, plan_view, statistic_bars
-from service.use_cases.result_lines import StationLines, lines_of_station, registered_lines, states_of_lines
+from service.use_cases.result_lines import ScanLines, StationLines, lines_of_station, registered_lines, states_of_lines
 
 TEMPLATE = "report_page.html.jinja"
 MOST_ROWS = 400
 """Longer tables are cut, with a hint at the complete CSV."""
 
 
-def report_page(document: RegistrationDocument, features: Mapping[str, ScanFeatures]) -> str:
+def report_page(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> str:
     """Render the report.
 
     Parameters
     ----------
     document
         The result.
-    features
+    scans
         Of all stations, by name: their lines are drawn.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -40,14 +39,14 @@ def report_page(document: RegistrationDocument, features: Mapping[str, ScanFeatu
         lstrip_blocks=True,
     )
     environment.filters.update(number=_number, milli=_milli, share=_share, pair_name=pair_name)
-    world = plan_view(registered_lines(document.stations, features, document.pairs), _stands(document, features), [])
+    world = plan_view(registered_lines(document.stations, scans, document.pairs), _stands(document, scans), [])
     return environment.get_template(TEMPLATE).render(
         document=document,
         parameters=PARAMETERS,
         most_rows=MOST_ROWS,
         world_plan=Markup(world),  # noqa: S704 - drawn by this program, names escaped
         drawings=[
-            {"plan": Markup(_pair_plan(pair, features)), "tests": Markup(_pair_tests(pair))}  # noqa: S704
+            {"plan": Markup(_pair_plan(pair, scans)), "tests": Markup(_pair_tests(pair))}  # noqa: S704
             for pair in document.pairs
         ],
     )
@@ -58,23 +57,23 @@ def _pair_tests(pair: Pair) -> str:
     return statistic_bars(entries[:MOST_ROWS])
 
 
-def _pair_plan(pair: Pair, features: Mapping[str, ScanFeatures]) -> str:
+def _pair_plan(pair: Pair, scans: Mapping[str, ScanLines]) -> str:
     """Draw both stations' lines in the target frame; nothing without a pose."""
     if pair.target_from_source is None:
         return ""
     pose = RigidTransform.from_matrix(np.array(pair.target_from_source.matrix))
     states = states_of_lines([pair])
     names = ((pair.target, RigidTransform.identity()), (pair.source, pose))
-    parts: Sequence[StationLines] = [lines_of_station(name, features[name], motion, states) for name, motion in names]
-    stands = [_stand(name, features[name], motion) for name, motion in names]
+    parts: Sequence[StationLines] = [lines_of_station(name, scans[name], motion, states) for name, motion in names]
+    stands = [_stand(name, scans[name], motion) for name, motion in names]
     return plan_view(parts, stands, pair.correspondences)
 
 
-def _stands(document: RegistrationDocument, features: Mapping[str, ScanFeatures]) -> list[StandPoint]:
+def _stands(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> list[StandPoint]:
     return [
         _stand(
             station.name,
-            features[station.name],
+            scans[station.name],
             RigidTransform.from_matrix(np.array(station.world_from_scan.matrix)),
         )
         for station in document.stations
@@ -82,10 +81,10 @@ def _stands(document: RegistrationDocument, features: Mapping[str, ScanFeatures]
     ]
 
 
-def _stand(name: str, features: ScanFeatures, target_from_scan: RigidTransform) -> StandPoint:
+def _stand(name: str, scan: ScanLines, target_from_scan: RigidTransform) -> StandPoint:
     """Place the instrument; where its position is unknown, the origin of the scan's local frame."""
-    local = np.zeros(3) if features.sensor_m is None else features.sensor_m
-    x, y, _ = target_from_scan.apply(local + features.origin_m)
+    local = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
+    x, y, _ = target_from_scan.apply(local + scan.origin_m)
     return StandPoint(name, float(x), float(y))
 
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Colors, Points
+from algorithms.arrays import Colors, Points, Vector3
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import Lines
 from schemas.registration_result import Pair, Station
 from service.formats.ply_edges_writer import ply_edges
 from service.use_cases.run_lines_report import line_name
@@ -21,6 +22,23 @@ COLORS = {
 }
 """Of line states; `alone`: seen from one station only, or matched in no accepted pair."""
 WORST_FIRST = ("removed", "not-controlled", "used", "reinstated")
+
+
+@dataclass(frozen=True, eq=False)
+class ScanLines:
+    """What drawings need of a scan: little, so that many stations fit into memory."""
+
+    lines: Lines
+    """In the reduced scan frame."""
+    origin_m: Vector3
+    """(3,) local origin of that frame in the file's coordinates [m]."""
+    sensor_m: Vector3 | None
+    """(3,) position of the instrument in the reduced frame [m]; None where it is unknown."""
+
+    @staticmethod
+    def of_features(features: ScanFeatures) -> "ScanLines":
+        """Keep the lines and forget the rest."""
+        return ScanLines(features.lines, features.origin_m, features.sensor_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +60,7 @@ class StationLines:
 
 
 def lines_of_station(
-    name: str, features: ScanFeatures, target_from_scan: RigidTransform, states: Mapping[str, str]
+    name: str, scan: ScanLines, target_from_scan: RigidTransform, states: Mapping[str, str]
 ) -> StationLines:
     """Carry the lines of a station from its reduced frame into another.
 
@@ -50,15 +68,15 @@ def lines_of_station(
     ----------
     name
         Of the station.
-    features
-        Its features.
+    scan
+        Its lines.
     target_from_scan
         Where the file's full coordinates lie in the wanted frame.
     states
         State by name of the line, such as ``S1/L3``; others are `alone`.
     """
-    starts, ends = (target_from_scan.apply(points + features.origin_m) for points in features.lines.end_points)
-    names = [f"{name}/{line_name(k)}" for k in range(len(features.lines))]
+    starts, ends = (target_from_scan.apply(points + scan.origin_m) for points in scan.lines.end_points)
+    names = [f"{name}/{line_name(k)}" for k in range(len(scan.lines))]
     return StationLines(name, starts, ends, [states.get(each, "alone") for each in names])
 
 
@@ -74,14 +92,14 @@ def states_of_lines(pairs: Sequence[Pair]) -> dict[str, str]:
 
 
 def registered_lines(
-    stations: Sequence[Station], features: Mapping[str, ScanFeatures], pairs: Sequence[Pair]
+    stations: Sequence[Station], scans: Mapping[str, ScanLines], pairs: Sequence[Pair]
 ) -> list[StationLines]:
     """Give the lines of all registered stations in the world frame, states from the accepted pairs."""
     states = states_of_lines([pair for pair in pairs if pair.status == "accepted"])
     return [
         lines_of_station(
             station.name,
-            features[station.name],
+            scans[station.name],
             RigidTransform.from_matrix(np.array(station.world_from_scan.matrix)),
             states,
         )

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.spanning_tree import StationLink, chain_poses
 from schemas.comparison import ComparedParameter, StationComparison
@@ -27,7 +26,7 @@ from service.use_cases.comparison_documents import comparison_documents
 from service.use_cases.feature_store import load_features
 from service.use_cases.pose_documents import fixed_pose_document, pose_document
 from service.use_cases.report_page import report_page
-from service.use_cases.result_lines import lines_ply, registered_lines
+from service.use_cases.result_lines import ScanLines, lines_ply, registered_lines
 from service.use_cases.result_tables_csv import correspondences_csv, poses_csv
 from service.use_cases.run_features import SEED
 from service.use_cases.run_lines_report import software
@@ -50,13 +49,13 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     ]
     poses = _station_poses([station["name"] for station in inputs["stations"]], pairs)
     stations = [pose.station for pose in poses]
-    features = {
-        output["counts"]["station"]: load_features(context.blobs.local_path(output["features"]))
+    scans = {
+        output["counts"]["station"]: ScanLines.of_features(load_features(context.blobs.local_path(output["features"])))
         for output in arguments["features"]
     }
     unregistered = sum(station.status == "unregistered" for station in stations)
     comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
-    files = _downloads(stations, pairs, features)
+    files = _downloads(stations, pairs, scans)
     document = RegistrationDocument(
         status=_overall(len(stations), unregistered),
         stations=stations,
@@ -67,7 +66,7 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         artifacts=[],
         provenance=_provenance(inputs, arguments["features"], pairs),
     )
-    files["report.html"] = ("text/html", report_page(document, features).encode())
+    files["report.html"] = ("text/html", report_page(document, scans).encode())
     artifacts = [_artifact(job_id, name, media, len(content)) for name, (media, content) in files.items()]
     document = document.model_copy(update={"artifacts": artifacts})
     document, data = _with_itself(document, job_id)
@@ -159,13 +158,13 @@ def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -
 
 
 def _downloads(
-    stations: Sequence[Station], pairs: Sequence[Pair], features: Mapping[str, ScanFeatures]
+    stations: Sequence[Station], pairs: Sequence[Pair], scans: Mapping[str, ScanLines]
 ) -> dict[str, tuple[str, bytes]]:
     """Make the downloads beside the result itself: media type and content by name."""
     files = {
         "poses.csv": ("text/csv", poses_csv(stations).encode()),
         "correspondences.csv": ("text/csv", correspondences_csv(pairs).encode()),
-        "lines.ply": ("application/octet-stream", lines_ply(registered_lines(stations, features, pairs))),
+        "lines.ply": ("application/octet-stream", lines_ply(registered_lines(stations, scans, pairs))),
         "pairs.json": ("application/json", json.dumps([pair.model_dump(by_alias=True) for pair in pairs]).encode()),
     }
     for station in stations:

@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from plane_rooms import observed_rooms, plane_rooms
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_adjustment import adjust_lines
@@ -76,6 +78,49 @@ def adjusted(directions: list[list[float]], moved: int | None = None, seed: int 
     )
     result = PairResult(PairStatus.ACCEPTED, (), None, fine, None)
     return pair_document(result, features, target="A", source="B", timings_s={})
+
+
+@cache
+def room_with_a_moved_plane() -> tuple[Pair, str, set[str]]:
+    """Register rooms in which a plane with two edges moved by 5 cm; give also the plane's name and its edges'."""
+    rng = np.random.default_rng(4)
+    rooms = plane_rooms(rng)
+    dependents = np.array([(rooms.edges == k).any(axis=1).sum() for k in range(len(rooms.normals))])
+    plane = int(np.flatnonzero(rooms.matched & (dependents == 2))[0])
+    seen = observed_rooms(rooms, rng, source_rooms=rooms.with_plane_moved(plane, 0.05))
+    assert seen.planes is not None
+    adjustment = adjust_lines(seen.target, seen.source, seen.correspondences, seen.start, planes=seen.planes)
+    features = replace(some_features(), lines=seen.target, planes=seen.planes.target, origin_m=np.zeros(3))
+    fine = FineRegistration(
+        seen.correspondences, seen.planes.pairs, adjustment, adjustment.pose_a_posteriori, adjustment.centroid_m
+    )
+    pair = pair_document(
+        PairResult(PairStatus.ACCEPTED, (), None, fine, None), features, target="A", source="B", timings_s={}
+    )
+    number = int(seen.planes.pairs[int(rooms.matched[:plane].sum()), 0])
+    edges = np.flatnonzero((rooms.edges == plane).any(axis=1))
+    return pair, f"A/P{number + 1}", {f"A/L{int(edge) + 1}" for edge in edges}
+
+
+def test_a_moved_plane_is_named_in_its_own_entry_and_in_those_of_its_edges() -> None:
+    pair, plane, edges = room_with_a_moved_plane()
+    by_plane = [outlier for outlier in pair.outliers if outlier.moved_plane is not None]
+    assert {outlier.line.split(" – ")[0] for outlier in by_plane} == {plane, *edges}
+    removed = [entry for entry in pair.plane_correspondences if entry.state == "removed"]
+    assert [entry.target_plane for entry in removed] == [plane]
+    assert abs(removed[0].offset_mm) == pytest.approx(50.0, abs=5.0)
+
+
+def test_every_used_plane_has_all_its_figures() -> None:
+    pair, _, _ = room_with_a_moved_plane()
+    used = [entry for entry in pair.plane_correspondences if entry.state == "used"]
+    assert used
+    for entry in used:
+        assert entry.test is not None
+        assert (len(entry.residuals), len(entry.redundancy_numbers), len(entry.mdb)) == (3, 3, 3)
+        assert entry.test.critical_b_method < entry.test.critical
+        assert entry.external_effect is not None
+        assert entry.removal is None
 
 
 def test_free_space_that_nobody_could_test_is_null_not_zero() -> None:
