@@ -23,7 +23,7 @@ from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesErro
 from algorithms.geometry.angles import angles_from_rotation, rotation_from_angles, rotation_vector_rates
 from algorithms.geometry.line_motion import matched_signs, moved_lines
 from algorithms.geometry.lines import Lines
-from algorithms.geometry.plucker import plucker_coordinates, plucker_jacobians, plucker_motion
+from algorithms.geometry.plucker import plucker_coordinates, plucker_jacobians
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.rotations import cross_matrices, cross_matrix
 
@@ -50,6 +50,8 @@ class PluckerSolution:
     """The adjustment as the dissertation prints it, from n pairs of lines."""
 
     target_from_source: RigidTransform
+    unknowns: Vector
+    """(6,) ω, φ, κ [rad] and t [m]."""
     design: Matrix
     """(6n, 6) A, derivatives by (ω, φ, κ, tx, ty, tz)."""
     pose_design: Matrix
@@ -73,7 +75,7 @@ class PluckerSolution:
     @property
     def claimed_covariance(self) -> Matrix6:
         """(6, 6) s0² (AᵀA)⁻¹ of (rotation vector on the left, t)."""
-        to_vector = _rates(self.target_from_source)
+        to_vector = _rates(self.unknowns)
         return np.asarray((self.sigma0 or 0.0) ** 2 * to_vector @ self.cofactors @ to_vector.T)
 
     @property
@@ -109,19 +111,20 @@ def plucker_solution(target: PluckerRows, source: PluckerRows, start: RigidTrans
     rounds, converged = 0, False
     while not converged and rounds < MAX_ROUNDS:
         rounds += 1
-        design, left = _linearised(target, source, _pose(unknowns))[:2]
+        design, left = _linearised(target, source, unknowns)[:2]
         normal = design.T @ design
-        _require_regular(normal)
+        if rounds == 1:
+            _require_regular(normal)
         step = np.linalg.solve(normal, design.T @ left)
         unknowns = unknowns + step
         size = float(np.linalg.norm(step))
         converged = size < STEP_LIMIT or (size < ROUNDING_STEP and size >= last)
         last = size
-    pose = _pose(unknowns)
-    design, left, pose_design = _linearised(target, source, pose)
+    design, left, pose_design = _linearised(target, source, unknowns)
     redundancy = 6 * len(target) - 6
     return PluckerSolution(
-        target_from_source=pose,
+        target_from_source=_pose(unknowns),
+        unknowns=unknowns,
         design=design,
         pose_design=pose_design,
         residuals=-left.reshape(-1, 6),
@@ -219,30 +222,28 @@ def _pose(unknowns: Vector) -> RigidTransform:
     return RigidTransform.from_components(unknowns[3:], rotation_from_angles(*unknowns[:3]))
 
 
-def _linearised(target: PluckerRows, source: PluckerRows, pose: RigidTransform) -> tuple[Matrix, Vector, Matrix]:
+def _linearised(target: PluckerRows, source: PluckerRows, unknowns: Vector) -> tuple[Matrix, Vector, Matrix]:
     """Give A by (ω, φ, κ, t), l = L2 - H L1 (4.58, 4.65), and the design by (rotation vector, t).
 
     Of f = (R d, t x R d + R L0): δf = (w x R d, t x (w x R d) + w x R L0 + δt x R d), and w = W (dω, dφ, dκ). In
     angles these are the 36 derivatives of the dissertation's appendix.
     """
-    moved = source @ plucker_motion(pose).T
-    directions = moved[:, :3]
-    translation = cross_matrix(np.asarray(pose.translation))
-    turned_moments = moved[:, 3:] - directions @ translation.T
+    rotation = rotation_from_angles(*unknowns[:3]).as_matrix()
+    translation = cross_matrix(unknowns[3:])
+    directions, moments = source[:, :3] @ rotation.T, source[:, 3:] @ rotation.T
     turned = cross_matrices(directions)
     by_pose = np.zeros((len(source), 6, 6))
-    by_pose[:, :3, :3] = -turned
-    by_pose[:, 3:, :3] = -translation @ turned - cross_matrices(turned_moments)
-    by_pose[:, 3:, 3:] = -turned
+    by_pose[:, :3, :3] = by_pose[:, 3:, 3:] = -turned
+    by_pose[:, 3:, :3] = -translation @ turned - cross_matrices(moments)
     pose_design = by_pose.reshape(-1, 6)
-    return pose_design @ _rates(pose), (target - moved).ravel(), pose_design
+    moved = np.hstack([directions, moments + directions @ translation.T])
+    return pose_design @ _rates(unknowns), (target - moved).ravel(), pose_design
 
 
-def _rates(pose: RigidTransform) -> Matrix6:
+def _rates(unknowns: Vector) -> Matrix6:
     """Give the derivatives of (rotation vector, t) by (ω, φ, κ, t)."""
     rates = np.eye(6)
-    omega, phi, _ = angles_from_rotation(pose.rotation)
-    rates[:3, :3] = rotation_vector_rates(float(omega), float(phi))
+    rates[:3, :3] = rotation_vector_rates(float(unknowns[0]), float(unknowns[1]))
     return rates
 
 

@@ -248,12 +248,19 @@ def _most_frequent(motions: Motions, centre_m: Vector3, options: PairVotingOptio
     return RigidTransform.from_components(translation, Rotation.from_matrix(rotation)), agree
 
 
-def _agreeing(motions: Motions, rotation: Matrix3, images: Array, image: Vector3, options: PairVotingOptions) -> Array:
-    """Say which motions agree with one within the limits: in the rotation, and in where they put the centre."""
+def _agreeing(
+    motions: Motions,
+    rotation: Matrix3,
+    images: Array,
+    image: Vector3,
+    options: PairVotingOptions,
+    width: float = 1.0,
+) -> Array:
+    """Say which motions agree with one within `width` times the limits: in rotation, and where they put the centre."""
     # |R1 - R2|^2 (Frobenius) = 8 sin^2(angle / 2)
-    limit = 8.0 * np.sin(0.5 * options.agreement_angle_rad) ** 2
+    limit = 8.0 * np.sin(0.5 * width * options.agreement_angle_rad) ** 2
     turned = ((motions.rotations - rotation) ** 2).sum(axis=(1, 2)) <= limit
-    return np.asarray(turned & (np.linalg.norm(images - image, axis=1) <= options.agreement_distance_m))
+    return np.asarray(turned & (np.linalg.norm(images - image, axis=1) <= width * options.agreement_distance_m))
 
 
 def _single_lines(target: IndexPairs, source: IndexPairs, agree: Array, counts: tuple[int, int]) -> OtherIndexPairs:

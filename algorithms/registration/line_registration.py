@@ -9,7 +9,7 @@ from algorithms.adjustment.line_adjustment import LineAdjustment, adjust_lines
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
-from algorithms.arrays import IndexPairs
+from algorithms.arrays import Array, IndexPairs, OtherIndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
@@ -64,7 +64,7 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
         )
     progress.report(0.9, "verification")
     verification = verify_pose(target, source, fine.adjustment.pose.target_from_source)
-    verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=len(fine.lines) + len(fine.planes))
+    verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=_expected(fine))
     status, reasons = _status(problem, coarse, fine, verdict)
     return PairResult(status, reasons, coarse, fine, verification)
 
@@ -79,25 +79,74 @@ def _adjusted(problem: RegistrationProblem, method: LinesMethod, start: RigidTra
         planes = corresponding_planes(target, source, pose, **limits) if method.planes else _no_pairs()
         if fine is not None and np.array_equal(fine.lines, lines) and np.array_equal(fine.planes, planes):
             break
-        adjustment = adjust_lines(
-            target.lines,
-            source.lines,
-            lines,
-            pose,
-            planes=PlanePlane(target.planes, source.planes, planes),
-            options=method.adjustment,
-        )
-        fine = FineRegistration(
-            lines,
-            planes,
-            adjustment,
-            adjustment.pose_a_posteriori.moved_to_origins(target.origin_m, source.origin_m),
-            adjustment.centroid_m + target.origin_m,
-        )
-        pose = adjustment.pose.target_from_source
+        fine = _fine(problem, method, pose, lines, planes)
+        pose = fine.adjustment.pose.target_from_source
     if fine is None:
         raise TooFewCorrespondencesError(0, 2, "lines and planes")
-    return fine
+    return _with_moved_features(problem, method, fine)
+
+
+def _fine(
+    problem: RegistrationProblem,
+    method: LinesMethod,
+    start: RigidTransform,
+    lines: IndexPairs,
+    planes: OtherIndexPairs,
+    doubted: Array | None = None,
+) -> FineRegistration:
+    """Adjust the pose to corresponding lines and planes."""
+    target, source = problem.target, problem.source
+    adjustment = adjust_lines(
+        target.lines,
+        source.lines,
+        lines,
+        start,
+        planes=PlanePlane(target.planes, source.planes, planes),
+        doubted=doubted,
+        options=method.adjustment,
+    )
+    return FineRegistration(
+        lines,
+        planes,
+        adjustment,
+        adjustment.pose_a_posteriori.moved_to_origins(target.origin_m, source.origin_m),
+        adjustment.centroid_m + target.origin_m,
+    )
+
+
+def _with_moved_features(problem: RegistrationProblem, method: LinesMethod, fine: FineRegistration) -> FineRegistration:
+    """Add pairs that lie farther apart than the last gate, as doubted ones: they bend nothing, but are reported.
+
+    A door or cupboard that was moved by some centimetres between the scans shows so, instead of vanishing.
+    """
+    target, source, pose = problem.target, problem.source, fine.adjustment.pose.target_from_source
+    limits = {"max_angle_rad": GATES[0][0], "max_distance_m": GATES[0][1]}
+    lines = _others(corresponding_lines(target, source, pose, **limits), fine.lines)
+    planes = (
+        _others(corresponding_planes(target, source, pose, **limits), fine.planes) if method.planes else _no_pairs()
+    )
+    if len(lines) + len(planes) == 0:
+        return fine
+    sizes = [len(fine.lines), len(lines), len(fine.planes), len(planes)]
+    return _fine(
+        problem,
+        method,
+        pose,
+        np.vstack([fine.lines, lines]),
+        np.vstack([fine.planes, planes]),
+        doubted=np.repeat([False, True, False, True], sizes),
+    )
+
+
+def _expected(fine: FineRegistration) -> int:
+    """Count the lines and planes that should fit: all but the doubted ones."""
+    return len(fine.lines) + len(fine.planes) - fine.adjustment.doubted_count
+
+
+def _others(pairs: IndexPairs, known: OtherIndexPairs) -> IndexPairs:
+    """Keep the pairs of which neither feature is paired already."""
+    taken = np.isin(pairs[:, 0], known[:, 0]) | np.isin(pairs[:, 1], known[:, 1])
+    return pairs[~taken]
 
 
 def _no_pairs() -> IndexPairs:
@@ -137,7 +186,7 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
             f"({LEAST_REDUNDANCY} would be needed)"
         )
     kept = [states != CorrespondenceState.REMOVED for states in (adjustment.lines.states, adjustment.planes.states)]
-    used, all_ = sum(int(k.sum()) for k in kept), len(fine.lines) + len(fine.planes)
+    used, all_ = sum(int(k.sum()) for k in kept), _expected(fine)
     if used < LEAST_USED_SHARE * all_:
         doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
     scale = np.sqrt(adjustment.variance_factor)
