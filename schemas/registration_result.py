@@ -46,7 +46,10 @@ class Pair(Document):
     reasons: list[str]
     target_from_source: Pose | None
     coarse: Coarse | None
-    adjustment: Adjustment | None
+    adjustment: Adjustment | None = Field(
+        description="The rigorous adjustment, also where the method has an estimator of its own; with correspondences, "
+        "outliers, accuracy and rank report."
+    )
     correspondences: list[Correspondence]
     plane_correspondences: list[PlaneCorrespondence]
     outliers: list[Outlier]

@@ -14,6 +14,7 @@ from algorithms.arrays import Array
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.lines import LineSource
+from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.accuracy import accuracy_figures
 from algorithms.registration.base import FineRegistration
 from schemas.adjustment_figures import (
@@ -112,12 +113,22 @@ def rank_document_without_pose(free_directions: Sequence[str], advice: str) -> R
     )
 
 
-def accuracy_document(fine: FineRegistration, target_features: ScanFeatures) -> Accuracy:
-    """Summarise under the names of the dissertation's tables."""
+def accuracy_document(fine: FineRegistration, pose: PoseEstimate, target_features: ScanFeatures) -> Accuracy:
+    """Summarise under the names of the dissertation's tables.
+
+    Parameters
+    ----------
+    fine
+        The adjustment.
+    pose
+        Its pose between full coordinates, which for methods with an estimator of their own is not `fine.pose`.
+    target_features
+        Features of the target scan; they tell what kind each line is.
+    """
     adjustment, report = fine.adjustment, fine.adjustment.lines
     used = report.states != int(CorrespondenceState.REMOVED)
     figures = accuracy_figures(
-        fine.pose,
+        pose,
         used=used,
         angles_rad=report.angles_rad,
         shortest_distances_m=report.shortest_distances_m,

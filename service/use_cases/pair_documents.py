@@ -55,7 +55,7 @@ def pair_document(
         correspondences=[] if fine is None else line_correspondences(fine, target_features, target, source),
         plane_correspondences=[] if fine is None else plane_correspondences(fine, target_features, target, source),
         outliers=[] if fine is None else outliers(fine, target, source),
-        accuracy=None if fine is None else accuracy_document(fine, target_features),
+        accuracy=None if fine is None else accuracy_document(fine, result.rigorous or fine.pose, target_features),
         own_figures=own_figures_document(result, target=target, source=source),
         rank_report=_rank(result),
         weak_directions=free_directions(result.free_directions, result.advice)
