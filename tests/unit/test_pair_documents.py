@@ -170,6 +170,20 @@ def test_a_moved_line_is_named_with_step_reason_and_without_effect() -> None:
     assert [(outlier.line, outlier.why) for outlier in pair.outliers] == [("A/L5 – B/L5", entry.removal.why)]
 
 
+def test_a_removed_line_names_the_other_one_that_may_be_wrong_instead() -> None:
+    # only the last two lines tell the height, and each only against the other
+    pair = adjusted([[0, 0, 1]] * 8 + [[1, 0, 0]] * 2, moved=8)
+    (removed,) = [entry for entry in pair.correspondences if entry.state == "removed"]
+    assert removed.removal is not None
+    (partner,) = removed.removal.inseparable_from
+    assert {f"{removed.target_line} – {removed.source_line}", partner.correspondence} == {
+        "A/L9 – B/L9",
+        "A/L10 – B/L10",
+    }
+    assert partner.correlation > 0.9
+    assert "cannot tell" in removed.removal.why
+
+
 def test_the_offset_of_a_moved_line_is_told_with_sign_and_direction() -> None:
     entry = adjusted(MIXED, moved=4).correspondences[4]
     # the target line went 50 mm along E1, so the source line lies 50 mm back
