@@ -27,7 +27,7 @@ from algorithms.adjustment.testing import (
     tau_critical_value,
 )
 from algorithms.adjustment.unknowns import Unknowns
-from algorithms.arrays import IndexPairs, Matrices3, Vector3
+from algorithms.arrays import Flags, IndexPairs, Matrices3, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import OptionalTriple, PoseEstimate
@@ -78,6 +78,8 @@ class LineAdjustment:
     """Removed and reinstated correspondences in order."""
     principal_motions: tuple[PrincipalMotion, ...]
     """The determined motions, worst first, with a-priori standard deviations (MATH 5.1)."""
+    doubted_count: int
+    """Correspondences that took part only if they fitted (`doubted` of `adjust_lines`)."""
     centroid_m: Vector3
     """(3,) centroid of the used target lines' end points [m]."""
     radius_m: float
@@ -110,6 +112,7 @@ def adjust_lines(
     planes: PlanePlane | None = None,
     target_plane_covariances: TargetPlaneCovariances | None = None,
     source_plane_covariances: SourcePlaneCovariances | None = None,
+    doubted: Flags | None = None,
     options: AdjustmentOptions = DEFAULT_OPTIONS,
 ) -> LineAdjustment:
     """Adjust the pose to matched lines, remove wrong correspondences, and say what is determined and how well.
@@ -130,6 +133,9 @@ def adjust_lines(
         parents they are.
     target_plane_covariances, source_plane_covariances
         Only without `planes`: (p, 3, 3) of the planes that `Lines.parents` counts, (a1, a2, b) of `Planes.covariances`.
+    doubted
+        True for correspondences, lines first, then planes, that take no part unless they fit what the others say: such
+        as planes some centimetres apart, which may have been moved between the scans. They are reported in any case.
     options
         Significance levels and limits.
 
@@ -160,7 +166,7 @@ def adjust_lines(
     )
     rules = SnoopingRules(options.alpha_single, options.max_removed_share, options.robust_variance)
     adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
-    result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust)
+    result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust, doubted)
     solution, used = result.solution, problem.selected(result.used)
     rank = rank_of(used, solution, origins)
     reduced_pose = PoseEstimate(solution.pose, solution.cofactors, rank.null_space)
@@ -195,6 +201,7 @@ def adjust_lines(
         planes=of_planes,
         removals=removals_in_words(problem, reduced, result, options.alpha_single),
         principal_motions=principal_motions(reduced_pose, frame.centroid, frame.radius_m),
+        doubted_count=0 if doubted is None else int(doubted.sum()),
         centroid_m=frame.centroid + origins.target_m,
         radius_m=frame.radius_m,
         centroid_std_m=reduced_pose.position_std_m(frame.centroid),

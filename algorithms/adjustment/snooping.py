@@ -118,7 +118,8 @@ def adjust_and_snoop(
     result = _snooped(problem, start, rules, adjust, 1.0, suspicious)
     if not rules.robust_variance or result.used.all():
         return result
-    factor = robust_variance_factor(result.tests, result.solution.redundancy)
+    trusted = np.ones(len(problem), dtype=bool) if suspicious is None else ~suspicious
+    factor = robust_variance_factor(result.tests.selected(trusted), result.solution.redundancy)
     return result if factor == 1.0 else _snooped(problem, result.solution.unknowns, rules, adjust, factor, suspicious)
 
 
@@ -139,7 +140,7 @@ def _snooped(
     n = len(problem)
     used = np.ones(n, dtype=bool) if suspicious is None else ~suspicious
     reinstated = np.zeros(n, dtype=bool)
-    most_removed = min(int(rules.max_removed_share * n), n - FEWEST_BLOCKS)
+    fewest = max(int(used.sum()) - int(rules.max_removed_share * used.sum()), FEWEST_BLOCKS)
     steps: list[SnoopingStep] = []
     values, adjustments = start, 0
     while True:
@@ -148,7 +149,7 @@ def _snooped(
         solution = adjust(part, values, of_part, True)
         adjustments += 1
         values = solution.unknowns
-        removed = _worst(solution, np.flatnonzero(used), reinstated, rules, factor, most_removed - int((~used).sum()))
+        removed = _worst(solution, np.flatnonzero(used), reinstated, rules, factor, int(used.sum()) - fewest)
         if removed:
             steps.extend(replace(step, step=adjustments) for step in removed)
             used[[step.block for step in removed]] = False
@@ -164,7 +165,27 @@ def _snooped(
             continue
         solution = adjusted(part, values, adjust)
         tests = _all_tests(problem, used, solution).with_variance(factor)
+        steps.extend(_never_used(adjustments, used, steps, tests, rules.alpha))
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
+
+
+def _never_used(
+    step: int, used: Flags, steps: list[SnoopingStep], tests: BlockTests, alpha: float
+) -> list[SnoopingStep]:
+    """Give a step for each correspondence that was out from the start and did not come back."""
+    named = {entry.block for entry in steps}
+    return [
+        SnoopingStep(
+            step,
+            Change.REMOVED,
+            block,
+            float(tests.statistics[block]),
+            float(stats.chi2.isf(alpha, max(tests.degrees[block], 1.0))),
+            (),
+        )
+        for block in np.flatnonzero(~used).tolist()
+        if block not in named
+    ]
 
 
 def robust_variance_factor(tests: BlockTests, redundancy: int) -> float:

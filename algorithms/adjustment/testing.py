@@ -71,6 +71,10 @@ class BlockTests:
     p_values: Scalars
     """(n,) probability of a larger T in a good observation; 1 where nothing is controlled."""
 
+    def selected(self, which: Flags) -> "BlockTests":
+        """Keep the tests of some correspondences."""
+        return BlockTests(self.statistics[which], self.degrees[which], self.p_values[which])
+
     def with_variance(self, factor: float) -> "BlockTests":
         """Give the tests for covariances multiplied by a variance factor."""
         statistics = self.statistics / factor

@@ -143,7 +143,7 @@ def _expected(fine: FineRegistration) -> int:
     return len(fine.lines) + len(fine.planes) - fine.adjustment.doubted_count
 
 
-def _others(pairs: IndexPairs, known: OtherIndexPairs) -> IndexPairs:
+def _others(pairs: IndexPairs, known: OtherIndexPairs) -> Array:
     """Keep the pairs of which neither feature is paired already."""
     taken = np.isin(pairs[:, 0], known[:, 0]) | np.isin(pairs[:, 1], known[:, 1])
     return pairs[~taken]
