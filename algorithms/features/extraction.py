@@ -14,7 +14,9 @@ from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
+from algorithms.scans.mixed_pixels_kernels import grid_ranges
 from algorithms.scans.range_image import spherical_range_image
+from algorithms.scans.range_noise import range_noise
 from algorithms.scans.scan import Scan
 from algorithms.scans.sensor_position import estimate_sensor_position
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces, orient
@@ -58,7 +60,7 @@ def extract_features(
         If the scan has no points or is too large for its point spacing.
     """
     progress.report(0.0, "cells")
-    cells, surfaces = cut_into_cells(scan, options)
+    cells, surfaces, noise = cut_into_cells(scan, options)
     sensor = scan.sensor_m
     if sensor is None:
         flat = np.isfinite(surfaces.residual_std_m)
@@ -66,12 +68,12 @@ def extract_features(
             np.ascontiguousarray(cells.means[flat]), surfaces.normals[flat], candidate_m=-scan.origin_m, rng=rng
         ).position_m
     surfaces = orient(cells, surfaces, sensor)
-    noise = typical_noise(surfaces)
+    noise = max(noise, typical_noise(cells, surfaces, sensor))
     progress.report(0.3, "planes")
-    regions = segment_planes(cells, surfaces, noise_std_m=noise, cap=CAP_POINTS, min_cells=MIN_CELLS)
+    regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
-        scan.points, cells.cell_of_point, candidates_of(cells, regions), regions.normals, regions.centroids, noise,
-        thickness_m=thickness(noise), min_points=options.min_plane_points,
+        scan.points, cells.cell_of_point, candidates_of(cells, regions), regions.normals, regions.centroids,
+        regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), min_points=options.min_plane_points,
     )  # fmt: skip
     planes, rasters, kept = bound_planes(
         scan.points, fitted, 0.25 * cells.size_m,
@@ -99,13 +101,16 @@ def extract_features(
     )
 
 
-def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, CellSurfaces]:
-    """Cut a scan into cells and give each its tangent plane."""
+def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, CellSurfaces, float]:
+    """Cut a scan into cells, give each its tangent plane, and tell the noise that the ranges of a grid show [m]."""
     if scan.grid is not None:
         sensor: Vector3 = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
         cells = grid_cells(scan.points, scan.grid, sensor)
-        width = WIDTH_IN_NOISE * typical_noise(cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0))
-        return cells, cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0, wanted_width_m=width)
+        narrow = cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0)
+        along = range_noise(grid_ranges(scan.points, scan.grid.index, sensor))
+        noise = max(along, typical_noise(cells, narrow, sensor))
+        width = WIDTH_IN_NOISE * noise
+        return cells, cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0, wanted_width_m=width), noise
     size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
     while True:
         if options.voxel_size_m is None:
@@ -117,7 +122,7 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         # scan lines far apart: typical neighbourhoods must be wide enough to hold several of them
         wide = len(widths) > 0 and float(np.median(widths)) > TYPICAL_WIDTH * cells.size_m
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
-            return cells, surfaces
+            return cells, surfaces, 0.0
         size = 1.25 * cells.size_m
 
 

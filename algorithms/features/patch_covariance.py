@@ -18,7 +18,7 @@ LONG_WAVES = 8.0
 """Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part
 of them: their share of the covariance is that of an eighth of the patches. Calibrated on walls and floors seen from
 two set-ups of known pose (tripod scans of a garage and of facades)."""
-SIGNIFICANCE = 1.5
+SIGNIFICANCE = 2.5
 """Standard deviations by which patches must scatter too much before a surface is called wavy. Chosen on those scans."""
 NUMERICAL_STD_M = 1e-9
 """Rounding of coordinates: keeps weights finite on exact data."""

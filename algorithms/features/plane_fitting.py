@@ -20,6 +20,9 @@ PATCHES = 32
 """Aimed number of patches per plane: enough to estimate a variance, large enough to carry long waves."""
 POINTS_PER_PATCH = 4.0
 """Least mean number of points in a patch."""
+STEADY = 50.0
+"""The scatter of a plane counts as so many points in that of each of its patches: variances from few points are weights
+of luck, which cost accuracy and promise too much (with ten, the covariance is a tenth too small)."""
 TRIM = 3.5
 """Points farther than that many standard deviations do not belong to a plane."""
 LEAST_WIDTH = 2.5
@@ -87,9 +90,9 @@ def fit_planes(
     candidates: Array,
     normals: Float64[Array, "k 3"],
     centroids: Float64[Array, "k 3"],
-    noise_std_m: float,
+    noise_std_m: Float64[Array, "k"],
     *,
-    thickness_m: float,
+    thickness_m: Float64[Array, "k"],
     min_points: int,
     rounds: int = 3,
 ) -> tuple[FittedPlanes, Int64[Array, "kept"]]:
@@ -106,9 +109,9 @@ def fit_planes(
     normals, centroids
         Approximate planes; the fitted normals keep their side.
     noise_std_m
-        Approximate standard deviation of points from planes [m].
+        (k,) approximate standard deviation of points from each plane [m].
     thickness_m
-        No point farther from a plane than this belongs to it [m].
+        (k,) no point farther from a plane than this belongs to it [m].
     min_points
         Planes of fewer points are dropped, and those that are hardly wider than their noise.
     rounds
@@ -118,7 +121,7 @@ def fit_planes(
     -------
     The fitted planes, and which of the approximate planes they were.
     """
-    tolerances = np.full(len(normals), thickness_m)
+    tolerances = thickness_m
     sides = normals
     for _ in range(rounds):
         labels, shared = label_points(points, cell_of_point, candidates, normals, centroids, tolerances)
@@ -131,7 +134,7 @@ def fit_planes(
         normals = np.where(enough[:, None], fitted, normals)
         centroids = np.where(enough[:, None], moments[:, 1:4], centroids)
         noise = deviations[:, 2] * np.sqrt(moments[:, 0] / np.maximum(moments[:, 0] - 3.0, 1.0))
-        tolerances = np.clip(TRIM * noise, max(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
+        tolerances = np.clip(TRIM * noise, np.maximum(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
     kept = np.flatnonzero((moments[:, 0] >= min_points) & (deviations[:, 1] > LEAST_WIDTH * deviations[:, 2]))
     planes, flat = _from_points(points, renumber(labels, kept), shared, normals[kept], centroids[kept], bases[kept])
     return planes.select(flat), kept[flat]
@@ -221,8 +224,8 @@ def _adjust_patches(
         n = part[:, 0]
         u, v, r = part[:, 1] / n, part[:, 2] / n, part[:, 3] / n
         within = part[:, 4] - n * r**2
-        # the patch's own scatter, steadied by that of the plane, which counts as ten points
-        variances = (within + 10.0 * noise[p] ** 2) / (n + 9.0) / n + NUMERICAL_STD_M**2
+        # the patch's own scatter, steadied by that of the plane
+        variances = (within + STEADY * noise[p] ** 2) / (n - 1.0 + STEADY) / n + NUMERICAL_STD_M**2
         systems.append((np.stack([-u, -v, np.ones_like(u)], axis=1), r, variances))
     waviness = shrink_variances(
         np.array([estimate_waviness(*system) for system in systems]),

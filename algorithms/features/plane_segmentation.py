@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from algorithms.arrays import Array, Labels, Points, Scalars
+from algorithms.arrays import Array, Labels, Points, Scalars, Vector3
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.plane_curvature import curved_regions
 from algorithms.features.plane_fitting import frames_of_moments
@@ -27,6 +27,14 @@ UNEVENNESS_M = 0.0015
 """Deviation of built surfaces from a plane over some metres (standard deviation; DIN 18202 allows 10 mm over 4 m).
 Without it uneven floors break into pieces that differ from scan to scan; a door leaf 3 cm off its wall stays apart.
 Chosen on tripod scans of a garage and of facades."""
+FACING = 0.7
+"""Least cosine of incidence of surfaces that face the instrument."""
+FEW_FACING = 30
+"""Fewer such neighbourhoods tell nothing; then all count."""
+LEAST_SHARE = 0.5
+"""Least share of the noise of ranges that is expected across a surface, however slanted it is seen."""
+ON_PLANE = 1.2
+"""A region whose points deviate from a larger touching plane by less than so many standard deviations is part of it."""
 CANDIDATES = 6
 """Planes remembered per cell for its points to choose from."""
 
@@ -41,24 +49,52 @@ class PlaneRegions:
     """(k, 3) unit normals; towards the sensor when the cells' normals are."""
     centroids: Float64[Array, "k 3"]
     """(k, 3) [m]."""
+    noise_std_m: Float64[Array, "k"]
+    """(k,) noise of single points across each, as its incidence lets expect [m]."""
 
     def __len__(self) -> int:
         return len(self.normals)
 
 
-def typical_noise(surfaces: CellSurfaces) -> float:
-    """Give the deviation of points across flat tangent planes [m]: the lower quartile, as relief only adds to noise."""
+def typical_noise(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3 | None) -> float:
+    """Give the deviation of points across flat surfaces that face the instrument [m].
+
+    The error of a range shows across a surface with the cosine of the incidence, so surfaces seen at a slant look
+    smoother than the scan is. Of the rest the lower quartile is taken, as relief only adds to noise.
+    """
     flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
+    if sensor_m is not None:
+        rays = cells.means - sensor_m
+        facing = np.einsum("ij,ij->i", rays, surfaces.normals) ** 2 > FACING**2 * np.einsum("ij,ij->i", rays, rays)
+        flat = flat & facing if np.count_nonzero(flat & facing) >= FEW_FACING else flat
     return float(np.quantile(surfaces.residual_std_m[flat], 0.25)) if flat.any() else 0.0
 
 
-def thickness(noise_std_m: float) -> float:
+def noise_across(noise_std_m: float, positions: Points, normals: Points, sensor_m: Vector3 | None) -> Scalars:
+    """Give the noise across surfaces at (n, 3) positions, (n,) [m]: that of the ranges times the cosine of incidence.
+
+    It is never less than `LEAST_SHARE` of it: footprint, circle errors and relief do not shrink with the cosine.
+    """
+    if sensor_m is None:
+        return np.full(len(positions), noise_std_m)
+    rays = positions - sensor_m
+    cosines = np.abs(np.einsum("ij,ij->i", rays, normals)) / np.maximum(np.linalg.norm(rays, axis=1), NUMERICAL_STD_M)
+    return np.asarray(noise_std_m * np.clip(cosines, LEAST_SHARE, 1.0))
+
+
+def thickness(noise_std_m: Scalars) -> Scalars:
     """Give how far points of one plane may lie off it [m]: four standard deviations and the unevenness of buildings."""
-    return float(np.hypot(4.0 * noise_std_m, 3.0 * UNEVENNESS_M))
+    return np.asarray(np.hypot(4.0 * noise_std_m, 3.0 * UNEVENNESS_M))
 
 
 def segment_planes(
-    cells: SurfaceCells, surfaces: CellSurfaces, *, noise_std_m: float, cap: float, min_cells: int
+    cells: SurfaceCells,
+    surfaces: CellSurfaces,
+    *,
+    noise_std_m: float,
+    sensor_m: Vector3 | None,
+    cap: float,
+    min_cells: int,
 ) -> PlaneRegions:
     """Group cells into planes.
 
@@ -67,7 +103,9 @@ def segment_planes(
     cells, surfaces
         The cells and their tangent planes.
     noise_std_m
-        Typical deviation of points from their surface [m]: sets how far a cell may lie off a plane.
+        Deviation of points from surfaces that face the instrument [m]: sets how far a cell may lie off a plane.
+    sensor_m
+        Where the instrument stood; without it the noise is taken for the same at every incidence.
     cap
         Largest weight of one cell in points.
     min_cells
@@ -75,23 +113,24 @@ def segment_planes(
     """
     flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
     normals = np.where(flat[:, None], surfaces.normals, 0.0)
+    noise = noise_across(noise_std_m, cells.means, normals, sensor_m)
     seeds = np.flatnonzero(flat)
     quality = surfaces.residual_std_m[seeds] / surfaces.width_std_m[seeds]
     order = seeds[np.argsort(quality, kind="stable")].astype(np.int32)
     labels, count = grow_regions(
-        order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, thickness(noise_std_m), min_cells
+        order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, thickness(noise), min_cells
     )
     labels = _drop(labels, _curved(cells, labels, count))
-    labels = _merge(cells, labels, noise_std_m, cap)
+    labels = _merge(cells, labels, noise_std_m, sensor_m, cap)
     moments = region_moments(cells.moments, labels, int(labels.max(initial=-1)) + 1, cap)
     _, region_normals, deviations = frames_of_moments(moments)
     region_normals = _orient(region_normals, normals, labels)
-    tolerances = 3.0 * np.maximum(deviations[:, 2], max(noise_std_m, NUMERICAL_STD_M))
+    centroids = np.ascontiguousarray(moments[:, 1:4])
+    noise = noise_across(noise_std_m, centroids, region_normals, sensor_m)
+    tolerances = 3.0 * np.maximum(deviations[:, 2], np.maximum(noise, NUMERICAL_STD_M))
     for _ in range(2):
-        labels = dilate_labels(
-            labels, cells.moments, cells.neighbours, region_normals, np.ascontiguousarray(moments[:, 1:4]), tolerances
-        )
-    return PlaneRegions(labels, region_normals, np.ascontiguousarray(moments[:, 1:4]))
+        labels = dilate_labels(labels, cells.moments, cells.neighbours, region_normals, centroids, tolerances)
+    return PlaneRegions(labels, region_normals, centroids, noise)
 
 
 def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> Array:
@@ -147,7 +186,7 @@ def _curved(cells: SurfaceCells, labels: Labels, count: int) -> Bool[Array, "k"]
     return curved_regions(which, positions, heights, np.ones(len(which)), np.sqrt(3.0) * deviations[:, :2])
 
 
-def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) -> Labels:
+def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Vector3 | None, cap: float) -> Labels:
     """Unite touching regions that are one plane within the noise."""
     count = int(labels.max(initial=-1)) + 1
     if count < 2:
@@ -157,11 +196,12 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) 
     numbers: Array = np.arange(count)
     for _ in range(5):
         _, normals, _ = frames_of_moments(moments)
+        noise = noise_across(noise_std_m, np.ascontiguousarray(moments[:, 1:4]), normals, sensor_m)
         pairs = np.argwhere(np.triu(touch, 1))
         joined = [
             (int(i), int(j))
             for i, j in pairs
-            if _is_one_plane(moments[i], normals[i], moments[j], normals[j], noise_std_m)
+            if _is_one_plane(moments[i], normals[i], moments[j], normals[j], noise[i], noise[j])
         ]
         if not joined:
             break
@@ -176,19 +216,25 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, cap: float) 
     return np.where(labels >= 0, numbers[labels], -1).astype(np.int32)
 
 
-def _is_one_plane(moments_i: Scalars, normal_i: Array, moments_j: Scalars, normal_j: Array, noise_std_m: float) -> bool:
+def _is_one_plane(
+    moments_i: Scalars, normal_i: Array, moments_j: Scalars, normal_j: Array, noise_i: float, noise_j: float
+) -> bool:
     """Test whether the smaller region continues the plane of the larger one.
 
-    Its mean distance from the larger plane and its mean square distance must be explained by the noise: the distance
-    by 1.5 standard deviations of a point and the usual unevenness, the tilt by what raises the smaller region's
-    deviation by half.
+    Either its points deviate from the larger plane hardly more than the noise explains, whatever plane they seem to
+    form by themselves: chance picks tilted pieces out of noise that is wide compared with the distance of points. Or
+    its mean distance and its mean square distance are explained: the distance by 1.5 standard deviations of a point
+    and the usual unevenness, the tilt by what raises the smaller region's deviation by half.
     """
     if moments_i[0] < moments_j[0]:
         moments_i, normal_i, moments_j, normal_j = moments_j, normal_j, moments_i, normal_i
-    if abs(float(normal_i @ normal_j)) < NORMAL_LIMIT:
-        return False
+        noise_i = noise_j
     scatter = moments_j[[4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(3, 3) / moments_j[0]
     distance = abs(float(normal_i @ (moments_j[1:4] - moments_i[1:4])))
-    own = float(np.hypot(np.sqrt(max(normal_j @ scatter @ normal_j, 0.0)), UNEVENNESS_M))
     across = float(np.sqrt(max(normal_i @ scatter @ normal_i, 0.0)))
-    return distance < 1.5 * float(np.hypot(noise_std_m, UNEVENNESS_M)) and across < 1.5 * own
+    if np.hypot(distance, across) < ON_PLANE * noise_i:
+        return True
+    if abs(float(normal_i @ normal_j)) < NORMAL_LIMIT:
+        return False
+    own = float(np.hypot(np.sqrt(max(normal_j @ scatter @ normal_j, 0.0)), UNEVENNESS_M))
+    return distance < 1.5 * float(np.hypot(noise_i, UNEVENNESS_M)) and across < 1.5 * own

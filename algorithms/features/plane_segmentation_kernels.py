@@ -15,14 +15,14 @@ def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
     neighbours: Array,
     cap: float,
     cos_limit: float,
-    distance_limit: float,
+    distance_limits: Array,
     min_cells: int,
 ) -> tuple[Array, int]:
     """Grow regions of cells that lie on one plane, in the given order of seeds.
 
-    A cell joins when its normal agrees with the region's plane and its mean lies on it; the plane is fitted anew
-    whenever the region has grown by a quarter. Regions below `min_cells` are dissolved. Returns labels and the number
-    of regions.
+    A cell joins when its normal agrees with the region's plane and its mean lies on it within the cell's limit; the
+    plane is fitted anew whenever the region has grown by a quarter. Regions below `min_cells` are dissolved. Returns
+    labels and the number of regions.
     """
     m = moments.shape[0]
     labels = np.full(m, -1, dtype=np.int32)
@@ -83,7 +83,7 @@ def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
                 if abs(dot) < cos_limit:
                     continue
                 gap = (moments[other, 1] - ox) * nx + (moments[other, 2] - oy) * ny + (moments[other, 3] - oz) * nz - d
-                if abs(gap) > distance_limit:
+                if abs(gap) > distance_limits[other]:
                     continue
                 labels[other] = count
                 stack[top] = other
