@@ -43,6 +43,8 @@ TURNED_AXES = RigidTransform.from_rotation(Rotation.from_euler("y", 0.25 * np.pi
 
 PluckerRows = Float64[Array, "n 6"]
 """n lines (d, L0) in Plücker coordinates."""
+Parameters = Float64[Array, "6"]
+"""ω, φ, κ [rad] and tx, ty, tz [m], or something of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +52,7 @@ class PluckerSolution:
     """The adjustment as the dissertation prints it, from n pairs of lines."""
 
     target_from_source: RigidTransform
-    unknowns: Vector
-    """(6,) ω, φ, κ [rad] and t [m]."""
+    unknowns: Parameters
     design: Matrix
     """(6n, 6) A, derivatives by (ω, φ, κ, tx, ty, tz)."""
     pose_design: Matrix
@@ -68,7 +69,7 @@ class PluckerSolution:
     converged: bool
 
     @property
-    def parameter_std(self) -> Vector:
+    def parameter_std(self) -> Parameters:
         """(6,) its standard deviations of ω, φ, κ [rad] and t [m], s0 √q."""
         return np.asarray((self.sigma0 or 0.0) * np.sqrt(np.diag(self.cofactors)))
 
@@ -218,11 +219,11 @@ def _remarks(solution: PluckerSolution) -> tuple[str, ...]:
     return (f"not settled after {solution.iterations} rounds (last step {solution.last_step:.1e})",)
 
 
-def _pose(unknowns: Vector) -> RigidTransform:
+def _pose(unknowns: Parameters) -> RigidTransform:
     return RigidTransform.from_components(unknowns[3:], rotation_from_angles(*unknowns[:3]))
 
 
-def _linearised(target: PluckerRows, source: PluckerRows, unknowns: Vector) -> tuple[Matrix, Vector, Matrix]:
+def _linearised(target: PluckerRows, source: PluckerRows, unknowns: Parameters) -> tuple[Matrix, Vector, Matrix]:
     """Give A by (ω, φ, κ, t), l = L2 - H L1 (4.58, 4.65), and the design by (rotation vector, t).
 
     Of f = (R d, t x R d + R L0): δf = (w x R d, t x (w x R d) + w x R L0 + δt x R d), and w = W (dω, dφ, dκ). In
@@ -240,7 +241,7 @@ def _linearised(target: PluckerRows, source: PluckerRows, unknowns: Vector) -> t
     return pose_design @ _rates(unknowns), (target - moved).ravel(), pose_design
 
 
-def _rates(unknowns: Vector) -> Matrix6:
+def _rates(unknowns: Parameters) -> Matrix6:
     """Give the derivatives of (rotation vector, t) by (ω, φ, κ, t)."""
     rates = np.eye(6)
     rates[:3, :3] = rotation_vector_rates(float(unknowns[0]), float(unknowns[1]))
