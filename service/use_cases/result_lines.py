@@ -10,6 +10,7 @@ from algorithms.arrays import Colors, Points, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines
 from schemas.registration_result import Pair, Station
+from service.formats.dxf_lines_writer import LineLayer, dxf_lines
 from service.formats.ply_edges_writer import ply_edges
 from service.use_cases.run_lines_report import line_name
 
@@ -114,3 +115,14 @@ def lines_ply(parts: Sequence[StationLines]) -> bytes:
     ends = np.vstack([np.empty((0, 3)), *(part.ends for part in parts)])
     colors = np.vstack([np.empty((0, 3), dtype=np.uint8), *(part.colors for part in parts)])
     return ply_edges(starts, ends, colors)
+
+
+def lines_dxf(parts: Sequence[StationLines]) -> bytes:
+    """Write the lines of several stations as a drawing, one layer for each station and state."""
+    layers = []
+    for part in parts:
+        for state, color in COLORS.items():
+            which = np.array([each == state for each in part.states], dtype=bool)
+            if which.any():
+                layers.append(LineLayer(f"{part.station} {state}", color, part.starts[which], part.ends[which]))
+    return dxf_lines(layers)

@@ -26,7 +26,7 @@ from service.use_cases.comparison_documents import comparison_documents
 from service.use_cases.feature_store import load_features
 from service.use_cases.pose_documents import fixed_pose_document, pose_document
 from service.use_cases.report_page import report_page
-from service.use_cases.result_lines import ScanLines, lines_ply, registered_lines
+from service.use_cases.result_lines import ScanLines, lines_dxf, lines_ply, registered_lines
 from service.use_cases.result_tables_csv import correspondences_csv, poses_csv
 from service.use_cases.run_features import SEED
 from service.use_cases.run_lines_report import software
@@ -161,16 +161,18 @@ def _downloads(
     stations: Sequence[Station], pairs: Sequence[Pair], scans: Mapping[str, ScanLines]
 ) -> dict[str, tuple[str, bytes]]:
     """Make the downloads beside the result itself: media type and content by name."""
+    lines = registered_lines(stations, scans, pairs)
     files = {
         "poses.csv": ("text/csv", poses_csv(stations).encode()),
         "correspondences.csv": ("text/csv", correspondences_csv(pairs).encode()),
-        "lines.ply": ("application/octet-stream", lines_ply(registered_lines(stations, scans, pairs))),
+        "lines.ply": ("application/octet-stream", lines_ply(lines)),
+        "lines.dxf": ("image/vnd.dxf", lines_dxf(lines)),
         "pairs.json": ("application/json", json.dumps([pair.model_dump(by_alias=True) for pair in pairs]).encode()),
     }
     for station in stations:
         if station.world_from_scan is not None:
-            lines = [" ".join(repr(v) for v in row) for row in station.world_from_scan.matrix]
-            files[f"{station.name}.txt"] = ("text/plain", ("\n".join(lines) + "\n").encode())
+            rows = [" ".join(repr(v) for v in row) for row in station.world_from_scan.matrix]
+            files[f"{station.name}.txt"] = ("text/plain", ("\n".join(rows) + "\n").encode())
     return files
 
 
