@@ -4,6 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from line_scenes import (
+    LINE_SCENES,
+    LineScene,
+    ObservedPair,
+    generic_lines,
+    observed_pair,
+    one_line_shifted,
+    pose_error,
+    random_motion,
+)
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.alshawa import adjust_alshawa
@@ -16,16 +26,6 @@ from algorithms.geometry.angles import rotation_from_angles
 from algorithms.geometry.line_motion import lines_about, moved_lines
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.plucker import plucker_coordinates, plucker_motion
-from tests.line_scenes import (
-    LINE_SCENES,
-    LineScene,
-    ObservedPair,
-    generic_lines,
-    observed_pair,
-    one_line_shifted,
-    pose_error,
-    random_motion,
-)
 
 EXACT = 1e-10  # rad and m: rounding of coordinates of ten metres, times what two steps add
 estimators = pytest.mark.parametrize("estimate", [adjust_plucker, adjust_alshawa], ids=["lichtenstein", "alshawa"])
