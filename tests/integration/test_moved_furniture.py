@@ -4,7 +4,7 @@ import pytest
 from moved_furniture import outcome_of, register, simulate
 
 
-@pytest.mark.parametrize("piece", ["fridge", "wardrobe in the south-west room"])
+@pytest.mark.parametrize("piece", ["door leaf", "fridge"])
 def test_a_piece_moved_between_the_scans_is_named_and_left_out_and_nothing_else(piece: str) -> None:
     furniture = simulate(piece, seed=1)
     outcome = outcome_of(furniture, register(furniture))
