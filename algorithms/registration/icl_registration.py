@@ -33,17 +33,48 @@ def register_by_closest_lines(problem: RegistrationProblem, method: IclMethod, p
     """
 
     def propose(problem: RegistrationProblem, search: CoarseRegistration) -> Proposal:
-        start = search.target_from_source if method.start is IclStart.MATCHING else _identity_of_files(problem)
-        return _settled(problem, start, method)
+        return closest_lines(problem, start_of(problem, method.start, search.target_from_source), method)
 
     procedure = OwnProcedure(LABEL, method.matching, method.adjustment, propose, adjust_alshawa)
     return register_own_way(problem, procedure, progress)
 
 
-def _settled(problem: RegistrationProblem, start: RigidTransform, method: IclMethod) -> Proposal:
+def start_of(problem: RegistrationProblem, start: IclStart, found: RigidTransform) -> RigidTransform:
+    """Give the pose between the reduced frames to start from.
+
+    Parameters
+    ----------
+    problem
+        Both scans.
+    start
+        Which start is wanted.
+    found
+        The search's answer.
+    """
+    if start is IclStart.MATCHING:
+        return found
+    identity = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
+    return identity.moved_to_origins(-problem.target.origin_m, -problem.source.origin_m).target_from_source
+
+
+def closest_lines(problem: RegistrationProblem, start: RigidTransform, method: IclMethod) -> Proposal:
     """Take each source line for its closest target line (each the other's), estimate, and so on.
 
     The limits narrow whenever the correspondences stay the same, down to the final ones.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    start
+        Pose between the reduced frames.
+    method
+        Limits.
+
+    Raises
+    ------
+    TooFewCorrespondencesError
+        When fewer than two lines are close.
     """
     pose, last = start, np.empty((0, 2), dtype=np.int64)
     angle, distance = method.max_angle_rad, method.max_distance_m
@@ -57,9 +88,3 @@ def _settled(problem: RegistrationProblem, start: RigidTransform, method: IclMet
             continue
         pose, last = estimated(problem, adjust_alshawa, lines, pose).pose.target_from_source, lines
     return Proposal(last, pose, settled=False)
-
-
-def _identity_of_files(problem: RegistrationProblem) -> RigidTransform:
-    """Give the pose between the reduced frames of scans whose files share one frame."""
-    identity = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
-    return identity.moved_to_origins(-problem.target.origin_m, -problem.source.origin_m).target_from_source

@@ -13,6 +13,7 @@ from algorithms.arrays import Array, IndexPairs, OtherIndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
+from algorithms.matching.surface_fit import surface_pose_near
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict, judge
 from algorithms.quality.overlap import verify_pose
@@ -205,23 +206,41 @@ def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fi
     Compared is where the matched features come to lie; the surfaces' pose is known by itself to about the noise of
     single points.
     """
-    target, adjustment = problem.target, fine.adjustment
-    pose = adjustment.pose_a_posteriori
+    pose = fine.adjustment.pose_a_posteriori
+    found = _misfit(problem, fine, coarse.target_from_source)
+    if found is not None:
+        own = pose.target_from_source
+        found = _misfit(
+            problem, fine, surface_pose_near(problem.target, problem.source, own, coarse.target_from_source)
+        )
+    if found is None:
+        return []
+    shift, std = found
+    return [
+        (
+            f"lines and planes shift the scan by up to {shift * 1e3:.0f} mm from the best fit of the surfaces, more "
+            f"than the standard deviation of {std * 1e3:.0f} mm there explains"
+        )
+    ]
+
+
+def _misfit(
+    problem: RegistrationProblem, fine: FineRegistration, surface_pose: RigidTransform
+) -> tuple[float, float] | None:
+    """Give the worst shift [m] of a matched feature from where the surfaces have it, and its standard deviation [m].
+
+    None where all are within what standard deviations and noise allow.
+    """
+    target, pose = problem.target, fine.adjustment.pose_a_posteriori
     points = np.vstack([target.lines.anchors[fine.lines[:, 0]], target.planes.centroids[fine.planes[:, 0]]])
-    shifts = coarse.target_from_source.apply(pose.target_from_source.inv().apply(points)) - points
+    shifts = surface_pose.apply(pose.target_from_source.inv().apply(points)) - points
     stds = np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
     allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
     excess = (np.abs(shifts) - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
     worst = int(np.argmax(excess))
     if excess[worst] <= 0.0:
-        return []
-    return [
-        (
-            f"lines and planes shift the scan by up to {np.linalg.norm(shifts[worst]) * 1e3:.0f} mm from the best fit "
-            f"of the surfaces, more than the standard deviation of {np.linalg.norm(stds[worst]) * 1e3:.0f} mm there "
-            "explains"
-        )
-    ]
+        return None
+    return float(np.linalg.norm(shifts[worst])), float(np.linalg.norm(stds[worst]))
 
 
 def _remarks(adjustment: LineAdjustment) -> list[str]:
