@@ -1,0 +1,264 @@
+"""Straight lines through edge points, in ideal pixels, with their covariance.
+
+Edge points are found in the photo as taken; only they, not the photo, are freed from lens distortion. The line is
+fitted to them where lines are straight.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from algorithms.arrays import Array, Flags, Indices, Scalars, Vectors2
+from algorithms.geometry.cameras import Camera
+from algorithms.photos.edge_profile import EdgePoints, Patches
+
+PATCH_PX = 8.0
+"""Length along the edge of the patches of which each gives one edge point [px]."""
+REACH = 3.0
+"""Points off the line by more robust standard deviations lose weight (Huber)."""
+PRIOR_FREEDOMS = 10.0
+"""Weight of what all edges of the photo say of the noise against the residuals of the single edge."""
+LARGEST_CORRELATION = 0.6
+LEAST_FREEDOMS = 5.0
+"""Patches with fewer degrees of freedom say nothing of the noise."""
+MEDIAN_OF_SQUARE = 0.4549
+"""Median of chi-square with one degree of freedom."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLines:
+    """n straight pieces of edges in ideal pixels while they are being measured."""
+
+    centres: Vectors2
+    """(n, 2) [px]."""
+    directions: Vectors2
+    """(n, 2) unit directions."""
+    extents: Vectors2
+    """(n, 2) start and end along the direction [px]."""
+    widths: Scalars
+    """(n,) width of the profile across the edge [px]."""
+    half_widths: Scalars
+    """(n,) distance from the edge within which grey values count [px]."""
+
+    def __len__(self) -> int:
+        return len(self.centres)
+
+    def __getitem__(self, chosen: Indices | Flags) -> "EdgeLines":
+        return EdgeLines(
+            self.centres[chosen],
+            self.directions[chosen],
+            self.extents[chosen],
+            self.widths[chosen],
+            self.half_widths[chosen],
+        )
+
+    @property
+    def normals(self) -> Vectors2:
+        """(n, 2) unit normals (-d_y, d_x)."""
+        return np.column_stack([-self.directions[:, 1], self.directions[:, 0]])
+
+    @property
+    def lengths(self) -> Scalars:
+        """(n,) [px]."""
+        return np.asarray(self.extents[:, 1] - self.extents[:, 0])
+
+    def turned(self, which: Flags) -> "EdgeLines":
+        """Reverse the direction of some lines."""
+        sign = np.where(which, -1.0, 1.0)[:, None]
+        extents = np.where(which[:, None], -self.extents[:, ::-1], self.extents)
+        return replace(self, directions=self.directions * sign, extents=extents)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPatches:
+    """Patches on lines, and how they lie on them."""
+
+    patches: Patches
+    positions: Scalars
+    """(m,) place along the line in ideal pixels, from its centre."""
+    gains: Scalars
+    """(m,) ideal pixels across the line for a shift of one pixel in the photo."""
+
+
+@dataclass(frozen=True, eq=False)
+class LineFit:
+    """Corrections of lines from edge points, and what remains."""
+
+    angles: Scalars
+    """(n,) rotation of the direction [rad]."""
+    offsets: Scalars
+    """(n,) shift across the line at its centre [px]."""
+    pivots: Scalars
+    """(n,) place along the line where angle and offset are uncorrelated [px]."""
+    covariances: Float64[Array, "n 2 2"]
+    """(n, 2, 2) covariance of (angle, offset) at the pivot."""
+    point_counts: Indices
+    """(n,) number of edge points with weight."""
+
+
+def ideal_from_image(image: Vectors2, camera: Camera | None) -> Vectors2:
+    """Free points of the photo from lens distortion; without a camera there is none."""
+    return image if camera is None else camera.ideal_from_image(image)
+
+
+def image_from_ideal(ideal: Vectors2, camera: Camera | None) -> Vectors2:
+    """Give the places in the photo of ideal points; without a camera they are the same."""
+    return ideal if camera is None else camera.image_from_ideal(ideal)
+
+
+def lines_between(ends: Float64[Array, "n 2 2"], width: float, half_width: float) -> EdgeLines:
+    """Make lines of start and end points in ideal pixels."""
+    along = ends[:, 1] - ends[:, 0]
+    lengths = np.linalg.norm(along, axis=1)
+    half = 0.5 * lengths
+    return EdgeLines(
+        centres=ends.mean(axis=1),
+        directions=along / lengths[:, None],
+        extents=np.column_stack([-half, half]),
+        widths=np.full(len(ends), width),
+        half_widths=np.full(len(ends), half_width),
+    )
+
+
+def place_patches(lines: EdgeLines, camera: Camera | None, length_px: float = PATCH_PX) -> PlacedPatches:
+    """Cover every line with patches of about `length_px`, two or more, without gaps."""
+    counts = np.maximum(2, np.rint(lines.lengths / length_px).astype(np.int64))
+    owners = np.repeat(np.arange(len(lines)), counts)
+    rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
+    lengths = (lines.lengths / counts)[owners]
+    return patches_at(lines, owners, lines.extents[owners, 0] + (rank + 0.5) * lengths, lengths, camera)
+
+
+def patches_at(
+    lines: EdgeLines, owners: Indices, positions: Scalars, lengths: Scalars, camera: Camera | None
+) -> PlacedPatches:
+    """Put patches of given lengths at given places of lines into the photo."""
+    directions, normals = lines.directions[owners], lines.normals[owners]
+    ideal = lines.centres[owners] + positions[:, None] * directions
+    if camera is None or not camera.distorts:
+        centres, raw_normals = ideal, normals
+        stretch = gains = np.ones(len(owners))
+    else:
+        centres = camera.image_from_ideal(ideal)
+        jacobians = camera.image_jacobians(ideal)
+        tangents = np.einsum("mij,mj->mi", jacobians, directions)
+        stretch = np.linalg.norm(tangents, axis=1)
+        tangents /= stretch[:, None]
+        raw_normals = np.column_stack([-tangents[:, 1], tangents[:, 0]])
+        # n' J N = 1 / gain, because J maps the line's own direction to the tangent
+        gains = 1.0 / np.einsum("mi,mij,mj->m", raw_normals, jacobians, normals)
+    return PlacedPatches(
+        patches=Patches(centres, raw_normals, 0.5 * lengths * stretch, owners, len(lines)),
+        positions=positions,
+        gains=gains,
+    )
+
+
+def _group_medians(values: Scalars, owners: Indices, flags: Flags, count: int) -> Scalars:
+    """Give the median of the flagged values of each group, 0 where there are none."""
+    values, owners = values[flags], owners[flags]
+    order = np.lexsort((values, owners))
+    values, owners = values[order], owners[order]
+    numbers = np.bincount(owners, minlength=count)
+    first = np.cumsum(numbers) - numbers
+    low, high = first + np.maximum(numbers - 1, 0) // 2, first + numbers // 2
+    padded = np.append(values, 0.0)
+    last = len(values)
+    medians = 0.5 * (padded[np.minimum(low, last)] + padded[np.minimum(high, last)])
+    return np.where(numbers > 0, medians, 0.0)
+
+
+def noise_variances(points: EdgePoints, owners: Indices, count: int) -> Scalars:
+    """Give the variance of single grey values about the fitted profiles of each edge, (n,).
+
+    The median over its patches: where the edge ends or is crossed the grey values differ from the profile for other
+    reasons.
+    """
+    seen = points.freedoms >= LEAST_FREEDOMS
+    freedoms = np.where(seen, points.freedoms, 1.0)
+    # the median of chi-square lies below its mean (Wilson and Hilferty)
+    variances = points.squares / freedoms / (1.0 - 2.0 / (9.0 * freedoms)) ** 3
+    # a photo is rounded to whole grey levels
+    return np.maximum(_group_medians(variances, owners, seen, count), 1.0 / 12.0)
+
+
+def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -> LineFit:
+    """Fit every line to its edge points by weighted least squares, robust against single points (Huber).
+
+    v_k = offset + s_k angle, weights from the profile fits. The covariance (Jᵀ P J)⁻¹ is scaled by the variance factor
+    that the residuals along the edge show, which contains what the model of independent noise misses: correlation of
+    neighbouring pixels, texture, edges that are not quite straight. The factor of a short edge is uncertain; it is
+    drawn to that of the photo as a whole (`PRIOR_FREEDOMS`). Correlation between neighbouring patches, taken from all
+    edges of the photo, enlarges it by 1 + 2 ρ.
+    """
+    owners, count = placed.patches.owners, placed.patches.edge_count
+    across = placed.gains * np.clip(points.shifts, -largest_shift, largest_shift)
+    weights = points.information / placed.gains**2 / noise_variances(points, owners, count)[owners]
+    seen = weights > 0.0
+    robust = np.ones(len(owners))
+    for _ in range(4):
+        angles, offsets, pivots, covariances = _solve(placed.positions, across, weights * robust, owners, count)
+        residuals = across - offsets[owners] - (placed.positions - pivots[owners]) * angles[owners]
+        normalised = residuals * np.sqrt(weights)
+        scale = np.sqrt(_group_medians(normalised**2, owners, seen, count) / MEDIAN_OF_SQUARE)
+        limit = REACH * np.maximum(scale, 1.0)[owners]
+        robust = np.minimum(1.0, limit / np.maximum(np.abs(normalised), 1e-12))
+    squares = np.bincount(owners, robust * normalised**2, count)
+    numbers = np.bincount(owners[seen], minlength=count)
+    factors = variance_factors(squares, np.maximum(numbers - 2.0, 0.0))
+    factors *= 1.0 + 2.0 * neighbour_correlation(normalised * np.sqrt(robust), owners, seen)
+    return LineFit(
+        angles=angles,
+        offsets=offsets,
+        pivots=pivots,
+        covariances=covariances * factors[:, None, None],
+        point_counts=numbers,
+    )
+
+
+def _solve(
+    positions: Scalars, across: Scalars, weights: Scalars, owners: Indices, count: int
+) -> tuple[Scalars, Scalars, Scalars, Array]:
+    """Solve for angle and offset of every line about its weighted centre (the pivot)."""
+    total = np.maximum(np.bincount(owners, weights, count), 1e-300)
+    pivots = np.bincount(owners, weights * positions, count) / total
+    lever = positions - pivots[owners]
+    moment = np.maximum(np.bincount(owners, weights * lever**2, count), 1e-300)
+    offsets = np.bincount(owners, weights * across, count) / total
+    angles = np.bincount(owners, weights * lever * across, count) / moment
+    covariances = np.zeros((count, 2, 2))
+    covariances[:, 0, 0], covariances[:, 1, 1] = 1.0 / moment, 1.0 / total
+    return angles, offsets, pivots, covariances
+
+
+def variance_factors(squares: Scalars, freedoms: Scalars) -> Scalars:
+    """Mix the variance factor of each edge with that of all edges of the photo, at least 1/2."""
+    enough = freedoms >= 2.0
+    common = 1.0
+    if enough.any():
+        # medians of chi-square / freedoms lie below 1 (Wilson and Hilferty)
+        typical = squares[enough] / freedoms[enough] / (1.0 - 2.0 / (9.0 * freedoms[enough])) ** 3
+        sure = float(enough.sum())
+        common = (PRIOR_FREEDOMS + sure * float(np.median(typical))) / (PRIOR_FREEDOMS + sure)
+    return np.asarray(
+        np.maximum(0.5, (PRIOR_FREEDOMS * common + squares) / (PRIOR_FREEDOMS + freedoms)), dtype=np.float64
+    )
+
+
+def neighbour_correlation(normalised: Scalars, owners: Indices, seen: Flags) -> float:
+    """Estimate the correlation of edge points of neighbouring patches from all edges, from 0 to 0.6."""
+    pair = (owners[1:] == owners[:-1]) & seen[1:] & seen[:-1]
+    if np.count_nonzero(pair) < 30:
+        return 0.0
+    products = normalised[1:][pair] * normalised[:-1][pair]
+    square = 0.5 * (normalised[1:][pair] ** 2 + normalised[:-1][pair] ** 2)
+    return float(np.clip(products.sum() / max(float(square.sum()), 1e-300), 0.0, LARGEST_CORRELATION))
+
+
+def moved(lines: EdgeLines, fit: LineFit) -> EdgeLines:
+    """Apply the corrections; the new centres are the pivots."""
+    centres = lines.centres + fit.pivots[:, None] * lines.directions + fit.offsets[:, None] * lines.normals
+    angle = np.clip(fit.angles, -0.2, 0.2)
+    directions = np.cos(angle)[:, None] * lines.directions + np.sin(angle)[:, None] * lines.normals
+    return replace(lines, centres=centres, directions=directions, extents=lines.extents - fit.pivots[:, None])

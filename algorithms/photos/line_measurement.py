@@ -1,0 +1,164 @@
+"""From first straight pieces to measured lines: the same for every detector."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from algorithms.arrays import Array, Flags, Indices
+from algorithms.geometry.cameras import Camera
+from algorithms.photos.edge_profile import (
+    LARGEST_WIDTH_PX,
+    LEAST_WIDTH_PX,
+    EdgePoints,
+    clear_half_widths,
+    locate,
+)
+from algorithms.photos.images import GreyImage, noise_std
+from algorithms.photos.line_fit import (
+    EdgeLines,
+    LineFit,
+    fit_lines,
+    ideal_from_image,
+    image_from_ideal,
+    lines_between,
+    moved,
+    noise_variances,
+    place_patches,
+)
+from algorithms.photos.line_merging import merge_collinear, without_doubles
+from algorithms.photos.options import EdgeOptions
+from algorithms.photos.segment_tracking import walk_along
+from algorithms.photos.segments import ImageSegments, longest_first, no_segments
+
+FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX = 1.0, 3.5
+"""Profile with which a piece is first brought onto its edge [px]."""
+LEAST_HALF_WIDTH_PX = 2.5
+"""Grey values count at least so far from the edge [px]."""
+WIDE, BESIDE_PX = 3.0, 2.0
+"""They count to so many widths of the profile and so many pixels of the levels beside it."""
+GAUSSIAN_OF_ARCTAN = 0.85
+"""Standard deviation of the Gaussian whose slope is as wide at half height as an arctan's of width 1: 2 / 2.355."""
+LARGEST_STEP_PX = 2.0
+LARGEST_OFFSET_STD_PX = 0.5
+LEAST_SIGNIFICANCE = 6.0
+"""Contrast in its standard deviations."""
+LARGEST_LAST_TURN_RAD = float(np.deg2rad(0.5))
+"""The last step turns no line by more, or the fit has not settled."""
+SHORTEST_PX = 4.0
+"""Shorter first pieces have no direction [px]."""
+FURTHEST_PX = 3.0
+"""A line that moves further from its first piece has lost its edge [px]."""
+ROUNDS_BEFORE, ROUNDS_AFTER = 2, 3
+"""Steps of the fit before and after the lines are joined and followed."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One step of the fit of all lines."""
+
+    lines: EdgeLines
+    """The corrected lines."""
+    fit: LineFit
+    points: EdgePoints
+    owners: Indices
+    """(m,) line of each edge point."""
+
+
+def _step(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions) -> _Step:
+    """Measure all lines once and correct their place and width."""
+    placed = place_patches(lines, camera)
+    points = locate(grey, placed.patches, lines.widths, lines.half_widths, options.localisation)
+    fit = fit_lines(placed, points, LARGEST_STEP_PX)
+    widening = np.clip(points.widening, -0.4 * lines.widths, 0.4 * lines.widths)
+    widths = np.clip(lines.widths + widening, LEAST_WIDTH_PX, LARGEST_WIDTH_PX)
+    return _Step(replace(moved(lines, fit), widths=widths), fit, points, placed.patches.owners)
+
+
+def _brighter_side_first(grey: GreyImage, lines: EdgeLines, camera: Camera | None) -> EdgeLines:
+    """Turn lines so that their normals point to the brighter side."""
+    placed = place_patches(lines, camera)
+    points = locate(grey, placed.patches, lines.widths, lines.half_widths, "gaussian")
+    return lines.turned(points.edge_contrasts < 0.0)
+
+
+def _with_clear_sides(grey: GreyImage, lines: EdgeLines, camera: Camera | None, noise: float) -> EdgeLines:
+    """Choose how far from each edge grey values count, from its width and its neighbours."""
+    clear = clear_half_widths(grey, place_patches(lines, camera).patches, noise, LEAST_HALF_WIDTH_PX)
+    return replace(lines, half_widths=np.minimum(clear, WIDE * lines.widths + BESIDE_PX))
+
+
+def _still_there(before: EdgeLines, after: EdgeLines, fit: LineFit) -> Flags:
+    """Tell which lines have edge points at all and stayed near the pieces they came from."""
+    relative = after.centres - before.centres
+    across = np.abs(np.sum(relative * before.normals, axis=1))
+    turn = np.abs(np.sum(after.directions * before.normals, axis=1))
+    return np.asarray((fit.point_counts >= 2) & (across + 0.5 * turn * before.lengths < FURTHEST_PX))
+
+
+def measure_lines(
+    grey: GreyImage, pieces: Float64[Array, "n 4"], camera: Camera | None, options: EdgeOptions
+) -> ImageSegments:
+    """Measure the straight edges on which first pieces lie.
+
+    Pieces are brought onto their edges by the profile fit, joined where they continue each other, followed to their
+    ends, joined again, and fitted.
+
+    Parameters
+    ----------
+    pieces
+        (n, 4) x and y of both ends in the photo as taken [px].
+    """
+    pieces = pieces[np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1]) >= SHORTEST_PX]
+    if len(pieces) == 0:
+        return no_segments()
+    noise = noise_std(grey)
+    limit = np.array([grey.shape[1], grey.shape[0]]) - 1.0
+    ends = ideal_from_image(np.clip(pieces.reshape(-1, 2), 0.0, limit), camera).reshape(-1, 2, 2)
+    lines = _brighter_side_first(grey, lines_between(ends, FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX), camera)
+    start = lines
+    for _ in range(ROUNDS_BEFORE):
+        step = _step(grey, lines, camera, options)
+        there = _still_there(start, step.lines, step.fit)
+        lines, start = step.lines[there], start[there]
+    lines = merge_collinear(lines, options.max_gap_px)
+    lines = _with_clear_sides(grey, lines, camera, noise)
+    lines = walk_along(grey, lines, camera, options)
+    lines = merge_collinear(lines, options.max_gap_px)
+    lines = without_doubles(lines)
+    lines = lines[lines.lengths >= options.min_length_px]
+    if len(lines) == 0:
+        return no_segments()
+    for _ in range(ROUNDS_AFTER):
+        step = _step(grey, lines, camera, options)
+        lines = step.lines
+    return _accepted(grey, step, camera, options)
+
+
+def _accepted(grey: GreyImage, step: _Step, camera: Camera | None, options: EdgeOptions) -> ImageSegments:
+    """Keep the lines that are edges beyond doubt, the longest first."""
+    lines, fit, points = step.lines, step.fit, step.points
+    count = len(lines)
+    doubt = np.bincount(step.owners, points.contrast_variances, count) / np.bincount(step.owners, minlength=count) ** 2
+    significance = points.edge_contrasts / np.sqrt(doubt * noise_variances(points, step.owners, count))
+    good = (
+        (fit.point_counts >= 2)
+        & (points.edge_contrasts >= options.min_contrast)
+        & (significance >= LEAST_SIGNIFICANCE)
+        & (fit.covariances[:, 1, 1] < LARGEST_OFFSET_STD_PX**2)
+        & (np.abs(fit.angles) < LARGEST_LAST_TURN_RAD)
+    )
+    chosen = lines[good]
+    ends = chosen.centres[:, None] + chosen.extents[:, :, None] * chosen.directions[:, None]
+    scale = GAUSSIAN_OF_ARCTAN if options.localisation == "arctan" else 1.0
+    segments = ImageSegments(
+        centres=chosen.centres,
+        directions=chosen.directions,
+        extents=chosen.extents,
+        covariances=fit.covariances[good],
+        contrasts=points.edge_contrasts[good],
+        widths_px=scale * chosen.widths,
+        point_counts=fit.point_counts[good],
+        raw_ends=image_from_ideal(ends.reshape(-1, 2), camera).reshape(-1, 2, 2),
+    )
+    return longest_first(segments)[: options.max_segments]
