@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.external_reliability import component_effects
@@ -164,7 +163,12 @@ def adjust_lines(
     reduced_start = RigidTransform.from_components(
         np.asarray(start.translation) - (origins.target_m - start.rotation.apply(origins.source_m)), start.rotation
     )
-    rules = SnoopingRules(options.alpha_single, options.max_removed_share, options.robust_variance)
+    rules = SnoopingRules(
+        options.alpha_single,
+        options.max_removed_share,
+        options.robust_variance,
+        options.power if options.b_method else None,
+    )
     adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
     result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust, doubted)
     solution, used = result.solution, problem.selected(result.used)
@@ -195,7 +199,7 @@ def adjust_lines(
         global_test=global_test(solution.omega, solution.redundancy, options.alpha_global),
         w_critical=normal_critical_value(options.alpha_single),
         tau_critical=tau_critical_value(options.alpha_single, solution.redundancy),
-        t_critical=float(stats.chi2.isf(options.alpha_single, 4)),
+        t_critical=rules.limit(4.0),
         test_variance_factor=result.variance_factor,
         lines=replace(of_lines, middles_m=of_lines.middles_m + origins.target_m),
         planes=of_planes,

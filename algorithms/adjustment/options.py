@@ -16,6 +16,9 @@ class AdjustmentOptions:
     """Probability that a good correspondence fails its test."""
     power: Annotated[float, Gt(0.0), Lt(1.0)] = 0.80
     """Probability with which an error of the smallest detectable size is found."""
+    b_method: bool = False
+    """Test whole lines and planes with Baarda's B-method: as sensitive as tests of single components, at the price of
+    more good ones that fail (0.9 % of lines at the defaults)."""
     max_removed_share: Annotated[float, Ge(0.0), Le(0.9)] = 0.5
     """Largest share of the correspondences that may be removed; 0 tests without removing."""
     max_iterations: Annotated[int, Ge(1), Le(1000)] = 20

@@ -234,6 +234,8 @@ def _tested(
     nothing_seen = (redundancy < NOT_CONTROLLED).all(axis=1) | (degrees == 0)
     std = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
     limits = np.array([np.inf] + [b_method_limit(k, options.alpha_single, options.power).critical for k in range(1, 7)])
+    at_level = np.where(degrees > 0, stats.chi2.isf(options.alpha_single, np.maximum(degrees, 1.0)), np.inf)
+    by_b_method = limits[degrees.astype(np.int64)]
     return {
         "states": _states(result, rows, nothing_seen),
         "angles_rad": np.arctan(np.linalg.norm(residuals[:, :2], axis=1)),
@@ -247,8 +249,8 @@ def _tested(
         "global_effects": spread(effects.global_, 0.0),
         "statistics": result.tests.statistics[rows],
         "degrees": degrees,
-        "critical": np.where(degrees > 0, stats.chi2.isf(options.alpha_single, np.maximum(degrees, 1.0)), np.inf),
-        "critical_b_method": limits[degrees.astype(np.int64)],
+        "critical": by_b_method if options.b_method else at_level,
+        "critical_b_method": by_b_method,
         "p_values": result.tests.p_values[rows],
     }
 

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy import stats
 
+from algorithms.adjustment.critical_values import b_method_limit
 from algorithms.adjustment.gross_errors import GrossErrorSearch, Partner, Plane
 from algorithms.adjustment.problem import AnyProblem, LinearSystem, Problem
 from algorithms.adjustment.solver import Solution
@@ -89,6 +90,16 @@ class SnoopingRules:
     """No more than this share of the correspondences is removed; 0 tests without removing."""
     robust_variance: bool = False
     """Whether tests allow for a variance factor estimated robustly from all correspondences."""
+    b_method_power: float | None = None
+    """Test objects of every dimension with Baarda's B-method at this power; None: all at the level alpha."""
+
+    def limit(self, degrees: float) -> float:
+        """Give the limit of T with that many degrees of freedom (MATH 4.4); infinite for none."""
+        if degrees < 1.0:
+            return np.inf
+        if self.b_method_power is None:
+            return float(stats.chi2.isf(self.alpha, degrees))
+        return b_method_limit(round(degrees), self.alpha, self.b_method_power).critical
 
 
 def adjust_and_snoop(
@@ -156,8 +167,8 @@ def _snooped(
             continue
         tests = _all_tests(problem, used, solution).with_variance(factor)
         best = int(np.argmax(np.where(used, -1.0, tests.p_values)))
-        if not used[best] and tests.degrees[best] > 0 and tests.p_values[best] >= rules.alpha:
-            critical = float(stats.chi2.isf(rules.alpha, tests.degrees[best]))
+        critical = rules.limit(float(tests.degrees[best]))
+        if not used[best] and tests.degrees[best] > 0 and tests.statistics[best] <= critical:
             steps.append(
                 SnoopingStep(adjustments, Change.REINSTATED, best, float(tests.statistics[best]), critical, ())
             )
@@ -165,12 +176,12 @@ def _snooped(
             continue
         solution = adjusted(part, values, adjust)
         tests = _all_tests(problem, used, solution).with_variance(factor)
-        steps.extend(_never_used(adjustments, used, steps, tests, rules.alpha))
+        steps.extend(_never_used(adjustments, used, steps, tests, rules))
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
 
 
 def _never_used(
-    step: int, used: Flags, steps: list[SnoopingStep], tests: BlockTests, alpha: float
+    step: int, used: Flags, steps: list[SnoopingStep], tests: BlockTests, rules: SnoopingRules
 ) -> list[SnoopingStep]:
     """Give a step for each correspondence that was out from the start and did not come back."""
     named = {entry.block for entry in steps}
@@ -180,7 +191,7 @@ def _never_used(
             Change.REMOVED,
             block,
             float(tests.statistics[block]),
-            float(stats.chi2.isf(alpha, max(tests.degrees[block], 1.0))),
+            rules.limit(float(tests.degrees[block])),
             (),
         )
         for block in np.flatnonzero(~used).tolist()
@@ -246,12 +257,9 @@ def _worst(
     search = GrossErrorSearch(solution)
     tests = search.tests().with_variance(factor)
     for k in np.argsort(tests.log_p, kind="stable").tolist():
-        if tests.log_p[k] >= np.log(rules.alpha):
-            break
-        members = numbers[tests.blocks[k]]
-        if len(members) > allowance or reinstated[members].any():
+        members, critical = numbers[tests.blocks[k]], rules.limit(float(tests.degrees[k]))
+        if tests.statistics[k] <= critical or len(members) > allowance or reinstated[members].any():
             continue
-        critical = float(stats.chi2.isf(rules.alpha, tests.degrees[k]))
         plane = tests.planes[k]
         partners = tuple(replace(partner, block=int(numbers[partner.block])) for partner in search.inseparable(k))
         return [

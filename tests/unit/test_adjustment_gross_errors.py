@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from line_scenes import ObservedPair, observed_pair, room_lines
+from line_scenes import ObservedPair, observed_pair, one_line_shifted, room_lines
 from plane_rooms import observed_rooms, plane_rooms
 from scipy import stats
 
@@ -159,3 +159,24 @@ def test_logarithms_of_tiny_probabilities_are_exact_for_two_and_four_degrees() -
 
 def test_what_nothing_controls_has_probability_one() -> None:
     assert log_probability(np.zeros(1), np.zeros(1)).tolist() == [0.0]
+
+
+def test_the_b_method_removes_an_error_that_the_test_of_the_whole_line_at_the_same_level_lets_pass() -> None:
+    rng = np.random.default_rng(8)
+    pair = observed_pair(room_lines(rng), rng)
+    problem = PairProblem((LineLine(pair.target, pair.source, pair.correspondences),))
+    start = Unknowns.of_pair(pair.start)
+    statistics = GrossErrorSearch(solved(problem, start)).tests().statistics
+    k = int(np.argmax(statistics))
+    # one offset is shifted until T of that line lies between the limits 13.54 and 18.47
+    for size in np.linspace(0.0, 0.01, 200):
+        shifted = one_line_shifted(pair, k, 2, size)
+        problem = PairProblem((LineLine(shifted.target, shifted.source, shifted.correspondences),))
+        statistics = GrossErrorSearch(solved(problem, start)).tests().statistics
+        if 14.5 < statistics[k] < 17.5:
+            break
+    strict = adjust_and_snoop(problem, start, SnoopingRules(0.001, 0.5), solved)
+    sensitive = adjust_and_snoop(problem, start, SnoopingRules(0.001, 0.5, b_method_power=0.8), solved)
+    assert strict.used.all()
+    assert np.flatnonzero(~sensitive.used).tolist() == [k]
+    assert sensitive.steps[0].critical == pytest.approx(13.54, abs=0.005)
