@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from jaxtyping import Bool
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.external_reliability import component_effects
@@ -26,7 +27,7 @@ from algorithms.adjustment.testing import (
     tau_critical_value,
 )
 from algorithms.adjustment.unknowns import Unknowns
-from algorithms.arrays import Flags, IndexPairs, Matrices3, Vector3
+from algorithms.arrays import Array, IndexPairs, Matrices3, Vector3
 from algorithms.errors import InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import OptionalTriple, PoseEstimate
@@ -111,7 +112,7 @@ def adjust_lines(
     planes: PlanePlane | None = None,
     target_plane_covariances: TargetPlaneCovariances | None = None,
     source_plane_covariances: SourcePlaneCovariances | None = None,
-    doubted: Flags | None = None,
+    doubted: Bool[Array, "pairs"] | None = None,
     options: AdjustmentOptions = DEFAULT_OPTIONS,
 ) -> LineAdjustment:
     """Adjust the pose to matched lines, remove wrong correspondences, and say what is determined and how well.
