@@ -41,15 +41,22 @@ def straight_chains(image: EdgeImage, least_length_px: float) -> Pieces:
 
 
 def covered(pieces: Pieces, others: Pieces, shape: tuple[int, int]) -> Flags:
-    """Tell which pieces run for the most part on others, in a photo of `shape` rows and columns."""
-    marks = np.zeros(shape, dtype=np.uint8)
+    """Tell which pieces run for the most part on others at least half as long, in a photo of `shape` rows, columns.
+
+    Where noise has broken an edge of the full photo into many short pieces, the long one is wanted as well.
+    """
+    marks = np.zeros(shape, dtype=np.float32)
+    lengths = np.hypot(others[:, 2] - others[:, 0], others[:, 3] - others[:, 1])
     ends = np.rint(others).astype(np.int32).reshape(-1, 2, 2)
-    cv2.polylines(marks, list(ends), isClosed=False, color=1, thickness=MARK_PX)
+    # the longest are drawn last, on top of the others
+    for k in np.argsort(lengths, kind="stable"):
+        cv2.line(marks, ends[k, 0], ends[k, 1], float(lengths[k]), MARK_PX)
     steps = np.linspace(0.02, 0.98, 25)
     x = np.rint(pieces[:, None, 0] + steps * (pieces[:, None, 2] - pieces[:, None, 0])).astype(np.int64)
     y = np.rint(pieces[:, None, 1] + steps * (pieces[:, None, 3] - pieces[:, None, 1])).astype(np.int64)
     on = marks[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)]
-    return np.asarray(on.mean(axis=1) >= COVERED)
+    own = np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1])
+    return np.asarray((on >= 0.5 * own[:, None]).mean(axis=1) >= COVERED)
 
 
 def edge_chains(grey: GreyImage, options: EdgeOptions) -> Pieces:

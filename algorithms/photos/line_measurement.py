@@ -49,8 +49,10 @@ SHORTEST_PX = 4.0
 """Shorter first pieces have no direction [px]."""
 FURTHEST_PX = 3.0
 """A line that moves further from its first piece has lost its edge [px]."""
-ROUNDS_BEFORE, ROUNDS_AFTER = 2, 3
-"""Steps of the fit before and after the lines are joined and followed."""
+ROUNDS, LAST_ROUNDS = 2, 2
+"""Steps of the fit each time, and at the end."""
+WALKS = 2
+"""Lines are joined and followed so often: the second time along the direction that the first gave them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,18 @@ def _still_there(before: EdgeLines, after: EdgeLines, fit: LineFit) -> Flags:
     return np.asarray((fit.point_counts >= 2) & (across + 0.5 * turn * before.lengths < FURTHEST_PX))
 
 
+def _settled(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions) -> EdgeLines:
+    """Bring lines onto their edges; those that lose them vanish."""
+    start = lines
+    for _ in range(ROUNDS):
+        if len(lines) == 0:
+            break
+        step = _step(grey, lines, camera, options)
+        there = _still_there(start, step.lines, step.fit)
+        lines, start = step.lines[there], start[there]
+    return lines
+
+
 def measure_lines(
     grey: GreyImage, pieces: Float64[Array, "n 4"], camera: Camera | None, options: EdgeOptions
 ) -> ImageSegments:
@@ -116,20 +130,16 @@ def measure_lines(
     limit = np.array([grey.shape[1], grey.shape[0]]) - 1.0
     ends = ideal_from_image(np.clip(pieces.reshape(-1, 2), 0.0, limit), camera).reshape(-1, 2, 2)
     lines = _brighter_side_first(grey, lines_between(ends, FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX), camera)
-    start = lines
-    for _ in range(ROUNDS_BEFORE):
-        step = _step(grey, lines, camera, options)
-        there = _still_there(start, step.lines, step.fit)
-        lines, start = step.lines[there], start[there]
-    lines = merge_collinear(lines, options.max_gap_px)
-    lines = _with_clear_sides(grey, lines, camera, noise)
-    lines = walk_along(grey, lines, camera, options)
-    lines = merge_collinear(lines, options.max_gap_px)
-    lines = without_doubles(lines)
+    lines = _settled(grey, lines, camera, options)
+    for _ in range(WALKS):
+        lines = without_doubles(merge_collinear(lines, options.max_gap_px))
+        lines = walk_along(grey, _with_clear_sides(grey, lines, camera, noise), camera, options)
+        lines = _settled(grey, lines, camera, options)
+    lines = without_doubles(merge_collinear(lines, options.max_gap_px))
     lines = lines[lines.lengths >= options.min_length_px]
     if len(lines) == 0:
         return no_segments()
-    for _ in range(ROUNDS_AFTER):
+    for _ in range(LAST_ROUNDS):
         step = _step(grey, lines, camera, options)
         lines = step.lines
     return _accepted(grey, step, camera, options)
