@@ -3,9 +3,9 @@
 Two conditions for each pair of lines project directions, and then positions, along the Z axis into a plane. Lines
 without a difference in Z make them singular, and half of a building's lines are level. Here every pair is projected
 along the axis of the target frame in which its target line extends most: the same equations with the axes exchanged,
-never singular, and for lines that are steeper than 45 degrees in all directions exactly the printed ones. The printed
-ends 1, 2 and A, B are used as they are; of 1 and 2 the one farther from A is called 2, since 2.3 and 2.4 divide by that
-distance. The rotation is small-angled, so both steps need a start and are repeated until they settle.
+never singular, and the printed ones where that axis is Z. Of the ends 1 and 2 the one farther from A is called 2, since
+2.3 and 2.4 divide by that distance. The rotation is small-angled, so both steps need a start and are repeated until
+they settle.
 """
 
 from dataclasses import dataclass

@@ -114,8 +114,7 @@ def plucker_solution(target: PluckerRows, source: PluckerRows, start: RigidTrans
         rounds += 1
         design, left = _linearised(target, source, unknowns)[:2]
         normal = design.T @ design
-        if rounds == 1:
-            _require_regular(normal)
+        _require_regular(normal)
         step = np.linalg.solve(normal, design.T @ left)
         unknowns = unknowns + step
         size = float(np.linalg.norm(step))
@@ -190,13 +189,18 @@ def adjust_plucker(
         claimed=PoseEstimate(pose, solution.claimed_covariance),
         steps=(
             EstimatorStep(
-                "rotation and translation", 6 * len(pairs), 6, solution.sigma0, solution.iterations,
-                solution.last_step, solution.converged,
+                name="rotation and translation",
+                equations=6 * len(pairs),
+                unknowns=6,
+                sigma0=solution.sigma0,
+                iterations=solution.iterations,
+                last_step=solution.last_step,
+                converged=solution.converged,
             ),
         ),
         declared=np.asarray((solution.normalised > NV_LIMIT).any(axis=1)),
         remarks=_remarks(solution),
-    )  # fmt: skip
+    )
 
 
 def _gain(solution: PluckerSolution, jacobians: Array) -> Matrix:

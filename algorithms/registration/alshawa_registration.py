@@ -9,14 +9,8 @@ from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.line_registration import GATES
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
-from algorithms.registration.own_estimates import (
-    OwnProcedure,
-    Proposal,
-    estimated,
-    kept_lines,
-    register_own_way,
-    rigorously_adjusted,
-)
+from algorithms.registration.own_estimates import register_own_way
+from algorithms.registration.own_procedures import OwnProcedure, Proposal, estimated, kept_lines, rigorously_adjusted
 
 LABEL = "Alshawa 2007 (Lichtenstein 2011, eqs. 2.1-2.4): rotation, then translation, two conditions per line each"
 

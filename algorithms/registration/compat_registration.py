@@ -12,7 +12,8 @@ from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.compat_matching import match_by_pairs
 from algorithms.registration.line_registration import GATES
 from algorithms.registration.lines_compat import LinesCompatMethod, PairVotingOptions
-from algorithms.registration.own_estimates import OwnProcedure, Proposal, estimated, pose_difference, register_own_way
+from algorithms.registration.own_estimates import register_own_way
+from algorithms.registration.own_procedures import OwnProcedure, Proposal, estimated, pose_difference
 
 LABEL = "Lichtenstein 2011 as printed: 6 Plücker components per line, unit weights, sigma0 with 6n-6"
 

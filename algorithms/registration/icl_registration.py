@@ -10,7 +10,8 @@ from algorithms.matching.correspondences import corresponding_lines
 from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.icl import IclMethod, IclStart
-from algorithms.registration.own_estimates import OwnProcedure, Proposal, estimated, register_own_way
+from algorithms.registration.own_estimates import register_own_way
+from algorithms.registration.own_procedures import OwnProcedure, Proposal, estimated
 
 LABEL = "Iterative closest line (Alshawa 2007): closest lines, then eqs. 2.1-2.4 of Lichtenstein 2011, in turns"
 NARROWING = 0.5

@@ -1,32 +1,32 @@
 """Registration with an estimator other than the rigorous one: both side by side, verified as strictly as any other."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.line_adjustment import LineAdjustment, adjust_lines
+from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import LineEstimate, closeness
-from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
-from algorithms.adjustment.snooping import CorrespondenceState
-from algorithms.arrays import Array, IndexPairs, OtherIndexPairs, Vector3
+from algorithms.arrays import IndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.line_motion import lines_about
-from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
-from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import Verification, judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, OwnFigures, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.line_registration import WORST_STD_M
 from algorithms.registration.line_registration import _status as status_of_pair
+from algorithms.registration.own_procedures import (
+    OwnProcedure,
+    Proposal,
+    estimated,
+    kept_lines,
+    pose_difference,
+    rigorously_adjusted,
+)
 
 OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
 """Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
@@ -34,60 +34,11 @@ CONTRADICTION_LEVEL = 0.001
 """Probability that own and rigorous pose of good lines are taken to contradict each other."""
 
 
-@runtime_checkable
-class Estimator(Protocol):
-    """Estimates a pose from matched lines, such as `adjust_plucker`."""
-
-    def __call__(
-        self,
-        target: Lines,
-        source: Lines,
-        pairs: IndexPairs,
-        start: RigidTransform,
-        *,
-        target_plane_covariances: TargetPlaneCovariances | None,
-        source_plane_covariances: SourcePlaneCovariances | None,
-    ) -> LineEstimate:
-        """Give the pose with its true and its claimed covariance."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """Which lines belong together, and a pose near the answer."""
-
-    lines: IndexPairs
-    """(n, 2) target and source lines."""
-    start: RigidTransform
-    """Target from source between the reduced frames."""
-    remarks: tuple[str, ...] = ()
-    """How they were found, in words."""
-    settled: bool = True
-    """Whether the correspondences stayed the same at last."""
-
-
-@dataclass(frozen=True, eq=False)
-class OwnProcedure:
-    """What one method does its own way."""
-
-    label: str
-    """Its estimator in words."""
-    matching: MatchingOptions
-    """The search that the result is verified against."""
-    adjustment: AdjustmentOptions
-    """The rigorous adjustment beside it."""
-    propose: Callable[[RegistrationProblem, CoarseRegistration], Proposal]
-    """Finds the correspondences; is given the search's answer, which it may use as a start."""
-    estimate: Estimator
-    keeps_all: bool = False
-    """Use also the lines that the rigorous tests remove: for a method that has a test of its own."""
-
-
 def register_own_way(problem: RegistrationProblem, procedure: OwnProcedure, progress: Progress) -> PairResult:
     """Register two scans by a method with an estimator of its own.
 
     The search over surfaces and free space is always made too: the best other pose decides with it whether the result
-    is clear, so that no method accepts what `lines` would not. Statuses come from the rigorous adjustment of the same
+    is clear, so that no method is judged more mildly than `lines`. Statuses come from the rigorous adjustment of the same
     correspondences, from the surfaces in the method's own pose, and from the agreement of both poses.
 
     Parameters
@@ -127,57 +78,6 @@ def register_own_way(problem: RegistrationProblem, procedure: OwnProcedure, prog
     progress.report(0.9, "verification")
     verification = verify_pose(problem.target, problem.source, estimate.pose.target_from_source)
     return _result(problem, procedure, search, _Outcome(proposal, adjustment, used, estimate, verification))
-
-
-def rigorously_adjusted(
-    problem: RegistrationProblem, lines: IndexPairs, start: RigidTransform, options: AdjustmentOptions
-) -> LineAdjustment:
-    """Adjust the correspondences rigorously, lines only, correlated through the planes that they share."""
-    return adjust_lines(
-        problem.target.lines,
-        problem.source.lines,
-        lines,
-        start,
-        target_plane_covariances=problem.target.planes.covariances,
-        source_plane_covariances=problem.source.planes.covariances,
-        options=options,
-    )
-
-
-def kept_lines(lines: IndexPairs, adjustment: LineAdjustment) -> OtherIndexPairs:
-    """Give the correspondences that the rigorous tests leave."""
-    return np.asarray(lines[adjustment.lines.states != int(CorrespondenceState.REMOVED)])
-
-
-def estimated(
-    problem: RegistrationProblem, estimate: Estimator, lines: IndexPairs, start: RigidTransform
-) -> LineEstimate:
-    """Estimate the pose between the reduced frames, with the frames' origins moved to the instruments for it.
-
-    Some estimators depend on where the origin lies: this is where the dissertation has it, and near the lines in every
-    case. Without a known instrument the middle of the scan's lines is taken.
-
-    Raises
-    ------
-    TooFewCorrespondencesError
-        Below what the estimator needs.
-    DegenerateGeometryError
-        When its normal matrix is singular.
-    """
-    target, source = problem.target, problem.source
-    origins = _origin(target), _origin(source)
-    near = PoseEstimate(start, np.zeros((6, 6))).moved_to_origins(-origins[0], -origins[1])
-    result = estimate(
-        lines_about(target.lines, origins[0]),
-        lines_about(source.lines, origins[1]),
-        lines,
-        near.target_from_source,
-        target_plane_covariances=target.planes.covariances,
-        source_plane_covariances=source.planes.covariances,
-    )
-    return replace(
-        result, pose=result.pose.moved_to_origins(*origins), claimed=result.claimed.moved_to_origins(*origins)
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +176,7 @@ def _doubts(problem: RegistrationProblem, outcome: _Outcome, pose: PoseEstimate)
     if not outcome.estimate.converged:
         doubts.append("the method's own estimate did not settle")
     difference = pose_difference(pose.target_from_source, outcome.adjustment.pose.target_from_source)
-    statistic = float(difference @ np.linalg.solve(pose.covariance, difference))
+    statistic = float(difference @ np.linalg.pinv(pose.covariance, hermitian=True) @ difference)
     if statistic > stats.chi2.isf(CONTRADICTION_LEVEL, 6):
         doubts.append(
             f"the method's own pose contradicts the rigorous adjustment of the same lines (test value {statistic:.0f}, "
@@ -289,22 +189,10 @@ def _doubts(problem: RegistrationProblem, outcome: _Outcome, pose: PoseEstimate)
     return doubts
 
 
-def pose_difference(first: RigidTransform, second: RigidTransform) -> Array:
-    """Give (rotation vector on the left, translation) that lead from the first pose to the second, (6,)."""
-    turn = (second.rotation * first.rotation.inv()).as_rotvec()
-    return np.concatenate([turn, np.asarray(second.translation) - np.asarray(first.translation)])
-
-
 def _clearly_different(source: ScanFeatures, first: RigidTransform, second: RigidTransform) -> bool:
     centre = source.surface.points.mean(axis=0)
     turned = (first.rotation * second.rotation.inv()).magnitude() > OTHER_POSE_RAD
     return bool(turned or np.linalg.norm(first.apply(centre) - second.apply(centre)) > OTHER_POSE_M)
-
-
-def _origin(features: ScanFeatures) -> Vector3:
-    if features.sensor_m is not None:
-        return features.sensor_m
-    return np.asarray(features.lines.anchors.mean(axis=0))
 
 
 def _in_files(problem: RegistrationProblem, pose: PoseEstimate) -> PoseEstimate:

@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.adjustment.alshawa import adjust_alshawa
+from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.coarse_registration import match_features
+from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
 from algorithms.registration import RegistrationMethod, line_registration, own_estimates
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.lines_alshawa import LinesAlshawaMethod
+from algorithms.registration.own_estimates import register_own_way
+from algorithms.registration.own_procedures import OwnProcedure, Proposal
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
@@ -174,3 +180,24 @@ def test_a_pose_that_is_not_the_rigorous_one_comes_with_it_and_with_what_the_met
     assert excess[0] > -1e-3 * excess[-1]
     assert sum(step.unknowns for step in result.own_figures.steps) == 6
     assert len(result.own_figures.lines) >= 3
+
+
+def test_lines_of_one_direction_are_refused_though_the_scans_have_others() -> None:
+    (target, source), truth = stations("pipe_hall")
+    lines = registered(LinesAlshawaMethod, "pipe_hall").own_figures.lines  # type: ignore[union-attr]
+    directions = target.lines.directions[lines[:, 0]]
+    parallel = np.linalg.norm(np.cross(directions, directions[0]), axis=1) < 0.02
+    assert parallel.sum() >= 3
+    procedure = OwnProcedure(
+        "of one direction",
+        MatchingOptions(),
+        AdjustmentOptions(),
+        lambda _problem, _search: Proposal(lines[parallel], truth),
+        adjust_alshawa,
+    )
+    result = register_own_way(RegistrationProblem(target, source), procedure, NoProgress())
+    assert result.status is PairStatus.DEGENERATE
+    assert "translation along" in result.free_directions[0]
+    assert result.own_figures is None
+    assert result.rigorous is not None
+    assert result.rigorous.null_space.shape == (6, 1)

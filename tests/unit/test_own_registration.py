@@ -29,7 +29,7 @@ from algorithms.registration.compat_matching import (
 from algorithms.registration.icl import IclMethod, IclStart
 from algorithms.registration.icl_registration import closest_lines, start_of
 from algorithms.registration.lines_compat import PairVotingOptions
-from algorithms.registration.own_estimates import estimated
+from algorithms.registration.own_procedures import estimated
 
 OPTIONS = PairVotingOptions()
 NO_PLANES = Planes(
