@@ -121,6 +121,10 @@ class Camera:
         limit = np.array([self.width, self.height]) - 0.5
         return np.asarray(np.all((image >= -0.5) & (image <= limit), axis=1))
 
+    def within_reach(self, ideal: Vectors2) -> Flags:
+        """Tell which ideal pixels (n, 2) have an image at all; see `max_radius`."""
+        return np.asarray(np.hypot(*self._normalised(ideal).T) < self.max_radius)
+
     def ideal_from_camera(self, points: Points) -> Vectors2:
         """Project points (n, 3) [m] to ideal pixels (n, 2).
 
@@ -145,10 +149,9 @@ class Camera:
         InvalidInputError
             When a point is so far off the axis that the distortion folds back; see `max_radius`.
         """
-        normalised = self._normalised(ideal)
-        if not np.all(np.hypot(normalised[:, 0], normalised[:, 1]) < self.max_radius):
+        if not self.within_reach(ideal).all():
             raise InvalidInputError("points", "some lie beyond the reach of the lens distortion")
-        return self._pixels(self._distort(normalised))
+        return self._pixels(self._distort(self._normalised(ideal)))
 
     def ideal_from_image(self, image: Vectors2) -> Vectors2:
         """Remove the distortion from image pixels (n, 2), by Newton steps until they are below 1e-10 px.

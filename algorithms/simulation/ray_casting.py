@@ -74,6 +74,13 @@ class RayCaster:
         found, triangles = found[steep], triangles[steep]
         return _hits(len(directions), found, triangles, height[steep] / towards[steep], np.abs(towards[steep]))
 
+    def occluded(self, origins: Points, direction: Vector3, nearest_m: float) -> Flags:
+        """Tell from which origins (n, 3) a ray along a unit direction (3,) meets anything farther than `nearest_m`."""
+        rays = np.empty((len(origins), 6), dtype=np.float32)
+        rays[:, :3] = origins - self._centre
+        rays[:, 3:] = direction
+        return np.asarray(self._tree.test_occlusions(self._core.Tensor(rays), tnear=nearest_m).numpy(), dtype=bool)
+
 
 def _hits(count: int, found: Array, triangles: Indices, ranges: Scalars, cosines: Scalars) -> Hits:
     """Spread the found hits over all rays."""
