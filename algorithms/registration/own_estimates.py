@@ -38,8 +38,8 @@ def register_own_way(problem: RegistrationProblem, procedure: OwnProcedure, prog
     """Register two scans by a method with an estimator of its own.
 
     The search over surfaces and free space is always made too: the best other pose decides with it whether the result
-    is clear, so that no method is judged more mildly than `lines`. Statuses come from the rigorous adjustment of the same
-    correspondences, from the surfaces in the method's own pose, and from the agreement of both poses.
+    is clear, so that no method is judged more mildly than `lines`. Statuses come from the rigorous adjustment of the
+    same correspondences, from the surfaces in the method's own pose, and from the agreement of both poses.
 
     Parameters
     ----------
