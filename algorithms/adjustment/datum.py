@@ -82,7 +82,7 @@ def free_network_conditions(unknowns: Unknowns, selection: DatumSelection) -> Fl
 
 
 def held_columns(unknowns: Unknowns, columns: Indices) -> Float64[Array, "unknowns held"]:
-    """Give the conditions that keep single unknowns at their start values: a minimal datum, or control.
+    """Give the conditions that keep single unknowns at their start values: a minimal datum, or control (MATH 6.2).
 
     Parameters
     ----------

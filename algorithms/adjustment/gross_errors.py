@@ -43,7 +43,7 @@ class Partner:
 
 @dataclass(frozen=True, eq=False)
 class GrossErrorTests:
-    """Tests of all hypotheses: the n correspondences first, then planes."""
+    """Tests of all hypotheses: the n correspondences first, then planes (MATH 4.4)."""
 
     statistics: Scalars
     """(n,) T."""
@@ -63,7 +63,7 @@ class GrossErrorTests:
 
 
 class GrossErrorSearch:
-    """Hypotheses about one solution. O(m²) with shared planes, else O(m u)."""
+    """Hypotheses about one solution (MATH 4.4, 4.5; Baarda 1968). O(m²) with shared planes, else O(m u)."""
 
     def __init__(self, solution: Solution) -> None:
         self._solution = solution
@@ -238,7 +238,7 @@ def _partners(blocks: list[int], correlations: list[float]) -> tuple[Partner, ..
 
 
 def log_probability(statistics: Scalars, degrees: Scalars) -> Scalars:
-    """Give ln P(chi-square > T), also where the probability itself is too small for a number.
+    """Give ln P(chi-square > T), also where the probability itself is too small for a number (MATH 4.4).
 
     Asymptotically Γ(a, x) = x^(a-1) e^-x (1 + (a-1)/x + (a-1)(a-2)/x² + ...), a = f/2, x = T/2 (Abramowitz and Stegun
     6.5.32); 0 where there is no degree of freedom.

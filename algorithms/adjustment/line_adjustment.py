@@ -37,7 +37,7 @@ DEFAULT_OPTIONS = AdjustmentOptions()
 
 @dataclass(frozen=True, eq=False)
 class LineAdjustment:
-    """Result of adjusting one pose to matched lines."""
+    """Result of adjusting one pose to matched lines (MATH 3.1, 4, 5, 7)."""
 
     pose: PoseEstimate
     """Pose with its a-priori covariance (sigma0 = 1). Where the rank is below 6 its null space is set, and the pose
@@ -94,12 +94,12 @@ class LineAdjustment:
 
     @property
     def variance_factor(self) -> float:
-        """Factor max(1, sigma0²) that keeps the covariance from promising too much when residuals are too large."""
+        """Factor max(1, sigma0²), so that the covariance does not promise more than the residuals show (MATH 4.1)."""
         return 1.0 if self.sigma0 is None else max(1.0, self.sigma0**2)
 
     @property
     def pose_a_posteriori(self) -> PoseEstimate:
-        """Pose with the covariance multiplied by `variance_factor`."""
+        """Pose with the covariance multiplied by `variance_factor` (MATH 4.1)."""
         return self.pose.with_covariance_scaled(self.variance_factor)
 
 
@@ -117,8 +117,10 @@ def adjust_lines(
 ) -> LineAdjustment:
     """Adjust the pose to matched lines, remove wrong correspondences, and say what is determined and how well.
 
-    Lines that are intersections of planes are correlated where they share a plane. With the plane covariances given,
-    their joint covariance is used; left out, lines count as independent, which promises too much for rooms.
+    Gauss-Helmert model with four conditions for each line and three for each plane (MATH 3.1), both sides uncertain;
+    tests one at a time (MATH 4.5), and rank (MATH 5). Lines that are intersections of planes are correlated where they
+    share a plane (MATH 3.3). With the plane covariances given, their joint covariance is used; left out, lines count as
+    independent, which promises too much for rooms.
 
     Parameters
     ----------

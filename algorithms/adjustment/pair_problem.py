@@ -1,4 +1,4 @@
-"""The problem of two stations: one pose, target from source, by whatever both have seen."""
+"""The problem of two stations: one pose, target from source, by whatever both have seen (MATH 3.1)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ def planes_of_pair(
 
 @dataclass(frozen=True, eq=False)
 class PairProblem(Problem):
-    """Correspondences that together determine one pose; station 0 is the target, 1 the source."""
+    """Correspondences that together determine one pose; station 0 is the target, 1 the source (MATH 3.1)."""
 
     observations: Sequence[PairObservation]
 

@@ -25,7 +25,7 @@ ROUNDING_SHARE = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class RankReport:
-    """Which motions the correspondences leave free."""
+    """Which motions the correspondences leave free (MATH 5.1 to 5.3)."""
 
     rank: int
     """Number of pose parameters that are determined, of 6."""
@@ -82,7 +82,7 @@ class CentredFrame:
 
 
 def centred_frame(problem: PairProblem) -> CentredFrame:
-    """Find centroid and rms radius of the target features."""
+    """Find centroid and rms radius of the target features (MATH 5.1)."""
     points = problem.target_points()
     centroid = points.mean(axis=0)
     radius = float(np.sqrt(((points - centroid) ** 2).sum(axis=1).mean()))
@@ -145,7 +145,7 @@ def analyse_rank(
 def weak_directions(
     problem: PairProblem, pose: RigidTransform, cofactors: Matrix6, report: RankReport
 ) -> tuple[WeakDirection, ...]:
-    """Name the motions whose standard deviation is much larger than the others'.
+    """Name the motions whose standard deviation is much larger than the others' (MATH 5.2).
 
     Parameters
     ----------

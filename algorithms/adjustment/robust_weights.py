@@ -30,7 +30,7 @@ class RobustResult:
 
 
 def weight_factor(distances: Array, half_width: float, slant: float | None = None) -> Array:
-    """Give the factor on the weights, 1/(1 + (d/h)^a)²: a quarter at d = h (seed 002 eq. 4-3, MATH 4.6).
+    """Give the factor on the weights, 1/(1 + (d/h)^a)²: a quarter at d = h (Haring 2003, eq. 4-3; MATH 4.6).
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def weight_factor(distances: Array, half_width: float, slant: float | None = Non
 def robust_adjustment(
     problem: AnyProblem, start: Unknowns, adjust: Adjust[AnyProblem], max_rounds: int = 200
 ) -> RobustResult:
-    """Mark gross errors with a weight function that narrows from round to round.
+    """Mark gross errors with a weight function that narrows from round to round (Haring 2003, 4.3.5; MATH 4.6).
 
     Each round sets h between the two largest d of the unmarked blocks, adjusts with the weight factors, and marks what
     lies beyond h; marked ones are computed again and may come back. The last rounds use h = 4 and 3. Blocks of several
@@ -85,7 +85,10 @@ def robust_adjustment(
 
 
 def standardised_distances(problem: AnyProblem, unknowns: Unknowns) -> Scalars:
-    """Give d = sqrt(rᵀ C⁻¹ r / dimension) of every block with its a-priori covariance; |v|/sigma of single ones."""
+    """Give d = sqrt(rᵀ C⁻¹ r / dimension) of every block with its a-priori covariance (MATH 4.6).
+
+    For single observations that is |v|/sigma (Haring 2003, eq. 4-2).
+    """
     system = problem.linearised(unknowns)
     found = []
     for residuals, blocks in zip(system.split(system.residuals), system.covariances, strict=True):

@@ -109,7 +109,7 @@ def adjust_and_snoop(
     adjust: Adjust[AnyProblem],
     suspicious: Flags | None = None,
 ) -> SnoopingResult:
-    """Adjust, remove the worst object while one fails, re-test the removed correspondences and put back the good.
+    """Adjust, remove the worst object while one fails, re-test what is out and put back the good (MATH 4.5).
 
     An object is a correspondence, or a plane with all that depends on it (`gross_errors`).
 
@@ -135,7 +135,7 @@ def adjust_and_snoop(
 
 
 def adjusted(problem: AnyProblem, start: Unknowns, adjust: Adjust[AnyProblem], *, rough: bool = False) -> Solution:
-    """Linearise observations and adjust them."""
+    """Linearise observations and adjust them (MATH 3.1)."""
     return adjust(problem, start, problem.linearised(start), rough)
 
 
@@ -200,7 +200,7 @@ def _never_used(
 
 
 def robust_variance_factor(tests: BlockTests, redundancy: int) -> float:
-    """Estimate the variance factor from the median of T over its expected median, blunders notwithstanding.
+    """Estimate the variance factor from the median of T over its expected median, blunders notwithstanding (MATH 4.8).
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class BlockTests:
 
 
 def global_test(omega: float, redundancy: int, alpha: float) -> GlobalTest:
-    """Test Omega two-sided against chi-square with the given redundancy."""
+    """Test Omega two-sided against chi-square with the given redundancy (MATH 4.1)."""
     if redundancy <= 0:
         return GlobalTest(omega, redundancy, alpha, 0.0, 0.0, GlobalVerdict.NOT_TESTABLE)
     lower = float(stats.chi2.ppf(alpha / 2.0, redundancy))
@@ -112,7 +112,10 @@ def tau_critical_value(alpha: float, redundancy: int) -> float | None:
 
 
 def noncentrality(alpha: float, power: float) -> float:
-    """Give delta0, the shift of a normal test value that is found with the given power: 4.132 for 0.1 %, 80 %."""
+    """Give delta0, the shift of a normal test value that is found with the given power (MATH 4.3; Baarda 1968).
+
+    delta0 = z(1 - alpha/2) + z(power): 4.132 for 0.1 % and 80 %.
+    """
     return normal_critical_value(alpha) + float(stats.norm.ppf(power))
 
 

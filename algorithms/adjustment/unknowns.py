@@ -25,7 +25,7 @@ SIZES = {UnknownKind.POSE: 6, UnknownKind.POINT: 3}
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Values of all unknown blocks. The columns of the free ones are numbered poses first, then points."""
+    """Values of all unknown blocks (MATH 1.4, 6). Columns of the free ones are numbered poses first, then points."""
 
     poses: RigidTransform
     """(k,) world_from_station."""

@@ -1,4 +1,4 @@
-"""Weights of correlated and possibly dependent residuals: a matrix that makes them independent with unit variance."""
+"""Weights of correlated and possibly dependent residuals: what makes them independent with unit variance (MATH 3.3)."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -25,7 +25,7 @@ Rows: TypeAlias = "sparse.csr_array | Array"
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """A matrix F with F C Fᵀ = I, so that P = Fᵀ F is the weight matrix (pseudo-inverse of C)."""
+    """A matrix F with F C Fᵀ = I, so that P = Fᵀ F is the weight matrix, a generalised inverse of C (MATH 3.3)."""
 
     matrix: Rows
     """(rank, m) F; sparse when the blocks are independent."""
@@ -57,7 +57,7 @@ class Whitening:
 
 
 def whitening_of(system: LinearSystem) -> Whitening:
-    """Build the whitening of a system's residuals.
+    """Build the whitening of a system's residuals (MATH 3.3).
 
     Raises
     ------
