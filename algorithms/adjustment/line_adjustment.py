@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.external_reliability import component_effects
@@ -12,7 +12,7 @@ from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.pair_adjustment import adjust_pair, rank_of
-from algorithms.adjustment.pair_problem import PairProblem, planes_of_pair
+from algorithms.adjustment.pair_problem import PairProblem, by_station
 from algorithms.adjustment.principal_motions import PrincipalMotion, principal_motions
 from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
 from algorithms.adjustment.rank import UserOrigins, WeakDirection, centred_frame, weak_directions
@@ -112,6 +112,8 @@ def adjust_lines(
     planes: PlanePlane | None = None,
     target_plane_covariances: TargetPlaneCovariances | None = None,
     source_plane_covariances: SourcePlaneCovariances | None = None,
+    target_photo_covariances: Float64[Array, "target_photos 6 6"] | None = None,
+    source_photo_covariances: Float64[Array, "source_photos 6 6"] | None = None,
     doubted: Bool[Array, "pairs"] | None = None,
     options: AdjustmentOptions = DEFAULT_OPTIONS,
 ) -> LineAdjustment:
@@ -135,6 +137,9 @@ def adjust_lines(
         parents they are.
     target_plane_covariances, source_plane_covariances
         Only without `planes`: (p, 3, 3) of the planes that `Lines.parents` counts, (a1, a2, b) of `Planes.covariances`.
+    target_photo_covariances, source_photo_covariances
+        (q, 6, 6) of the mounts of the photos that `Lines.photos` counts (rotation vector, translation; MATH 2.5). Left
+        out, lines of one photo count as independent, which promises too much.
     doubted
         True for correspondences, lines first, then planes, that take no part unless they fit what the others say: such
         as planes some centimetres apart, which may have been moved between the scans. They are reported in any case.
@@ -158,7 +163,11 @@ def adjust_lines(
         target_plane_covariances, source_plane_covariances = planes.target.covariances, planes.source.covariances
     _check_planes(target, target_plane_covariances, "target")
     _check_planes(source, source_plane_covariances, "source")
-    matches = PairProblem(observations, planes_of_pair(target_plane_covariances, source_plane_covariances))
+    matches = PairProblem(
+        observations,
+        by_station(target_plane_covariances, source_plane_covariances),
+        by_station(target_photo_covariances, source_photo_covariances),
+    )
     if len(matches) < 2:
         raise TooFewCorrespondencesError(len(matches), 2, "lines" if planes is None else "lines and planes")
     origins = UserOrigins(matches.target_points().mean(axis=0), matches.source_points().mean(axis=0))

@@ -7,15 +7,13 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.observations import PairObservation
-from algorithms.adjustment.problem import LinearSystem, Problem, SourcePlaneCovariances, TargetPlaneCovariances
+from algorithms.adjustment.problem import LinearSystem, Problem
 from algorithms.adjustment.unknowns import Unknowns
-from algorithms.arrays import Matrices3, Points, Vector3
+from algorithms.arrays import Array, Points, Vector3
 
 
-def planes_of_pair(
-    target: TargetPlaneCovariances | None, source: SourcePlaneCovariances | None
-) -> Mapping[int, Matrices3]:
-    """Name the plane covariances of target (station 0) and source (station 1); None where lines are independent."""
+def by_station(target: Array | None, source: Array | None) -> Mapping[int, Array]:
+    """Name what is shared by the features of the target (station 0) and the source (station 1); None: nothing is."""
     return {k: covariances for k, covariances in enumerate((target, source)) if covariances is not None}
 
 

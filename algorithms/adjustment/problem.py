@@ -1,6 +1,6 @@
 """The adjustment problem: observations, and the covariance they have together (MATH 3.1, 4)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias, TypeVar
@@ -12,7 +12,7 @@ from scipy import sparse
 from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.linearised import Derivative, Equations, FeatureNoise
 from algorithms.adjustment.unknowns import Unknowns
-from algorithms.arrays import Array, Matrices3, Scalars
+from algorithms.arrays import Array, Matrices3, Matrices6, Scalars
 from algorithms.errors import InvalidInputError
 
 This = TypeVar("This", bound="Problem")
@@ -35,6 +35,8 @@ class LinearSystem:
     """For each station whose planes are shared: (m, 3p) derivatives by their errors (a1, a2, b)."""
     plane_roots: Mapping[int, sparse.csr_array]
     """For each of these stations: (3p, 3p) Cholesky factors of the planes' covariances."""
+    photo_factors: tuple[sparse.csr_array, ...] = ()
+    """For each station with photos: (m, 6q) factor F whose F Fᵀ is the covariance that comes through their mounts."""
 
     def selected(self, keep: Array) -> "LinearSystem":
         """Keep the blocks for which the mask (number of blocks,) is True."""
@@ -46,16 +48,24 @@ class LinearSystem:
             tuple(blocks[piece] for blocks, piece in zip(self.private_covariances, pieces, strict=True)),
             {station: derivatives[rows] for station, derivatives in self.plane_jacobians.items()},
             self.plane_roots,
+            tuple(factor[rows] for factor in self.photo_factors),
         )
+
+    @property
+    def blocks_are_independent(self) -> bool:
+        """Whether no two blocks share an error."""
+        return not self.plane_jacobians and not self.photo_factors
 
     @cached_property
     def joint_covariance(self) -> Array | None:
         """(m, m) covariance of everything together, possibly singular; None where blocks are independent. O(m²)."""
-        if not self.plane_jacobians:
+        if self.blocks_are_independent:
             return None
         joint = np.zeros((len(self.residuals), len(self.residuals)))
         for station, derivatives in self.plane_jacobians.items():
             factor = derivatives @ self.plane_roots[station]
+            joint += (factor @ factor.T).toarray()
+        for factor in self.photo_factors:
             joint += (factor @ factor.T).toarray()
         for places, blocks in zip(self._rows_of_blocks, self.private_covariances, strict=True):
             joint[places[:, :, None], places[:, None, :]] += blocks
@@ -107,6 +117,9 @@ class Problem:
     plane_covariances: Mapping[int, Matrices3] = field(default_factory=dict)
     """For each station the (p, 3, 3) covariances of the planes that its features depend on, (a1, a2, b) of
     `Planes.covariances`. Features of a station that is not named here are treated as independent."""
+    photo_covariances: Mapping[int, Matrices6] = field(default_factory=dict)
+    """For each station the (q, 6, 6) covariances of its photos' mounts (rotation vector, translation; MATH 2.5). All
+    lines seen in a photo share its mount's error, which therefore does not vanish by averaging."""
     std_scales: Scalars | None = None
     """(number of blocks,) factors on all standard deviations of a block (groups, robust weights); None: all 1."""
 
@@ -141,13 +154,21 @@ class Problem:
         residuals = np.concatenate([part.residuals.ravel() for part in parts])
         alone = [self._alone(part, noise) for part, noise in zip(parts, noises, strict=True)]
         jacobian = _jacobian(parts, unknowns, len(residuals))
-        by_planes = {station: self._by_planes(station, parts, noises) for station in self.plane_covariances}
+        by_planes = {
+            station: _by_shared(parts, noises, station, 3 * len(covariances), _planes_of)
+            for station, covariances in self.plane_covariances.items()
+        }
+        by_photos = [
+            _by_shared(parts, noises, station, 6 * len(covariances), _photos_of) @ self._photo_roots[station]
+            for station, covariances in self.photo_covariances.items()
+        ]
         if self.std_scales is not None:
             pieces = np.split(self.std_scales, np.cumsum([len(part) for part in self.observations])[:-1])
             alone = [np.square(piece)[:, None, None] * c for piece, c in zip(pieces, alone, strict=True)]
             by_row = np.concatenate([np.repeat(piece, c.shape[1]) for piece, c in zip(pieces, alone, strict=True)])
             by_planes = {k: sparse.csr_array(by_row[:, None] * derivatives) for k, derivatives in by_planes.items()}
-        return LinearSystem(residuals, jacobian, tuple(alone), by_planes, self._plane_roots)
+            by_photos = [sparse.csr_array(by_row[:, None] * factor) for factor in by_photos]
+        return LinearSystem(residuals, jacobian, tuple(alone), by_planes, self._plane_roots, tuple(by_photos))
 
     @cached_property
     def _noises(self) -> list[tuple[FeatureNoise, ...]]:
@@ -155,52 +176,81 @@ class Problem:
 
     @cached_property
     def _plane_roots(self) -> dict[int, sparse.csr_array]:
-        return {station: _roots(covariances) for station, covariances in self.plane_covariances.items()}
+        return {station: _roots(covariances, "a plane") for station, covariances in self.plane_covariances.items()}
+
+    @cached_property
+    def _photo_roots(self) -> dict[int, sparse.csr_array]:
+        return {station: _roots(covariances, "a mount") for station, covariances in self.photo_covariances.items()}
 
     def _alone(self, part: Equations, noises: Sequence[FeatureNoise]) -> Array:
-        """Give the covariances (n, d, d) of what is not explained by shared planes."""
+        """Give the covariances (n, d, d) of what is not explained by shared planes and photos."""
         n, d = part.residuals.shape
         total = np.zeros((n, d, d))
         for noise, factor in zip(noises, part.noise_jacobians, strict=True):
             own = noise.private
             if noise.station in self.plane_covariances:
                 own = np.where(_depends_on_planes(noise)[:, None, None], 0.0, own)
+            if noise.station in self.photo_covariances:
+                photos, by_mounts = _photos_of(noise)
+                seen = np.flatnonzero(photos[:, 0] >= 0)
+                by_mount = by_mounts[seen]
+                mounts = self.photo_covariances[noise.station][photos[seen, 0]]
+                own = own.copy()
+                own[seen] -= by_mount @ mounts @ np.swapaxes(by_mount, 1, 2)
             total += factor @ own @ np.swapaxes(factor, 1, 2)
         return total
 
-    def _by_planes(
-        self, station: int, parts: Sequence[Equations], noises: Sequence[Sequence[FeatureNoise]]
-    ) -> sparse.csr_array:
-        """Give the sparse (m, 3p) derivatives of all residuals by the errors of a station's planes."""
-        rows, columns, values, first = [], [], [], 0
-        for part, of_part in zip(parts, noises, strict=True):
-            n, d = part.residuals.shape
-            for noise, jacobian in zip(of_part, part.noise_jacobians, strict=True):
-                if noise.station != station:
-                    continue
-                used = np.flatnonzero(_depends_on_planes(noise))
-                by_planes = jacobian[used] @ noise.plane_jacobians[used]
-                for k in range(noise.plane_numbers.shape[1]):
-                    numbers = noise.plane_numbers[used, k]
-                    rows.append(np.repeat((first + used[:, None] * d + np.arange(d)).ravel(), 3))
-                    columns.append(np.repeat(numbers[:, None] * 3 + np.arange(3), d, axis=0).ravel())
-                    values.append(by_planes[:, :, 3 * k : 3 * k + 3].ravel())
-            first += n * d
-        shape = (first, 3 * len(self.plane_covariances[station]))
-        if not values:
-            return sparse.csr_array(shape)
-        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        return sparse.csr_array(sparse.coo_array(entries, shape=shape))
+
+Shared: TypeAlias = Callable[[FeatureNoise], tuple[Array, Array]]
+"""Gives the numbers (n, j) of what features share, -1 in rows that share nothing, and the (n, k, j s) derivatives."""
 
 
-def _roots(covariances: Matrices3) -> sparse.csr_array:
-    """Lay the Cholesky factors of the planes' covariances on the diagonal of a sparse matrix."""
+def _by_shared(
+    parts: Sequence[Equations], noises: Sequence[Sequence[FeatureNoise]], station: int, columns: int, shared: Shared
+) -> sparse.csr_array:
+    """Give the sparse (m, columns) derivatives of all residuals by errors that a station's features share."""
+    at_rows, at_columns, values, first = [], [], [], 0
+    for part, of_part in zip(parts, noises, strict=True):
+        n, d = part.residuals.shape
+        for noise, jacobian in zip(of_part, part.noise_jacobians, strict=True):
+            if noise.station != station:
+                continue
+            numbers, derivatives = shared(noise)
+            size = derivatives.shape[2] // numbers.shape[1]
+            used = np.flatnonzero((numbers >= 0).all(axis=1))
+            by_errors = jacobian[used] @ derivatives[used]
+            for k in range(numbers.shape[1]):
+                places = numbers[used, k, None] * size + np.arange(size)
+                at_rows.append(np.repeat((first + used[:, None] * d + np.arange(d)).ravel(), size))
+                at_columns.append(np.repeat(places, d, axis=0).ravel())
+                values.append(by_errors[:, :, size * k : size * (k + 1)].ravel())
+        first += n * d
+    if not values:
+        return sparse.csr_array((first, columns))
+    entries = (np.concatenate(values), (np.concatenate(at_rows), np.concatenate(at_columns)))
+    return sparse.csr_array(sparse.coo_array(entries, shape=(first, columns)))
+
+
+def _planes_of(noise: FeatureNoise) -> tuple[Array, Array]:
+    return noise.plane_numbers, noise.plane_jacobians
+
+
+def _photos_of(noise: FeatureNoise) -> tuple[Array, Array]:
+    if noise.photo_numbers is None or noise.photo_jacobians is None:
+        n, k = noise.private.shape[:2]
+        return np.full((n, 1), -1, dtype=np.int64), np.zeros((n, k, 6))
+    return noise.photo_numbers[:, None], noise.photo_jacobians
+
+
+def _roots(covariances: Array, of_what: str) -> sparse.csr_array:
+    """Lay the Cholesky factors of (n, s, s) covariances on the diagonal of a sparse matrix."""
     try:
         roots = np.linalg.cholesky(covariances)
     except np.linalg.LinAlgError as error:
-        raise InvalidInputError("covariance of a plane", "it is not positive definite") from error
-    n = len(covariances)
-    return sparse.csr_array(sparse.bsr_array((roots, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)))
+        raise InvalidInputError(f"covariance of {of_what}", "it is not positive definite") from error
+    n, size = covariances.shape[:2]
+    blocks = sparse.bsr_array((roots, np.arange(n), np.arange(n + 1)), shape=(size * n, size * n))
+    return sparse.csr_array(blocks)
 
 
 AnyProblem = TypeVar("AnyProblem", bound=Problem)

@@ -148,7 +148,7 @@ def solve(
         damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
         unknowns, system = trial, trial_system
         moved_since_weights += share
-        if not system.plane_jacobians:
+        if system.blocks_are_independent:
             whitening = whitening_of(system)
         elif moved_since_weights > weights_limit:
             whitening, moved_since_weights = whitening_of(system), 0.0

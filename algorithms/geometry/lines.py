@@ -42,6 +42,11 @@ class Lines:
     parent_jacobians: Array
     """(n, 4, 6) for intersections: (a1, a2, b1, b2) = G (plane i: a1, a2, b; plane j: a1, a2, b). Zero otherwise.
     Lines that share a plane are correlated through it."""
+    photos: Labels | None = None
+    """(n,) number of the station's photo in which the line was seen, -1 for lines of the scan; None: no photos."""
+    photo_jacobians: Array | None = None
+    """(n, 4, 6): (a1, a2, b1, b2) from the error of that photo's mount (rotation vector on the left of the scan axes,
+    translation), which all its lines share; zero for lines of the scan. The covariances contain it already."""
 
     def __len__(self) -> int:
         return len(self.anchors)
@@ -57,6 +62,8 @@ class Lines:
             self.sources[which],
             self.parents[which],
             self.parent_jacobians[which],
+            None if self.photos is None else self.photos[which],
+            None if self.photo_jacobians is None else self.photo_jacobians[which],
         )
 
     @property

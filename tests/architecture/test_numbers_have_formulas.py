@@ -21,7 +21,7 @@ SOURCE = re.compile(
     r"MATH \d|\beqs?\. ?\(?\d|\(\d\.\d+\)|Lichtenstein|Alshawa|Baarda|Pope|Förstner|Foerstner|Helmert|Marquardt|ORIENT"
     r"|Haring|VGI|Kager"
 )
-BOOKKEEPING = {"planes_of_pair": "names two arguments and computes nothing"}
+BOOKKEEPING = {"by_station": "names two arguments and computes nothing"}
 
 
 def parts_of(annotation: Any) -> list[Any]:

@@ -11,7 +11,7 @@ from scipy import stats
 from algorithms.adjustment.gross_errors import GrossErrorSearch, log_probability
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
-from algorithms.adjustment.pair_problem import PairProblem, planes_of_pair
+from algorithms.adjustment.pair_problem import PairProblem, by_station
 from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
 from algorithms.adjustment.solver import Solution, solve
@@ -36,7 +36,7 @@ def room_problem(pair: ObservedPair) -> PairProblem:
     planes = pair.planes
     assert isinstance(planes, PlanePlane)
     lines = LineLine(pair.target, pair.source, pair.correspondences)
-    return PairProblem((lines, planes), planes_of_pair(planes.target.covariances, planes.source.covariances))
+    return PairProblem((lines, planes), by_station(planes.target.covariances, planes.source.covariances))
 
 
 @cache

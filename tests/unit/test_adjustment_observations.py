@@ -15,7 +15,7 @@ from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.observations.point_plane import PointPlane
 from algorithms.adjustment.observations.point_point import PointPoint
 from algorithms.adjustment.observations.polar import Polar, PolarComponent
-from algorithms.adjustment.pair_problem import PairProblem, planes_of_pair
+from algorithms.adjustment.pair_problem import PairProblem, by_station
 from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.solver import solve
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
@@ -297,8 +297,8 @@ def test_a_plane_counted_twice_adds_no_information():
     planes = plane_plane(rng, 0.0)
     twice = replace(planes, pairs=np.vstack([PAIRS, PAIRS[:1]]))
     target, source = planes.target.covariances, planes.source.covariances
-    once = solve(PairProblem((planes,), planes_of_pair(target, source)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
-    double = solve(PairProblem((twice,), planes_of_pair(target, source)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
+    once = solve(PairProblem((planes,), by_station(target, source)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
+    double = solve(PairProblem((twice,), by_station(target, source)), Unknowns.of_pair(POSE), NOTHING_HELD, 20)
     assert double.redundancy == once.redundancy
     np.testing.assert_allclose(double.cofactors, once.cofactors, rtol=1e-7, atol=1e-18)
 
@@ -334,3 +334,32 @@ def test_impossible_covariances_are_refused(wrong):
     broken = LineLine(replace(lines.target, covariances=bad), replace(lines.source, covariances=bad), PAIRS)
     with pytest.raises(InvalidInputError, match="covariance"):
         whitening_of(PairProblem((broken,)).at(POSE))
+
+
+def photo_lines(rng: np.random.Generator, mount: np.ndarray) -> LineLine:
+    """Six lines of which the source scan sees four in two photos."""
+    source = lines_of(rng, 6)
+    jacobians = rng.normal(size=(6, 4, 6))
+    photos = np.array([0, 0, 1, 1, -1, -1], dtype=np.int32)
+    jacobians[4:] = 0.0
+    through = jacobians @ mount[np.maximum(photos, 0)] @ np.swapaxes(jacobians, 1, 2)
+    source = replace(source, covariances=source.covariances + through, photos=photos, photo_jacobians=jacobians)
+    pairs = np.repeat(np.arange(6, dtype=np.int64)[:, None], 2, axis=1)
+    return LineLine(moved_lines(lines_of(rng, 6), POSE), source, pairs)
+
+
+def test_lines_of_one_photo_share_the_error_of_its_mount_and_lines_of_another_do_not():
+    roots = np.random.default_rng(20).normal(size=(2, 6, 6)) * 1e-3
+    mount = roots @ np.swapaxes(roots, 1, 2)
+    lines = photo_lines(np.random.default_rng(21), mount)
+    together = PairProblem((lines,), {}, {1: mount}).at(POSE)
+    alone = PairProblem((lines,)).at(POSE)
+    joint, source = together.joint_covariance, lines.linearised(POSE).source_jacobians
+    assert joint is not None
+    assert alone.joint_covariance is None
+    by_mount = source @ lines.source.photo_jacobians
+    np.testing.assert_allclose(joint[:4, 4:8], by_mount[0] @ mount[0] @ by_mount[1].T, atol=1e-16)
+    np.testing.assert_allclose(joint[8:12, 12:16], by_mount[2] @ mount[1] @ by_mount[3].T, atol=1e-16)
+    np.testing.assert_allclose(joint[:8, 8:], 0.0, atol=1e-18)
+    # what a line has by itself is the same either way
+    np.testing.assert_allclose(together.covariances[0], alone.covariances[0], rtol=1e-9, atol=1e-15)

@@ -141,7 +141,9 @@ class LineLine(BetweenStations):
 def _noise(lines: Lines, station: int) -> FeatureNoise:
     has_planes = (lines.parents >= 0).all(axis=1) & (lines.parent_jacobians != 0.0).any(axis=(1, 2))
     numbers = np.where(has_planes[:, None], lines.parents, -1)
-    return FeatureNoise(lines.covariances, numbers, lines.parent_jacobians, station)
+    return FeatureNoise(
+        lines.covariances, numbers, lines.parent_jacobians, station, lines.photos, lines.photo_jacobians
+    )
 
 
 def _dots(first: Array, second: Array) -> Array:

@@ -37,7 +37,11 @@ class FeatureNoise:
     plane_jacobians: Array
     """(n, k, 3 j) error parameters from those planes' (a1, a2, b), plane after plane."""
     station: int = -1
-    """Station whose planes are meant; -1 for features without planes."""
+    """Station whose planes and photos are meant; -1 for features that share nothing."""
+    photo_numbers: Array | None = None
+    """(n,) numbers of the photos in which the features were seen, -1 for the others; None for none at all."""
+    photo_jacobians: Array | None = None
+    """(n, k, 6) error parameters from the error of a photo's mount (rotation vector, translation)."""
 
     @staticmethod
     def independent(covariances: Array) -> "FeatureNoise":
