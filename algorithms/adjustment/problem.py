@@ -23,7 +23,7 @@ SourcePlaneCovariances: TypeAlias = Float64[Array, "source_planes 3 3"]
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """All residuals of a problem at one set of unknowns, stacked; m in number, u unknowns."""
+    """All residuals of a problem at one set of unknowns, stacked; m in number, u unknowns (MATH 3.1, 3.3)."""
 
     residuals: Array
     """(m,) contradictions [rad, m]."""
@@ -110,7 +110,7 @@ class LinearSystem:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Observations of poses and points, with their stochastic model."""
+    """Observations of poses and points, with their stochastic model (MATH 3.1, 3.3)."""
 
     observations: Sequence[Observation]
     """One or several entries of each type; blocks are numbered through in this order."""

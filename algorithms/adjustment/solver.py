@@ -50,7 +50,7 @@ WORSE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The least squares solution of a problem and everything testing needs."""
+    """The least squares solution of a problem and everything testing needs (MATH 3.1)."""
 
     unknowns: Unknowns
     """Adjusted values."""
@@ -172,7 +172,7 @@ def solve(
 
 
 class NormalEquations:
-    """Bordered normal equations [[N, D], [Dᵀ, 0]], scaled to a unit diagonal and factorised.
+    """Bordered normal equations [[N, D], [Dᵀ, 0]], scaled to a unit diagonal and factorised (MATH 3.1, 6.2).
 
     Up to a few hundred unknowns dense matrices are some ten times faster than sparse ones, whose overhead is fixed.
     """

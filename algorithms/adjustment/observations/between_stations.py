@@ -1,4 +1,4 @@
-"""What observation types that relate features of two stations have in common."""
+"""What observation types that relate features of two stations have in common (MATH 1.4, 3.1, 5.2)."""
 
 from abc import ABC, abstractmethod
 from typing import final
@@ -13,7 +13,7 @@ from algorithms.geometry.rotations import cross_matrix
 
 
 class BetweenStations(ABC):
-    """Observations that depend on the relative pose of two stations only."""
+    """Observations that depend on the relative pose of two stations only (MATH 1.4, 3.1, 5.2)."""
 
     target_station: int
     source_station: int
@@ -50,7 +50,7 @@ class BetweenStations(ABC):
 
     @abstractmethod
     def ghost_turn_information(self, axis: Vector3) -> float:
-        """Give the information on a turn about an axis that noise alone pretends [1/rad²]."""
+        """Give the information on a turn about an axis that noise alone pretends (MATH 5.2) [1/rad²]."""
 
     @final
     def extent_m(self) -> float:

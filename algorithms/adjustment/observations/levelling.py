@@ -17,7 +17,7 @@ SMALLEST_COSINE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Levelling(BetweenStations):
-    """Verticals in the frames of two stations; a frame that is level by definition has the standard deviation 0."""
+    """Verticals in the frames of two stations (MATH 5.2, 6.3); one that is level by definition has std 0."""
 
     target: Points
     """(n, 3) unit vectors upwards in the target frame; (0, 0, 1) of a levelled instrument."""

@@ -20,7 +20,7 @@ anyway, and must stay finite until the test removes it."""
 
 @dataclass(frozen=True, eq=False)
 class LineLine(BetweenStations):
-    """Correspondences between lines of the target and lines of the source."""
+    """Correspondences between lines of the target and lines of the source (MATH 3.1, 5.2)."""
 
     target: Lines
     source: Lines

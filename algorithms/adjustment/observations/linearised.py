@@ -1,4 +1,4 @@
-"""What every observation type gives the engine: contradictions and their derivatives, block by block."""
+"""What every observation type gives the engine: contradictions and their derivatives, block by block (MATH 3.1)."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class FeatureNoise:
-    """How the errors of n features come about: private ones, or errors of planes they share with others."""
+    """How the errors of n features come about: private ones, or errors of planes they share with others (MATH 3.3)."""
 
     private: Array
     """(n, k, k) covariance of each feature's error parameters, all causes together."""

@@ -1,4 +1,4 @@
-"""A plane seen in both scans: two tilts and one offset must vanish."""
+"""A plane seen in both scans: two tilts and one offset must vanish (MATH 3.1)."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ SMALLEST_COSINE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PlanePlane(BetweenStations):
-    """Correspondences between planes of the target and planes of the source, both seen from the same side."""
+    """Correspondences between planes of both scans, seen from the same side (MATH 3.1, 5.2)."""
 
     target: Planes
     source: Planes

@@ -1,4 +1,4 @@
-"""A point of one scan on a plane of the other: one distance must vanish (VGI 4/2003, plane tie points)."""
+"""A point of one scan on a plane of the other: one distance must vanish (MATH 3.1; VGI 4/2003, plane tie points)."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ from algorithms.geometry.point_sets import PointSet
 
 @dataclass(frozen=True, eq=False)
 class PointPlane(BetweenStations):
-    """Points of the source that lie on planes of the target."""
+    """Points of the source that lie on planes of the target (MATH 3.1, 5.2)."""
 
     target: Planes
     source: PointSet

@@ -1,4 +1,4 @@
-"""A point seen in both scans, such as a target: three coordinate differences must vanish (Haring 2003, tie points)."""
+"""A point seen in both scans: three coordinate differences must vanish (MATH 3.1; Haring 2003, tie points)."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ from algorithms.geometry.rotations import cross_matrices
 
 @dataclass(frozen=True, eq=False)
 class PointPoint(BetweenStations):
-    """Correspondences between points of the target and points of the source."""
+    """Correspondences between points of the target and points of the source (MATH 3.1, 5.2)."""
 
     target: PointSet
     source: PointSet

@@ -25,7 +25,7 @@ class PolarComponent(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Polar:
-    """Single polar observations of object points; what was not measured is simply not among them."""
+    """Single polar observations of object points (MATH 6.1); what was not measured is simply not among them."""
 
     stations: Indices
     """(n,) numbers of the poses, world from station."""
