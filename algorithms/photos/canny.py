@@ -19,11 +19,12 @@ from algorithms.photos.options import EdgeOptions
 
 SOBEL_GAIN = 0.125
 """The Sobel masks sum up to eight times the slope."""
-NOISE_FACTOR = 3.5
+NOISE_FACTOR = 5.0
 """An edge starts at so many standard deviations of the noise's gradient."""
 CONTRAST_BLUR_PX = 1.5
 """Blur at which an edge of the least contrast asked for is still to be followed, standard deviation [px]."""
 LOW_OF_HIGH = 0.5
+QUANTILE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +93,26 @@ def noise_gain(smoothing_px: float) -> float:
     return float(np.sqrt(np.sum(gx.astype(np.float64) ** 2)))
 
 
-def thresholds(grey: GreyImage, options: EdgeOptions) -> tuple[float, float]:
+def gradient_noise(grey: GreyImage, strength: SmoothImage, smoothing_px: float) -> float:
+    """Estimate the standard deviation of the components of (4.1) that noise alone causes [grey levels/px].
+
+    The larger of two estimates: the photo's noise, taken as white, passed through the smoothing; and the lower quarter
+    of the edge strengths that the photo shows, which contains correlation of the noise and weak texture
+    (of noise alone the strength is Rayleigh distributed).
+    """
+    white = noise_gain(smoothing_px) * noise_std(grey) * float(np.sqrt(0.5))
+    step = max(1, int(np.sqrt(strength.size / 1e6)))
+    seen = float(np.quantile(strength[::step, ::step], QUANTILE)) / float(np.sqrt(-2.0 * np.log(1.0 - QUANTILE)))
+    return max(white, seen)
+
+
+def thresholds(grey: GreyImage, strength: SmoothImage, options: EdgeOptions) -> tuple[float, float]:
     """Choose the low and the high threshold of the hysteresis, those of the options where given [grey levels/px].
 
-    The high one lies `NOISE_FACTOR` standard deviations above the gradient of the photo's noise, and at the strength of
+    The high one lies `NOISE_FACTOR` standard deviations above the gradient that noise causes, and at the strength of
     an edge of `min_contrast`, whichever is more; the low one is half of it.
     """
-    noise = NOISE_FACTOR * noise_gain(options.smoothing_px) * noise_std(grey)
+    noise = NOISE_FACTOR * gradient_noise(grey, strength, options.smoothing_px)
     blur = np.hypot(CONTRAST_BLUR_PX, options.smoothing_px)
     wanted = options.min_contrast / (np.sqrt(2.0 * np.pi) * blur) * np.sqrt(0.5)
     high = options.high_threshold if options.high_threshold is not None else float(max(noise, wanted))
@@ -108,8 +122,8 @@ def thresholds(grey: GreyImage, options: EdgeOptions) -> tuple[float, float]:
 
 def canny(grey: GreyImage, options: EdgeOptions) -> EdgeImage:
     """Find the edge pixels of a photo: all steps of section 4.1.1."""
-    low, high = thresholds(grey, options)
     gx, gy = sobel(smoothed(grey, options.smoothing_px))
     strength = edge_strength(gx, gy)
+    low, high = thresholds(grey, strength, options)
     thinned = suppress_non_maxima(strength, direction_classes(gx, gy), low)
     return EdgeImage(edges=hysteresis(thinned, low, high), gx=gx, gy=gy)

@@ -20,6 +20,8 @@ REACH = 3.0
 PRIOR_FREEDOMS = 10.0
 """Weight of what all edges of the photo say of the noise against the residuals of the single edge."""
 LARGEST_CORRELATION = 0.6
+LEAST_PAIRS = 30
+"""Correlation is not estimated from fewer pairs of edge points."""
 LEAST_FREEDOMS = 5.0
 """Patches with fewer degrees of freedom say nothing of the noise."""
 MEDIAN_OF_SQUARE = 0.4549
@@ -207,7 +209,10 @@ def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -
     squares = np.bincount(owners, robust * normalised**2, count)
     numbers = np.bincount(owners[seen], minlength=count)
     factors = variance_factors(squares, np.maximum(numbers - 2.0, 0.0))
-    factors *= 1.0 + 2.0 * neighbour_correlation(normalised * np.sqrt(robust), owners, seen)
+    lever = placed.positions - pivots[owners]
+    strength = np.sqrt(weights * robust)
+    design = np.column_stack([np.sqrt(covariances[owners, 1, 1]), np.sqrt(covariances[owners, 0, 0]) * lever])
+    factors *= 1.0 + 2.0 * neighbour_correlation(normalised * np.sqrt(robust), strength[:, None] * design, owners, seen)
     return LineFit(
         angles=angles,
         offsets=offsets,
@@ -237,23 +242,36 @@ def variance_factors(squares: Scalars, freedoms: Scalars) -> Scalars:
     enough = freedoms >= 2.0
     common = 1.0
     if enough.any():
-        # medians of chi-square / freedoms lie below 1 (Wilson and Hilferty)
+        # medians of chi-square / freedoms lie below 1 (Wilson and Hilferty); long edges know more of the factor
         typical = squares[enough] / freedoms[enough] / (1.0 - 2.0 / (9.0 * freedoms[enough])) ** 3
-        sure = float(enough.sum())
-        common = (PRIOR_FREEDOMS + sure * float(np.median(typical))) / (PRIOR_FREEDOMS + sure)
+        order = np.argsort(typical)
+        known = np.cumsum(freedoms[enough][order])
+        median = float(typical[order[np.searchsorted(known, 0.5 * known[-1])]])
+        common = (PRIOR_FREEDOMS + known[-1] * median) / (PRIOR_FREEDOMS + known[-1])
     return np.asarray(
         np.maximum(0.5, (PRIOR_FREEDOMS * common + squares) / (PRIOR_FREEDOMS + freedoms)), dtype=np.float64
     )
 
 
-def neighbour_correlation(normalised: Scalars, owners: Indices, seen: Flags) -> float:
-    """Estimate the correlation of edge points of neighbouring patches from all edges, from 0 to 0.6."""
-    pair = (owners[1:] == owners[:-1]) & seen[1:] & seen[:-1]
-    if np.count_nonzero(pair) < 30:
+def neighbour_correlation(
+    normalised: Scalars, design: Float64[Array, "m 2"], owners: Indices, seen: Flags
+) -> float:
+    """Estimate the correlation of edge points of neighbouring patches from all edges, from 0 to `LARGEST_CORRELATION`.
+
+    From the residuals, in units of the standard deviation. The fit itself makes residuals of few points anticorrelated:
+    E(v vᵀ) = I - H; the elements of the hat matrix H = D Dᵀ are put back.
+    """
+    pair = np.flatnonzero((owners[1:] == owners[:-1]) & seen[1:] & seen[:-1])
+    if len(pair) < LEAST_PAIRS:
         return 0.0
-    products = normalised[1:][pair] * normalised[:-1][pair]
-    square = 0.5 * (normalised[1:][pair] ** 2 + normalised[:-1][pair] ** 2)
-    return float(np.clip(products.sum() / max(float(square.sum()), 1e-300), 0.0, LARGEST_CORRELATION))
+    products = normalised[pair] * normalised[pair + 1]
+    squares = 0.5 * (normalised[pair] ** 2 + normalised[pair + 1] ** 2)
+    hat = np.sum(design[pair] * design[pair + 1], axis=1)
+    leverage = 0.5 * (np.sum(design[pair] ** 2, axis=1) + np.sum(design[pair + 1] ** 2, axis=1))
+    # residuals are larger than their standard deviations say where the noise is correlated inside the patches
+    scale = float(squares.sum() / max(float((1.0 - leverage).sum()), 1e-9))
+    correlation = (products + scale * hat).sum() / (squares + scale * leverage).sum()
+    return float(np.clip(correlation, 0.0, LARGEST_CORRELATION))
 
 
 def moved(lines: EdgeLines, fit: LineFit) -> EdgeLines:

@@ -94,12 +94,13 @@ def walk_along(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options
     doubt = np.sqrt(noise / np.maximum(points.information, 1e-12))
     good = (
         (points.information > 0.0)
+        & (typical[owners] > 0.0)
         & (points.contrasts > LEAST_CONTRAST * typical[owners])
         & (np.abs(points.shifts) < LARGEST_SHIFT_PX + 2.0 * np.minimum(doubt, 1.0))
     )
     # of the step in which the edge ends only the part that shows its contrast
-    missing = STEP_PX * (1.0 - np.clip(points.contrasts / np.where(good, typical[owners], np.inf), 0.0, 1.0))[good]
     owners, rank, positions, between = owners[good], rank[good], positions[good], between[good]
+    missing = STEP_PX * (1.0 - np.clip(points.contrasts[good] / typical[owners], 0.0, 1.0))
     steps = int(options.max_gap_px // STEP_PX) + 1
     breaks = (np.diff(owners) != 0) | (np.diff(rank) > steps)
     run = np.concatenate([[0], np.cumsum(breaks)])[: len(owners)]
