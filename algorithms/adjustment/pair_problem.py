@@ -13,7 +13,7 @@ from algorithms.arrays import Array, Points, Vector3
 
 
 def by_station(target: Array | None, source: Array | None) -> Mapping[int, Array]:
-    """Name what is shared by the features of the target (station 0) and the source (station 1); None: nothing is."""
+    """Name what the features of the target (0) and of the source (1) share; None: nothing (MATH 2.5, 3.3)."""
     return {k: covariances for k, covariances in enumerate((target, source)) if covariances is not None}
 
 
