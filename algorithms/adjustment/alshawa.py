@@ -16,8 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_estimate import EstimatorStep, LineEstimate
 from algorithms.adjustment.observations.line_line import LineLine
-from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
-from algorithms.adjustment.residual_covariance import residual_covariance
+from algorithms.adjustment.residual_covariance import NOTHING_SHARED, SharedErrors, residual_covariance
 from algorithms.arrays import Array, IndexPairs, Matrix, Matrix3, Matrix6, Points, Scalars, Vector, Vector3
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.lines import Lines
@@ -80,9 +79,7 @@ def adjust_alshawa(
     source: Lines,
     pairs: IndexPairs,
     start: RigidTransform,
-    *,
-    target_plane_covariances: TargetPlaneCovariances | None = None,
-    source_plane_covariances: SourcePlaneCovariances | None = None,
+    shared: SharedErrors = NOTHING_SHARED,
 ) -> LineEstimate:
     """Estimate a pose in Alshawa's two steps, with the covariance that the lines' noise gives it.
 
@@ -97,8 +94,8 @@ def adjust_alshawa(
         (n, 2) numbers of target line and source line.
     start
         Start value, target from source, good to some degrees.
-    target_plane_covariances, source_plane_covariances
-        Covariances of the planes that lines share; left out, lines count as independent.
+    shared
+        What several lines have in common; left out, lines count as independent.
 
     Raises
     ------
@@ -117,14 +114,7 @@ def adjust_alshawa(
     first = start.apply(centre) - rotation.apply(centre)
     shift, translation = _translation_step(segments, rotation, first)
     pose = RigidTransform.from_components(translation, rotation)
-    noise = residual_covariance(
-        target,
-        source,
-        pairs,
-        pose,
-        target_plane_covariances=target_plane_covariances,
-        source_plane_covariances=source_plane_covariances,
-    )
+    noise = residual_covariance(target, source, pairs, pose, shared)
     gain = _gain(LineLine(ours, theirs, np.stack([np.arange(len(pairs))] * 2, axis=1)), segments, pose)
     return LineEstimate(
         pose=PoseEstimate(pose, gain @ noise @ gain.T),

@@ -16,8 +16,7 @@ from jaxtyping import Float64
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_estimate import EstimatorStep, LineEstimate
-from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
-from algorithms.adjustment.residual_covariance import residual_covariance
+from algorithms.adjustment.residual_covariance import NOTHING_SHARED, SharedErrors, residual_covariance
 from algorithms.arrays import Array, IndexPairs, Matrix, Matrix6, Vector
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.angles import angles_from_rotation, rotation_from_angles, rotation_vector_rates
@@ -141,9 +140,7 @@ def adjust_plucker(
     source: Lines,
     pairs: IndexPairs,
     start: RigidTransform,
-    *,
-    target_plane_covariances: TargetPlaneCovariances | None = None,
-    source_plane_covariances: SourcePlaneCovariances | None = None,
+    shared: SharedErrors = NOTHING_SHARED,
 ) -> LineEstimate:
     """Estimate a pose by the dissertation's model from lines with matched signs, with its true covariance.
 
@@ -158,8 +155,8 @@ def adjust_plucker(
         (n, 2) numbers of target line and source line.
     start
         Start value, target from source.
-    target_plane_covariances, source_plane_covariances
-        Covariances of the planes that lines share; left out, lines count as independent.
+    shared
+        What several lines have in common; left out, lines count as independent.
 
     Raises
     ------
@@ -170,19 +167,15 @@ def adjust_plucker(
     """
     if len(pairs) < 2:
         raise TooFewCorrespondencesError(len(pairs), 2)
-    planes = {
-        "target_plane_covariances": target_plane_covariances,
-        "source_plane_covariances": source_plane_covariances,
-    }
     if abs(np.cos(angles_from_rotation(start.rotation)[1])) < STEEP_COSINE:
-        turned = adjust_plucker(moved_lines(target, TURNED_AXES), source, pairs, TURNED_AXES * start, **planes)
+        turned = adjust_plucker(moved_lines(target, TURNED_AXES), source, pairs, TURNED_AXES * start, shared)
         back = PoseEstimate(TURNED_AXES.inv(), np.zeros((6, 6)))
         return replace(turned, pose=back.after(turned.pose), claimed=back.after(turned.claimed))
     ours, theirs = target[pairs[:, 0]], source[pairs[:, 1]]
     signs = matched_signs(ours, theirs, start.rotation)
     solution = plucker_solution(plucker_coordinates(ours), signs[:, None] * plucker_coordinates(theirs), start)
     pose = solution.target_from_source
-    noise = residual_covariance(target, source, pairs, pose, **planes)
+    noise = residual_covariance(target, source, pairs, pose, shared)
     gain = _gain(solution, plucker_jacobians(ours))
     return LineEstimate(
         pose=PoseEstimate(pose, gain @ noise @ gain.T),

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.line_adjustment import LineAdjustment, adjust_lines
 from algorithms.adjustment.line_estimate import LineEstimate
 from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.adjustment.problem import SourcePlaneCovariances, TargetPlaneCovariances
+from algorithms.adjustment.residual_covariance import SharedErrors
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.arrays import Array, IndexPairs, OtherIndexPairs, Vector3
 from algorithms.features.scan_features import ScanFeatures
@@ -32,9 +32,7 @@ class Estimator(Protocol):
         source: Lines,
         pairs: IndexPairs,
         start: RigidTransform,
-        *,
-        target_plane_covariances: TargetPlaneCovariances | None,
-        source_plane_covariances: SourcePlaneCovariances | None,
+        shared: SharedErrors,
     ) -> LineEstimate:
         """Give the pose with its true and its claimed covariance."""
         ...
@@ -114,8 +112,7 @@ def estimated(
         lines_about(source.lines, origins[1]),
         lines,
         near.target_from_source,
-        target_plane_covariances=target.planes.covariances,
-        source_plane_covariances=source.planes.covariances,
+        SharedErrors(target.planes.covariances, source.planes.covariances),
     )
     return replace(
         result, pose=result.pose.moved_to_origins(*origins), claimed=result.claimed.moved_to_origins(*origins)

@@ -10,6 +10,7 @@ from plane_rooms import observed_rooms, plane_rooms
 from algorithms.adjustment.alshawa import adjust_alshawa
 from algorithms.adjustment.line_estimate import LineEstimate
 from algorithms.adjustment.plucker_adjustment import adjust_plucker
+from algorithms.adjustment.residual_covariance import SharedErrors
 
 TRIALS = 60
 ALLOWANCE = 3.5 * np.sqrt(12.0 / TRIALS)
@@ -46,12 +47,8 @@ def test_errors_of_lines_that_share_planes_are_as_large_as_the_covariance_says(e
         pair = observed_rooms(plane_rooms(rng), rng)
         assert pair.planes is not None
         lines = (pair.target, pair.source, pair.correspondences, pair.start)
-        estimated = estimate(
-            *lines,
-            target_plane_covariances=pair.planes.target.covariances,
-            source_plane_covariances=pair.planes.source.covariances,
-        )
-        found.append(nees(estimated, pair))
+        shared = SharedErrors(pair.planes.target.covariances, pair.planes.source.covariances)
+        found.append(nees(estimate(*lines, shared), pair))
         independent.append(nees(estimate(*lines), pair))
     assert abs(np.mean(found) - 6.0) < ALLOWANCE
     # edges of one wall err together: taken for independent they promise too much

@@ -14,13 +14,14 @@ from line_scenes import (
     pose_error,
     random_motion,
 )
+from plane_rooms import observed_rooms, plane_rooms
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.alshawa import adjust_alshawa
 from algorithms.adjustment.line_estimate import LineEstimate, closeness
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.plucker_adjustment import adjust_plucker, plucker_solution
-from algorithms.adjustment.residual_covariance import joint_line_covariance, residual_covariance
+from algorithms.adjustment.residual_covariance import NOTHING_SHARED, SharedErrors, residual_covariance
 from algorithms.errors import DegenerateGeometryError, InvalidInputError, TooFewCorrespondencesError
 from algorithms.geometry.angles import rotation_from_angles
 from algorithms.geometry.line_motion import lines_about, moved_lines
@@ -219,35 +220,32 @@ def test_the_answer_follows_small_errors_of_lines_as_its_covariance_says(estimat
             np.testing.assert_allclose(said, np.outer(answer, answer), atol=1e-4 * max(np.abs(answer).max() ** 2, 1e-3))
 
 
-def test_residuals_of_lines_on_a_shared_plane_are_correlated_through_it() -> None:
-    jacobian = np.zeros((2, 4, 6))
-    jacobian[0, :, :3], jacobian[0, :, 3:] = np.eye(4, 3), 2.0 * np.eye(4, 3, k=-1)
-    jacobian[1, :, :3] = np.eye(4, 3)
-    lines = lines_from_arrays(
-        np.zeros((2, 3)),
-        np.eye(3)[:2],
-        np.tile(np.eye(4), (2, 1, 1)),
-        np.zeros((2, 2)),
-        parents=np.array([[0, 1], [0, 2]]),
-        parent_jacobians=jacobian,
-    )
-    planes = np.stack([np.diag([1.0, 4.0, 9.0]), np.eye(3), np.eye(3)])
-    joint = joint_line_covariance(lines, planes)
-    np.testing.assert_allclose(joint[:4, 4:], jacobian[0, :, :3] @ planes[0] @ jacobian[1, :, :3].T)
-    np.testing.assert_allclose(joint_line_covariance(lines, None), np.eye(8))
+def test_edges_that_share_a_plane_make_a_pose_more_uncertain_than_independent_ones() -> None:
+    rng = np.random.default_rng(12)
+    pair = observed_rooms(plane_rooms(rng), rng)
+    assert pair.planes is not None
+    shared = SharedErrors(pair.planes.target.covariances, pair.planes.source.covariances)
+    joint = residual_covariance(pair.target, pair.source, pair.correspondences, pair.pose, shared)
+    alone = residual_covariance(pair.target, pair.source, pair.correspondences, pair.pose, NOTHING_SHARED)
+    np.testing.assert_allclose(np.diag(joint), np.diag(alone), rtol=1e-6)
+    assert np.abs(joint - alone).max() > 0.1 * np.diag(alone).max()
+    assert np.count_nonzero(alone) <= 16 * len(pair.correspondences)
 
 
 def test_a_plane_covariance_that_is_none_is_refused() -> None:
-    pair = exact_pair(generic_lines(np.random.default_rng(3), 3))
+    rng = np.random.default_rng(12)
+    pair = observed_rooms(plane_rooms(rng), rng)
+    assert pair.planes is not None
+    shared = SharedErrors(-pair.planes.target.covariances, pair.planes.source.covariances)
     with pytest.raises(InvalidInputError, match="covariance of a plane"):
-        joint_line_covariance(pair.target, -np.eye(3)[None])
+        adjust_plucker(pair.target, pair.source, pair.correspondences, pair.start, shared)
 
 
 def test_residual_covariance_agrees_with_scattered_residuals() -> None:
     rng = np.random.default_rng(11)
     scene = generic_lines(rng, 3)
     pair = observed_pair(scene, rng)
-    covariance = residual_covariance(pair.target, pair.source, pair.correspondences, pair.pose)
+    covariance = residual_covariance(pair.target, pair.source, pair.correspondences, pair.pose, NOTHING_SHARED)
     observed = []
     for _ in range(400):
         target, source = (_scattered(lines, rng) for lines in (pair.target, pair.source))
