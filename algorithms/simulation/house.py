@@ -1,5 +1,7 @@
 """A detached house seen from the garden. Nothing in it repeats or is symmetric, so that poses are unambiguous."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from algorithms.simulation.curved_parts import bush, tube
@@ -7,6 +9,7 @@ from algorithms.simulation.materials import BRICK, CONCRETE, FOLIAGE, LAWN, PLAS
 from algorithms.simulation.parts import Part, box, hexahedron, moved, path_of_boxes, polygons, slab
 from algorithms.simulation.scene import Scene, scene_from_parts
 from algorithms.simulation.stations import station_pose
+from algorithms.simulation.textures import Stripes
 from algorithms.simulation.walls import Opening, wall, wall_frame
 
 LENGTH_M, DEPTH_M = 11.0, 8.0
@@ -60,6 +63,25 @@ def house_scene() -> Scene:
         station_pose((-3.0, -4.5, 1.59), 333.0 * degree, 1.2 * degree, 0.2 * degree),
     )
     return scene_from_parts("house", parts, stations)
+
+
+def house_front_scene() -> Scene:
+    """Build the front of the house alone, seen from two stations in the meadow before it.
+
+    Wall, plinth, roof and ground meet in parallel lines, so that a point cloud hardly holds the shift along the front;
+    windows, sills and a painted band are for photos. Head angles towards the front's middle: `head_angle_towards`.
+    """
+    parts = [*_main_body(), *_roof(), *_pipes()[:2]]
+    meadow = np.array([(-30.0, -28.0, 0.0), (38.0, -28.0, 0.0), (38.0, 32.0, 0.0), (-30.0, 32.0, 0.0)])
+    parts.append(polygons([meadow], LAWN, with_edges=False))
+    banded = replace(PLASTER, texture=Stripes((0.45, 0.20, 0.14), levels_m=((3.05, 3.25),)))
+    parts = [replace(part, material=banded) if part.material == PLASTER else part for part in parts]
+    degree = np.pi / 180.0
+    stations = (
+        station_pose((2.9, -12.6, 1.62), 37.0 * degree, 0.6 * degree, -0.9 * degree),
+        station_pose((8.3, -13.4, 1.71), 205.0 * degree, -1.4 * degree, 0.3 * degree),
+    )
+    return scene_from_parts("house_front", parts, stations)
 
 
 def _south_roof_m(y: float) -> float:

@@ -35,5 +35,8 @@ STEEL = Material("steel", 0.35, color=(0.28, 0.30, 0.33))
 LAWN = Material("lawn", 0.50, color=(0.16, 0.26, 0.08))
 FOLIAGE = Material("foliage", 0.45, color=(0.08, 0.18, 0.05))
 TEXTILE = Material("textile", 0.60, color=(0.30, 0.32, 0.50))
+GRAVEL = Material("gravel", 0.40, color=(0.33, 0.31, 0.27))
+WATER = Material("water", 0.002, color=(0.07, 0.10, 0.10))
+"""A calm river: dark, and nothing comes back."""
 GLASS = Material("glass", 0.04, glass=True, color=(0.05, 0.07, 0.09))
 """Panes look dark: a lit photo shows hardly anything of what is behind."""

@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.arrays import Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.camera_mounts import CameraAxes, scan_from_camera_with_axes, scan_from_mounted_camera
 from algorithms.geometry.cameras import Camera
@@ -92,3 +94,9 @@ class VirtualCamera:
     def scan_from_camera(self, cop_rad: float) -> RigidTransform:
         """Give the camera's pose when the head has turned by an angle (see `scan_from_mounted_camera`)."""
         return scan_from_mounted_camera(self.mount, cop_rad)
+
+
+def head_angle_towards(world_from_scan: RigidTransform, point_m: Vector3) -> float:
+    """Give the head angle at which a camera that looks along the head turns to a point (3,) of the world [rad]."""
+    x, y, _ = world_from_scan.inv().apply(point_m)
+    return float(np.arctan2(y, x))
