@@ -52,7 +52,7 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One linear least-squares problem, solved repeatedly."""
+    """One linear least-squares problem, solved repeatedly (MATH 3.2)."""
 
     design: Matrix
     """(2n, 3)."""

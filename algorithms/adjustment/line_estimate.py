@@ -1,4 +1,4 @@
-"""What an estimator other than the rigorous one gives: its pose with an honest covariance, and its own figures."""
+"""What another estimator than the rigorous one gives: pose, honest covariance, and its own figures (MATH 3.2)."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from algorithms.geometry.poses import PoseEstimate
 
 @dataclass(frozen=True)
 class EstimatorStep:
-    """One least-squares step of an estimator, with the figures it reports of itself."""
+    """One least-squares step of an estimator, with the figures it reports of itself (MATH 3.2)."""
 
     name: str
     """What it determines."""
@@ -38,7 +38,7 @@ class EstimatorStep:
 
 @dataclass(frozen=True, eq=False)
 class LineEstimate:
-    """A pose estimated from matched lines by a method of its own."""
+    """A pose estimated from matched lines by a method of its own (MATH 3.2)."""
 
     pose: PoseEstimate
     """The pose with the covariance that the lines' noise really gives it in this estimator."""

@@ -48,7 +48,7 @@ Parameters = Float64[Array, "6"]
 
 @dataclass(frozen=True, eq=False)
 class PluckerSolution:
-    """The adjustment as the dissertation prints it, from n pairs of lines."""
+    """The adjustment as the dissertation prints it, from n pairs of lines (4.51 to 4.72; MATH 3.2)."""
 
     target_from_source: RigidTransform
     unknowns: Parameters
@@ -142,7 +142,7 @@ def adjust_plucker(
     start: RigidTransform,
     shared: SharedErrors = NOTHING_SHARED,
 ) -> LineEstimate:
-    """Estimate a pose by the dissertation's model from lines with matched signs, with its true covariance.
+    """Estimate a pose by the dissertation's model from lines with matched signs, with its true covariance (MATH 3.2).
 
     The answer depends on the target's origin: give the lines relative to a local one. Near φ = ±100 gon the target
     axes are turned by 50 gon about y before; with unit weights that changes nothing but the unknowns.

@@ -20,7 +20,7 @@ from algorithms.geometry.lines import Lines
 
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
-    """Covariances of what several lines have in common; None: the lines of that side count as independent."""
+    """Covariances of what several lines have in common (MATH 3.3); None: the lines of that side are independent."""
 
     target_planes: Float64[Array, "target_planes 3 3"] | None = None
     """Of the planes that the target's `Lines.parents` count, (a1, a2, b) of `Planes.covariances`."""
@@ -38,7 +38,7 @@ NOTHING_SHARED = SharedErrors()
 def residual_covariance(
     target: Lines, source: Lines, pairs: IndexPairs, target_from_source: RigidTransform, shared: SharedErrors
 ) -> Matrix:
-    """Give the joint covariance (4n, 4n) of the residuals of `LineLine`.
+    """Give the joint covariance (4n, 4n) of the residuals of `LineLine` (MATH 3.2, 3.3).
 
     Parameters
     ----------
