@@ -15,6 +15,8 @@ from scipy import stats
 
 from algorithms.adjustment.testing import normal_critical_value
 
+ALPHA = 0.001
+"""Level of single tests (the default of the options)."""
 FITTED = "generic 24, fitted"
 """Lines fitted to noisy points instead of drawn from the covariance of such fits."""
 PLANE_ROOM = "plane room, 12 edges"
@@ -80,9 +82,13 @@ class MonteCarlo:
 
     @property
     def type_one_std(self) -> float:
-        """Standard deviation of `type_one_error`, from its scatter between runs: w of one run are correlated."""
+        """Standard deviation of `type_one_error`, from its scatter between runs: w of one run are correlated.
+
+        At least that of independent tests of level 0.1 %, for series in which hardly any test rejects.
+        """
         excess = self.w_rejected - self.type_one_error * self.w_tested
-        return float(np.sqrt((excess**2).sum()) / self.w_tested.sum())
+        tested = float(self.w_tested.sum())
+        return float(np.sqrt(max((excess**2).sum(), ALPHA * (1.0 - ALPHA) * tested)) / tested)
 
     @property
     def power(self) -> float:
@@ -118,7 +124,7 @@ def run_monte_carlo(
     plants
         How many errors are planted in each pair, one after the other.
     """
-    limit = normal_critical_value(0.001)
+    limit = normal_critical_value(ALPHA)
     rows: list[tuple[float, ...]] = []
     errors, found = [], []
     for _ in range(runs):

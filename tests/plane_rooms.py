@@ -232,8 +232,8 @@ def _observed(
         return edges, planes
     tubes = observed_lines(pose.apply(pipes.points), pose.rotation.apply(pipes.directions), rng, noise_m, fitted=False)
     tubes = replace(tubes, sources=np.full(len(tubes), LineSource.CYLINDER_AXIS, dtype=np.int32))
-    joined = [np.concatenate([getattr(edges, f.name), getattr(tubes, f.name)]) for f in fields(Lines)]
-    return Lines(*joined), planes
+    columns = [(getattr(edges, f.name), getattr(tubes, f.name)) for f in fields(Lines)]
+    return Lines(*(None if column[0] is None else np.concatenate(column) for column in columns)), planes
 
 
 def _observed_planes(
