@@ -8,6 +8,8 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
 from algorithms.matching.line_pairs import DescribedLines, described_lines
 
+GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
+"""Largest angle [rad] and distance [m] of corresponding features in each round; the pose improves in between."""
 MAX_GAP_M = 0.5
 """Pieces of one line seen from two stations may be this far apart along the line [m]: each scan sees its own piece."""
 MAX_BISECTOR_ANGLE_RAD = np.radians(15.0)

@@ -4,10 +4,9 @@ import numpy as np
 
 from algorithms.adjustment.alshawa import adjust_alshawa
 from algorithms.matching.coarse_registration import CoarseRegistration
-from algorithms.matching.correspondences import corresponding_lines
+from algorithms.matching.correspondences import GATES, corresponding_lines
 from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
-from algorithms.registration.line_registration import GATES
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
 from algorithms.registration.own_estimates import register_own_way
 from algorithms.registration.own_procedures import OwnProcedure, Proposal, estimated, kept_lines, rigorously_adjusted

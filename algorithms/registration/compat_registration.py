@@ -7,10 +7,10 @@ from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.plucker_adjustment import adjust_plucker
 from algorithms.arrays import IndexPairs, OtherIndexPairs
 from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.matching.correspondences import GATES
 from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.compat_matching import match_by_pairs
-from algorithms.registration.line_registration import GATES
 from algorithms.registration.lines_compat import LinesCompatMethod, PairVotingOptions
 from algorithms.registration.own_estimates import register_own_way
 from algorithms.registration.own_procedures import OwnProcedure, Proposal, estimated, pose_difference

@@ -1,35 +1,19 @@
 """The work of the method `lines`: matching, adjustment with correspondences found anew, verification."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.line_adjustment import LineAdjustment, adjust_lines
+from algorithms.adjustment.line_adjustment import adjust_lines
 from algorithms.adjustment.observations.plane_plane import PlanePlane
-from algorithms.adjustment.snooping import CorrespondenceState
-from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.arrays import Array, IndexPairs, OtherIndexPairs
-from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
-from algorithms.matching.coarse_registration import CoarseRegistration, match_features
-from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
-from algorithms.matching.surface_fit import surface_pose_near
+from algorithms.errors import TooFewCorrespondencesError
+from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
 from algorithms.progress import Progress
-from algorithms.quality.acceptance import AcceptanceStatus, Verdict, judge
+from algorithms.quality.acceptance import judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines import LinesMethod
-
-GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
-"""Largest angle [rad] and distance [m] of corresponding features in each round; the pose improves in between."""
-LEAST_REDUNDANCY = 10
-"""Conditions beyond the six parameters without which no test means anything."""
-SURFACE_SIGMAS, SURFACE_NOISES = 3.0, 2.0
-"""So many standard deviations of the pose and of the noise may lines and planes differ from the surfaces."""
-WORST_STD_M = 0.02
-"""Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
-LEAST_USED_SHARE = 0.5
-"""Below this share of agreeing correspondences the pose is doubtful."""
+from algorithms.registration.pair_verdict import expected_supporters, searched, status_of_pair
 
 
 def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progress: Progress) -> PairResult:
@@ -44,18 +28,10 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
     progress
         Is told the steps.
     """
-    target, source = problem.target, problem.source
-    try:
-        progress.report(0.0, "matching")
-        coarse = match_features(target, source, method.matching)
-    except DegenerateGeometryError as error:
-        return replace(
-            PairResult.without_pose(PairStatus.DEGENERATE, str(error)),
-            free_directions=error.free_directions,
-            advice=error.advice,
-        )
-    except TooFewCorrespondencesError as error:
-        return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
+    progress.report(0.0, "matching")
+    coarse = searched(problem, method.matching)
+    if isinstance(coarse, PairResult):
+        return coarse
     progress.report(0.6, "adjustment")
     try:
         fine = _adjusted(problem, method, coarse.target_from_source)
@@ -64,9 +40,9 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
             PairStatus.REJECTED, (f"a pose was found, but nothing to adjust it by: {error}",), coarse, None, None
         )
     progress.report(0.9, "verification")
-    verification = verify_pose(target, source, fine.adjustment.pose.target_from_source)
-    verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=_expected(fine))
-    status, reasons = _status(problem, coarse, fine, verdict)
+    verification = verify_pose(problem.target, problem.source, fine.adjustment.pose.target_from_source)
+    verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=expected_supporters(fine))
+    status, reasons = status_of_pair(problem, coarse, fine, verdict)
     return PairResult(status, reasons, coarse, fine, verification)
 
 
@@ -139,11 +115,6 @@ def _with_moved_features(problem: RegistrationProblem, method: LinesMethod, fine
     )
 
 
-def _expected(fine: FineRegistration) -> int:
-    """Count the lines and planes that should fit: all but the doubted ones."""
-    return len(fine.lines) + len(fine.planes) - fine.adjustment.doubted_count
-
-
 def _others(pairs: IndexPairs, known: OtherIndexPairs) -> Array:
     """Keep the pairs of which neither feature is paired already."""
     taken = np.isin(pairs[:, 0], known[:, 0]) | np.isin(pairs[:, 1], known[:, 1])
@@ -152,107 +123,3 @@ def _others(pairs: IndexPairs, known: OtherIndexPairs) -> Array:
 
 def _no_pairs() -> IndexPairs:
     return np.empty((0, 2), dtype=np.int64)
-
-
-def _status(
-    problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict
-) -> tuple[PairStatus, tuple[str, ...]]:
-    """Join what surfaces, runner-up and adjustment say; the most severe decides."""
-    adjustment = fine.adjustment
-    reasons = [*verdict.reasons, *_remarks(adjustment)]
-    if verdict.status is AcceptanceStatus.REJECTED:
-        return PairStatus.REJECTED, tuple(reasons)
-    if adjustment.rank < 6:
-        free = "; ".join(adjustment.free_directions)
-        return PairStatus.DEGENERATE, (
-            f"the geometry determines only {adjustment.rank} of 6 parameters, free: {free}. {adjustment.advice}",
-            *reasons,
-        )
-    if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
-        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    doubts = [*_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
-    if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
-        return PairStatus.DOUBTFUL, (*reasons, *doubts)
-    return PairStatus.ACCEPTED, tuple(reasons)
-
-
-def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
-    """Say what keeps an adjusted pose from being accepted."""
-    doubts = []
-    if not adjustment.converged:
-        doubts.append("the adjustment did not settle")
-    if adjustment.redundancy < LEAST_REDUNDANCY:
-        doubts.append(
-            f"only {adjustment.redundancy} conditions more than parameters: errors could hide "
-            f"({LEAST_REDUNDANCY} would be needed)"
-        )
-    kept = [states != CorrespondenceState.REMOVED for states in (adjustment.lines.states, adjustment.planes.states)]
-    used, all_ = sum(int(k.sum()) for k in kept), _expected(fine)
-    if used < LEAST_USED_SHARE * all_:
-        doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
-    scale = np.sqrt(adjustment.variance_factor)
-    doubts += [
-        f"the geometry hardly determines the {weak.description} "
-        f"(standard deviation {weak.std_m * scale * 1e3:.0f} mm): {weak.advice}"
-        for weak in adjustment.weak
-        if weak.std_m * scale > WORST_STD_M
-    ]
-    return doubts
-
-
-def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
-    """Compare with the pose in which all surfaces fit best: it rests on other data than the planes that were matched.
-
-    Compared is where the matched features come to lie; the surfaces' pose is known by itself to about the noise of
-    single points.
-    """
-    pose = fine.adjustment.pose_a_posteriori
-    found = _misfit(problem, fine, coarse.target_from_source)
-    if found is not None:
-        own = pose.target_from_source
-        found = _misfit(
-            problem, fine, surface_pose_near(problem.target, problem.source, own, coarse.target_from_source)
-        )
-    if found is None:
-        return []
-    shift, std = found
-    return [
-        (
-            f"lines and planes shift the scan by up to {shift * 1e3:.0f} mm from the best fit of the surfaces, more "
-            f"than the standard deviation of {std * 1e3:.0f} mm there explains"
-        )
-    ]
-
-
-def _misfit(
-    problem: RegistrationProblem, fine: FineRegistration, surface_pose: RigidTransform
-) -> tuple[float, float] | None:
-    """Give the worst shift [m] of a matched feature from where the surfaces have it, and its standard deviation [m].
-
-    None where all are within what standard deviations and noise allow.
-    """
-    target, pose = problem.target, fine.adjustment.pose_a_posteriori
-    points = np.vstack([target.lines.anchors[fine.lines[:, 0]], target.planes.centroids[fine.planes[:, 0]]])
-    shifts = surface_pose.apply(pose.target_from_source.inv().apply(points)) - points
-    stds = np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
-    allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
-    excess = (np.abs(shifts) - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
-    worst = int(np.argmax(excess))
-    if excess[worst] <= 0.0:
-        return None
-    return float(np.linalg.norm(shifts[worst])), float(np.linalg.norm(stds[worst]))
-
-
-def _remarks(adjustment: LineAdjustment) -> list[str]:
-    """Say what the reader of an accepted pose should know."""
-    remarks = []
-    if adjustment.sigma0 is not None and adjustment.global_test.verdict is GlobalVerdict.TOO_LARGE:
-        remarks.append(
-            f"the residuals are {adjustment.sigma0:.1f} times what the scans' own noise explains (uneven surfaces, or "
-            "objects that moved); the standard deviations are enlarged accordingly"
-        )
-    scale = np.sqrt(adjustment.variance_factor)
-    remarks += [
-        f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak
-    ]
-    return remarks

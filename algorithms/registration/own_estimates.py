@@ -1,6 +1,6 @@
 """Registration with an estimator other than the rigorous one: both side by side, verified as strictly as any other."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -12,13 +12,11 @@ from algorithms.arrays import IndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
-from algorithms.matching.coarse_registration import CoarseRegistration, match_features
+from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import Verification, judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, OwnFigures, PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.line_registration import WORST_STD_M
-from algorithms.registration.line_registration import _status as status_of_pair
 from algorithms.registration.own_procedures import (
     OwnProcedure,
     Proposal,
@@ -27,6 +25,7 @@ from algorithms.registration.own_procedures import (
     pose_difference,
     rigorously_adjusted,
 )
+from algorithms.registration.pair_verdict import WORST_STD_M, searched, status_of_pair
 
 OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
 """Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
@@ -50,17 +49,10 @@ def register_own_way(problem: RegistrationProblem, procedure: OwnProcedure, prog
     progress
         Is told the steps.
     """
-    try:
-        progress.report(0.0, "matching")
-        search = match_features(problem.target, problem.source, procedure.matching)
-    except DegenerateGeometryError as error:
-        return replace(
-            PairResult.without_pose(PairStatus.DEGENERATE, str(error)),
-            free_directions=error.free_directions,
-            advice=error.advice,
-        )
-    except TooFewCorrespondencesError as error:
-        return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
+    progress.report(0.0, "matching")
+    search = searched(problem, procedure.matching)
+    if isinstance(search, PairResult):
+        return search
     progress.report(0.6, "adjustment")
     try:
         proposal = procedure.propose(problem, search)

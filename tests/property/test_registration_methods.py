@@ -17,7 +17,7 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.coarse_registration import match_features
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
-from algorithms.registration import RegistrationMethod, line_registration, own_estimates
+from algorithms.registration import RegistrationMethod, pair_verdict
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
 from algorithms.registration.own_estimates import register_own_way
@@ -39,8 +39,7 @@ def one_search_for_the_same_scans() -> Iterator[None]:
     """Let all methods share the search they start from or are verified against: it takes seconds every time."""
     with pytest.MonkeyPatch.context() as patch:
         searched = cache(match_features)
-        for module in (line_registration, own_estimates):
-            patch.setattr(module, "match_features", searched)
+        patch.setattr(pair_verdict, "match_features", searched)
         yield
 
 

@@ -1,0 +1,172 @@
+"""What is to be thought of a pair's pose: surfaces, runner-up, geometry and tests together."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.line_adjustment import LineAdjustment
+from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.adjustment.testing import GlobalVerdict
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.matching.coarse_registration import CoarseRegistration, match_features
+from algorithms.matching.options import MatchingOptions
+from algorithms.matching.surface_fit import surface_pose_near
+from algorithms.quality.acceptance import AcceptanceStatus, Verdict
+from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
+
+LEAST_REDUNDANCY = 10
+"""Conditions beyond the six parameters without which no test means anything."""
+SURFACE_SIGMAS, SURFACE_NOISES = 3.0, 2.0
+"""So many standard deviations of the pose and of the noise may lines and planes differ from the surfaces."""
+WORST_STD_M = 0.02
+"""Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
+LEAST_USED_SHARE = 0.5
+"""Below this share of agreeing correspondences the pose is doubtful."""
+
+
+def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRegistration | PairResult:
+    """Search for the pose without a first guess, or give the result that says why there is none.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    options
+        Of the search.
+    """
+    try:
+        return match_features(problem.target, problem.source, options)
+    except DegenerateGeometryError as error:
+        return replace(
+            PairResult.without_pose(PairStatus.DEGENERATE, str(error)),
+            free_directions=error.free_directions,
+            advice=error.advice,
+        )
+    except TooFewCorrespondencesError as error:
+        return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
+
+
+def status_of_pair(
+    problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict
+) -> tuple[PairStatus, tuple[str, ...]]:
+    """Join what surfaces, runner-up and adjustment say; the most severe decides.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    coarse
+        The search.
+    fine
+        The adjusted pose.
+    verdict
+        Of the surfaces in that pose.
+
+    Returns
+    -------
+    Status, and the reasons in words with figures.
+    """
+    adjustment = fine.adjustment
+    reasons = [*verdict.reasons, *_remarks(adjustment)]
+    if verdict.status is AcceptanceStatus.REJECTED:
+        return PairStatus.REJECTED, tuple(reasons)
+    if adjustment.rank < 6:
+        free = "; ".join(adjustment.free_directions)
+        return PairStatus.DEGENERATE, (
+            f"the geometry determines only {adjustment.rank} of 6 parameters, free: {free}. {adjustment.advice}",
+            *reasons,
+        )
+    if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
+        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
+    doubts = [*_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
+    if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
+        return PairStatus.DOUBTFUL, (*reasons, *doubts)
+    return PairStatus.ACCEPTED, tuple(reasons)
+
+
+def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
+    """Say what keeps an adjusted pose from being accepted."""
+    doubts = []
+    if not adjustment.converged:
+        doubts.append("the adjustment did not settle")
+    if adjustment.redundancy < LEAST_REDUNDANCY:
+        doubts.append(
+            f"only {adjustment.redundancy} conditions more than parameters: errors could hide "
+            f"({LEAST_REDUNDANCY} would be needed)"
+        )
+    kept = [states != CorrespondenceState.REMOVED for states in (adjustment.lines.states, adjustment.planes.states)]
+    used, all_ = sum(int(k.sum()) for k in kept), expected_supporters(fine)
+    if used < LEAST_USED_SHARE * all_:
+        doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
+    scale = np.sqrt(adjustment.variance_factor)
+    doubts += [
+        f"the geometry hardly determines the {weak.description} "
+        f"(standard deviation {weak.std_m * scale * 1e3:.0f} mm): {weak.advice}"
+        for weak in adjustment.weak
+        if weak.std_m * scale > WORST_STD_M
+    ]
+    return doubts
+
+
+def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
+    """Compare with the pose in which all surfaces fit best: it rests on other data than the planes that were matched.
+
+    Compared is where the matched features come to lie; the surfaces' pose is known by itself to about the noise of
+    single points.
+    """
+    pose = fine.adjustment.pose_a_posteriori
+    found = _misfit(problem, fine, coarse.target_from_source)
+    if found is not None:
+        own = pose.target_from_source
+        found = _misfit(
+            problem, fine, surface_pose_near(problem.target, problem.source, own, coarse.target_from_source)
+        )
+    if found is None:
+        return []
+    shift, std = found
+    return [
+        (
+            f"lines and planes shift the scan by up to {shift * 1e3:.0f} mm from the best fit of the surfaces, more "
+            f"than the standard deviation of {std * 1e3:.0f} mm there explains"
+        )
+    ]
+
+
+def _misfit(
+    problem: RegistrationProblem, fine: FineRegistration, surface_pose: RigidTransform
+) -> tuple[float, float] | None:
+    """Give the worst shift [m] of a matched feature from where the surfaces have it, and its standard deviation [m].
+
+    None where all are within what standard deviations and noise allow.
+    """
+    target, pose = problem.target, fine.adjustment.pose_a_posteriori
+    points = np.vstack([target.lines.anchors[fine.lines[:, 0]], target.planes.centroids[fine.planes[:, 0]]])
+    shifts = surface_pose.apply(pose.target_from_source.inv().apply(points)) - points
+    stds = np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
+    allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
+    excess = (np.abs(shifts) - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
+    worst = int(np.argmax(excess))
+    if excess[worst] <= 0.0:
+        return None
+    return float(np.linalg.norm(shifts[worst])), float(np.linalg.norm(stds[worst]))
+
+
+def _remarks(adjustment: LineAdjustment) -> list[str]:
+    """Say what the reader of an accepted pose should know."""
+    remarks = []
+    if adjustment.sigma0 is not None and adjustment.global_test.verdict is GlobalVerdict.TOO_LARGE:
+        remarks.append(
+            f"the residuals are {adjustment.sigma0:.1f} times what the scans' own noise explains (uneven surfaces, or "
+            "objects that moved); the standard deviations are enlarged accordingly"
+        )
+    scale = np.sqrt(adjustment.variance_factor)
+    remarks += [
+        f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak
+    ]
+    return remarks
+
+
+def expected_supporters(fine: FineRegistration) -> int:
+    """Count the lines and planes that should fit: all but the doubted ones."""
+    return len(fine.lines) + len(fine.planes) - fine.adjustment.doubted_count
