@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Flags, Indices, Labels, Scalars
+from algorithms.arrays import Array, Flags, Indices, Labels, Scalars, Vectors2
 from algorithms.simulation.rendering_candidates import body_edges, shadow_edges, texture_edges, tube_outlines
 from algorithms.simulation.rendering_edges import EdgeSamples, sample_edges
 from algorithms.simulation.rendering_shading import Shading, Sights
@@ -18,6 +18,8 @@ STEP_PX = 1.0
 """Edges are looked at in such steps."""
 BESIDE_PX = 1.0
 """Both sides of an edge are looked at in this distance from it."""
+CLEAR_PX = (0.05, 0.5, 2.0, 3.0)
+"""An edge stands alone where nothing else changes at these distances from it either."""
 ON_FACE_M = 1e-6
 """Within this a point lies on a face."""
 MAX_GAP_PX = 3.0
@@ -51,13 +53,18 @@ class TrueEdges:
     """(n,) `EdgeKind` values."""
     contrasts: Scalars
     """(n,) median difference between both sides, 1 px off the edge, without blur and vignetting [grey levels]."""
+    alone: Scalars
+    """(n,) share of the length along which nothing else begins within 3 px on either side. Blur moves the place of
+    other edges: a sill 2 px below a wall's foot, or a strip narrower than a pixel, is not seen as what it is."""
 
     def __len__(self) -> int:
         return len(self.kinds)
 
     def __getitem__(self, which: Array) -> "TrueEdges":
         """Select edges by an index array or mask."""
-        return TrueEdges(self.ideal[which], self.world[which], self.kinds[which], self.contrasts[which])
+        return TrueEdges(
+            self.ideal[which], self.world[which], self.kinds[which], self.contrasts[which], self.alone[which]
+        )
 
     @property
     def lengths_px(self) -> Scalars:
@@ -109,6 +116,7 @@ def visible_edges(
         np.concatenate([p.world for p in pieces]),
         np.concatenate([p.kinds for p in pieces]),
         np.concatenate([p.contrasts for p in pieces]),
+        np.concatenate([p.alone for p in pieces]),
     )
     return _once(merged[np.argsort(-merged.lengths_px, kind="stable")])
 
@@ -127,8 +135,12 @@ def _visible_pieces(
     samples = sample_edges(lines, world_from_camera, camera.camera, STEP_PX)
     inside = camera.camera.inside(camera.camera.image_from_ideal(samples.ideal))
     samples = samples[inside]
-    points = world_from_camera.apply(samples.points) if len(samples.edges) else samples.points
-    sides = _look_beside(shading, world_from_camera, camera, samples)
+    points = world_from_camera.apply(samples.points)
+    across = _normals(samples)
+    sides = tuple(
+        _look(shading, world_from_camera, camera, samples.ideal + side_px * across)
+        for side_px in (-BESIDE_PX, BESIDE_PX)
+    )
     distances = np.linalg.norm(samples.points, axis=1)
     mine = surfaces[samples.edges]
     if kind is EdgeKind.OUTLINE:
@@ -150,29 +162,37 @@ def _visible_pieces(
         kinds[one_plane] = np.where(same_light[one_plane], EdgeKind.MATERIAL, EdgeKind.SHADOW)
     else:
         seen &= ~one_plane
-    return _pieces(samples, points, seen, kinds, contrasts, min_length_px)
+    alone = np.zeros(len(seen), dtype=bool)
+    alone[seen] = _stands_alone(shading, world_from_camera, camera, samples.ideal[seen], across[seen])
+    return _pieces(samples, points, seen, kinds, contrasts, alone, min_length_px)
 
 
-def _look_beside(
-    shading: Shading, world_from_camera: RigidTransform, camera: VirtualCamera, samples: EdgeSamples
-) -> tuple[Sights, Sights]:
-    """Look along both sides of the edges at each of their points."""
-    along = np.zeros_like(samples.ideal)
-    if len(samples.edges) > 1:
-        starts = np.flatnonzero(np.diff(samples.edges, prepend=-1))
-        ends = np.append(starts[1:], len(samples.edges)) - 1
-        run = samples.ideal[ends] - samples.ideal[starts]
-        along = np.repeat(run, ends - starts + 1, axis=0)
+def _normals(samples: EdgeSamples) -> Vectors2:
+    """Give the unit vector (n, 2) across the edge at each point."""
+    starts = np.flatnonzero(np.diff(samples.edges, prepend=-1))
+    ends = np.flatnonzero(np.diff(samples.edges, append=-1))
+    along = np.repeat(samples.ideal[ends] - samples.ideal[starts], ends - starts + 1, axis=0)
     lengths = np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(lengths, 1e-9)
-    rotation = world_from_camera.rotation.as_matrix().T
-    eye = np.asarray(world_from_camera.translation)
+    return np.asarray(np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(lengths, 1e-9))
 
-    def look(side_px: float) -> Sights:
-        rays = camera.camera.rays_from_ideal(samples.ideal + side_px * across)
-        return shading.look(eye, np.asarray(rays @ rotation))
 
-    return look(-BESIDE_PX), look(BESIDE_PX)
+def _look(shading: Shading, world_from_camera: RigidTransform, camera: VirtualCamera, ideal: Vectors2) -> Sights:
+    """Look through ideal pixels (n, 2)."""
+    rays = camera.camera.rays_from_ideal(ideal) @ world_from_camera.rotation.as_matrix().T
+    return shading.look(np.asarray(world_from_camera.translation), np.asarray(rays))
+
+
+def _stands_alone(
+    shading: Shading, world_from_camera: RigidTransform, camera: VirtualCamera, ideal: Vectors2, across: Vectors2
+) -> Flags:
+    """Tell at which points (n, 2) both sides of an edge remain what they are from its rim up to 3 px away."""
+    alone = np.ones(len(ideal), dtype=bool)
+    for side in (-1.0, 1.0):
+        beside = shading.labels(_look(shading, world_from_camera, camera, ideal + side * BESIDE_PX * across))
+        for distance in CLEAR_PX:
+            there = shading.labels(_look(shading, world_from_camera, camera, ideal + side * distance * across))
+            alone &= beside == there
+    return alone
 
 
 def _surfaces(shading: Shading, side: Sights) -> Indices:
@@ -188,7 +208,13 @@ def _on_face(shading: Shading, side: Sights, points: Array) -> Flags:
 
 
 def _pieces(
-    samples: EdgeSamples, points: Array, seen: Flags, kinds: Labels, contrasts: Scalars, min_length_px: float
+    samples: EdgeSamples,
+    points: Array,
+    seen: Flags,
+    kinds: Labels,
+    contrasts: Scalars,
+    alone: Flags,
+    min_length_px: float,
 ) -> TrueEdges:
     """Join the points of each edge that are seen, and of one kind, to pieces."""
     keep = np.flatnonzero(seen)
@@ -202,6 +228,7 @@ def _pieces(
         points[ends],
         kinds[ends[:, 0]],
         np.array([np.median(contrasts[g]) for g in groups], dtype=np.float64),
+        np.array([np.mean(alone[g]) for g in groups], dtype=np.float64),
     )
 
 

@@ -18,7 +18,7 @@ from algorithms.simulation.scene import Scene, scene_from_parts
 from algorithms.simulation.stations import station_pose
 from algorithms.simulation.sun import Daylight
 from algorithms.simulation.textures import Courses, Stripes
-from algorithms.simulation.virtual_camera import VirtualCamera, scanner_camera, top_mount
+from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards, scanner_camera, top_mount
 
 SMALL = Camera(320, 240, 260.0, 261.0, 158.0, 121.0)
 BENT = replace(SMALL, k1=-0.12, k2=0.05, p1=1e-3, p2=-8e-4)
@@ -186,6 +186,22 @@ def test_a_partly_hidden_edge_ends_at_what_hides_it() -> None:
     np.testing.assert_allclose(cuts, [-2.0, 0.5 * 8.0 / 5.0, 0.9 * 8.0 / 5.0, 2.0], atol=0.08)
 
 
+def test_a_view_of_nothing_has_no_edges() -> None:
+    # All of it stands behind the camera.
+    assert len(_truth(_scene(_wall(y=-10.0)), QUIET)) == 0
+
+
+def test_an_edge_with_another_closely_beside_does_not_stand_alone() -> None:
+    # At 10 m a pixel is 38 mm wide: a strip of 20 mm is narrower, one of 1 m is not.
+    paint = replace(PLASTER, texture=Stripes((0.1, 0.1, 0.4), levels_m=((0.5, 0.52), (2.0, 3.0))))
+    edges = _truth(_scene(_wall(paint)), QUIET, CLOUDY)
+    material = edges[edges.kinds == EdgeKind.MATERIAL]
+    wide = material.world[:, 0, 2] > 1.0
+    assert np.count_nonzero(wide) == 2
+    np.testing.assert_array_equal(material.alone[wide], 1.0)
+    np.testing.assert_array_equal(material.alone[~wide], 0.0)
+
+
 def test_a_shadow_edge_needs_the_sun() -> None:
     scene = _scene(_wall(), box((-20.0, 7.8, 2.5), (20.0, 8.0, 3.3), STEEL))
     night = replace(BEHIND, elevation_rad=-0.1)
@@ -291,6 +307,14 @@ def test_the_camera_on_top_looks_where_the_head_points() -> None:
     forward, right = pose.rotation.apply([(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)])
     np.testing.assert_allclose(forward, [0.0, np.cos(0.1), -np.sin(0.1)], atol=1e-15)
     np.testing.assert_allclose(right, [1.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_the_head_turns_the_camera_to_a_point() -> None:
+    station, camera = station_pose((3.0, -2.0, 1.6), 2.1, 0.05, -0.08), VirtualCamera()
+    point = np.array([-6.0, 9.0, 4.0])
+    pose = station * camera.scan_from_camera(head_angle_towards(station, point))
+    # The projection centre lies before the head's axis and above it: only upright the point is off the middle.
+    assert abs(pose.inv().apply(point)[0]) < 1e-12
 
 
 def test_photos_of_a_station_look_from_the_scanner_around_it() -> None:
