@@ -73,7 +73,8 @@ def extract_features(
     regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
         scan.points, cells.cell_of_point, candidates_of(cells, regions), regions.normals, regions.centroids,
-        regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), min_points=options.min_plane_points,
+        regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), sensor_m=sensor,
+        min_points=options.min_plane_points,
     )  # fmt: skip
     planes, rasters, kept = bound_planes(
         scan.points, fitted, 0.25 * cells.size_m,

@@ -18,8 +18,13 @@ LONG_WAVES = 8.0
 """Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part
 of them: their share of the covariance is that of an eighth of the patches. Calibrated on walls and floors seen from
 two set-ups of known pose (tripod scans of a garage and of facades)."""
-SIGNIFICANCE = 2.5
+SIGNIFICANCE = 1.5
 """Standard deviations by which patches must scatter too much before a surface is called wavy. Chosen on those scans."""
+SIGNIFICANCE_AMONG_EVEN = 3.0
+"""The same where most surfaces of a scan are even: there a scatter that is only just too large is mostly chance, and
+taken for waviness it makes the covariance of good surfaces a tenth too large."""
+KNOWN_REDUNDANCY = 6.0
+"""Surfaces of at least this redundancy can tell their own waviness."""
 NUMERICAL_STD_M = 1e-9
 """Rounding of coordinates: keeps weights finite on exact data."""
 
@@ -73,10 +78,12 @@ def honest_covariance(
     return np.asarray(white + LONG_WAVES * (wavy - white))
 
 
-def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars) -> float:
+def estimate_waviness(
+    jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, significance: float = SIGNIFICANCE
+) -> float:
     """Estimate the variance of patch means beyond the noise of their points [m2].
 
-    It is zero while the squared residuals exceed their redundancy by no more than `SIGNIFICANCE` standard deviations:
+    It is zero while the squared residuals exceed their redundancy by no more than `significance` standard deviations:
     otherwise half of all ideal surfaces would be called wavy by chance.
     """
     redundancy = len(misfits) - int(jacobian.shape[1])
@@ -88,7 +95,7 @@ def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scala
         left = misfits - jacobian @ fit.corrections
         return float(np.sum(left**2 / (noise_variances + waviness))) - redundancy
 
-    if excess(0.0) <= SIGNIFICANCE * np.sqrt(2.0 * redundancy):
+    if excess(0.0) <= significance * np.sqrt(2.0 * redundancy):
         return 0.0
     low: float = 0.0
     high = float(np.mean(misfits**2))
@@ -100,7 +107,23 @@ def estimate_waviness(jacobian: Matrix, misfits: Scalars, noise_variances: Scala
     return float(0.5 * (low + high))
 
 
-def shrink_variances(variances: Scalars, redundancies: Scalars, prior_redundancy: float = 6.0) -> Scalars:
+def estimate_wavinesses(systems: list[tuple[Array, Array, Array]]) -> Scalars:
+    """Estimate the waviness of all surfaces of a scan, (k,) [m2], each steadied by the others.
+
+    Parameters
+    ----------
+    systems
+        Jacobian (p, u), misfits (p,) and noise variances (p,) of every surface, as `estimate_waviness` takes them.
+    """
+    redundancies = np.array([len(misfits) - jacobian.shape[1] for jacobian, misfits, _ in systems], dtype=np.float64)
+    wavinesses = np.array([estimate_waviness(*system) for system in systems], dtype=np.float64)
+    known = redundancies >= KNOWN_REDUNDANCY
+    if known.any() and float(np.median(wavinesses[known])) == 0.0:
+        wavinesses = np.array([estimate_waviness(*system, SIGNIFICANCE_AMONG_EVEN) for system in systems])
+    return shrink_variances(wavinesses, redundancies)
+
+
+def shrink_variances(variances: Scalars, redundancies: Scalars, prior_redundancy: float = KNOWN_REDUNDANCY) -> Scalars:
     """Pull variances of few degrees of freedom towards the median of the well-determined ones.
 
     A surface with four patches cannot tell its own waviness; others of the same scan can.

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from algorithms.features.cylinder_fitting import fit_cylinder
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
-from algorithms.features.patch_covariance import estimate_waviness, honest_covariance
+from algorithms.features.patch_covariance import estimate_waviness, estimate_wavinesses, honest_covariance
 from algorithms.progress import NoProgress
 
 
@@ -100,6 +100,50 @@ def test_waviness_is_estimated_without_bias():
         estimate_waviness(jacobian, rng.normal(0, 0.002, 40) + rng.normal(0, 0.0005, 40), noise) for _ in range(200)
     ]
     assert np.mean(found) == pytest.approx(0.002**2, rel=0.06)  # relative sigma of the mean 1.7 %
+
+
+def just_too_wavy(rng):
+    """Give a surface whose 40 patches scatter by two standard deviations of chi-square too much."""
+    jacobian = np.column_stack([rng.uniform(-1, 1, (40, 2)), np.ones(40)])
+    misfits = rng.normal(0, 1, 40)
+    misfits -= jacobian @ np.linalg.lstsq(jacobian, misfits)[0]
+    misfits *= np.sqrt((37.0 + 2.0 * np.sqrt(74.0)) / np.sum(misfits**2))
+    return jacobian, 0.0005 * misfits, np.full(40, 0.0005**2)
+
+
+def even(rng):
+    """Give a surface whose patches scatter as their noise lets expect."""
+    jacobian, misfits, variances = just_too_wavy(rng)
+    return jacobian, 0.8 * misfits, variances
+
+
+def test_a_scatter_just_too_large_is_chance_among_even_surfaces():
+    rng = np.random.default_rng(5)
+    assert (estimate_wavinesses([just_too_wavy(rng), even(rng), even(rng)]) == 0.0).all()
+
+
+def test_the_same_scatter_is_waviness_among_wavy_surfaces():
+    rng = np.random.default_rng(6)
+    assert (estimate_wavinesses([just_too_wavy(rng), just_too_wavy(rng), even(rng)]) > 0.0).all()
+
+
+def floor(rng, noise_m):
+    """Give a floor 1.6 m below the instrument, out to 12 m, measured with noise along the rays."""
+    depression, azimuth = np.meshgrid(np.deg2rad(np.arange(8.0, 70.0, 0.7)), np.deg2rad(np.arange(0.0, 360.0, 2.0)))
+    down, around = depression.ravel(), azimuth.ravel()
+    rays = np.column_stack([np.cos(down) * np.cos(around), np.cos(down) * np.sin(around), -np.sin(down)])
+    return rays * (1.6 / np.sin(down) + rng.normal(0.0, noise_m, len(down)))[:, None]
+
+
+def test_a_floor_seen_at_all_incidences_has_a_normalised_error_of_three():
+    errors = []
+    for seed in range(25):
+        planes = features_of(floor(np.random.default_rng(seed), 0.004), np.zeros(3)).planes
+        n = planes.normals[0]
+        true = np.array([0.0, 0.0, 1.0])
+        e = np.array([*(planes.bases[0].T @ true / n[2]), (-1.6 - planes.centroids[0, 2]) / n[2]])
+        errors.append(e @ np.linalg.solve(planes.covariances[0], e))
+    assert 1.8 < np.mean(errors) < 4.5  # 3 +- 0.49 (one sigma of the mean of 25)
 
 
 def test_covariance_without_waviness_is_the_formal_one():

@@ -1,0 +1,195 @@
+"""Which surface an edge of a photo belongs to: occlusion, creases, edges on one plane."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.features.side_planes import (
+    COVERED,
+    FRONT_SHARE,
+    LEAST_INCIDENCE,
+    OWN_SHARE,
+    SAME_ANGLE_RAD,
+    SAME_CHI_SQUARE,
+    SAME_STEP_M,
+    SIGNIFICANT,
+    UNEVENNESS_M,
+    EdgeRejection,
+    SidePlanes,
+    SpaceEdgeKind,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeOwners:
+    """The plane of each of n edges, not yet with its final covariance."""
+
+    kinds: Labels
+    """(n,) `SpaceEdgeKind` values; of edges on one plane `SURFACE_EDGE`."""
+    reasons: Labels
+    """(n,) `EdgeRejection` values, 0 for edges that have a plane."""
+    sides: Bool[Array, "n 2"]
+    """(n, 2) which sides' points the plane is made of."""
+    normals: Points
+    """(n, 3) unit normals towards the camera."""
+    centroids: Points
+    """(n, 3) [m]."""
+    variances_m2: Scalars
+    """(n,) of single points across the plane."""
+    limits_m: Scalars
+    """(n,) distance within which points belong to the plane."""
+    counts: Scalars
+    """(n,) points."""
+
+
+def edge_owners(
+    planes: SidePlanes,
+    projecting: Points,
+    rays: Float64[Array, "n 3 3"],
+    centre: Points,
+    variances_m2: Float64[Array, "n 2"],
+    min_angle_rad: float,
+) -> EdgeOwners:
+    """Decide to which plane each edge belongs.
+
+    If both sides are one plane, both together make it. If two planes meet at the edge, the better determined one is
+    taken; if they do not, the nearer one, as the farther ends behind it. Where the points right beside the edge speak
+    against the plane, the edge is rejected.
+
+    Parameters
+    ----------
+    planes
+        Planes of both sides.
+    projecting
+        (n, 3) normals of the projecting planes.
+    rays
+        (n, 3, 3) unit rays through start, middle and end of the edges.
+    centre
+        (1, 3) projection centre [m].
+    variances_m2
+        (n, 2) variances of single points across the planes.
+    min_angle_rad
+        Least angle between projecting plane and surface.
+    """
+    exist = planes.exist
+    both = exist.all(axis=1)
+    steep = _steep_enough(planes, projecting, rays, min_angle_rad)
+    ranges, stds = _ranges(planes, rays, centre[0], variances_m2)
+    same = both & _one_plane(planes, variances_m2, ranges, rays)
+    beside_other = planes.on_plane[:, [0, 1], [1, 0]]
+    others = planes.beside[:, ::-1]
+    continues = exist & ~both[:, None] & (beside_other >= 3) & (beside_other >= OWN_SHARE * others)
+    nearer, meets, crossing = _depth_order(ranges, stds, planes, rays)
+    covered = planes.covered >= COVERED
+    usable = exist & steep & covered & (ranges > 0.0).all(axis=2)
+    # offsets at the edge, across the line of sight, tell how well a side determines the line
+    quality = np.where(usable, stds.max(axis=2), np.inf)
+    owner = np.where(both & meets, np.argmin(quality, axis=1), np.where(both, nearer, np.argmax(exist, axis=1)))
+    rows = np.arange(len(owner))
+    sides = np.zeros((len(owner), 2), dtype=bool)
+    sides[rows, owner] = True
+    sides[same | continues.any(axis=1)] = True
+    kinds = np.where(same | continues.any(axis=1), SpaceEdgeKind.SURFACE_EDGE, SpaceEdgeKind.SILHOUETTE)
+    kinds = np.where(both & meets & ~same, SpaceEdgeKind.CREASE, kinds)
+    front, on = planes.in_front[rows, owner], planes.on_plane[rows, owner].sum(axis=1)
+    own, all_own = planes.on_plane[rows, owner, owner], planes.beside[rows, owner]
+    unclear = (front >= 2) & (front > FRONT_SHARE * (front + on))
+    unclear |= (own < OWN_SHARE * all_own) | (both & ~same & crossing)
+    reasons = np.full(len(owner), EdgeRejection.NONE, dtype=np.int32)
+    reasons[unclear] = EdgeRejection.OCCLUSION_UNCLEAR
+    reasons[~np.where(same, covered.any(axis=1), covered[rows, owner])] = EdgeRejection.NOT_COVERED
+    reasons[~np.where(same, steep.any(axis=1), steep[rows, owner])] = EdgeRejection.GRAZING
+    reasons[~(ranges[rows, owner] > 0.0).all(axis=1)] = EdgeRejection.GRAZING
+    reasons[~exist.any(axis=1)] = EdgeRejection.NO_PLANE
+    normals, centroids = planes.normals[rows, owner], planes.centroids[rows, owner]
+    union_normals, union_centroids, _ = _united(planes)
+    normals[same], centroids[same] = union_normals[same], union_centroids[same]
+    counts = np.where(same, planes.counts.sum(axis=1), planes.counts[rows, owner])
+    weights = np.where(same[:, None], planes.counts, sides & exist)
+    return EdgeOwners(
+        kinds=kinds.astype(np.int32),
+        reasons=reasons,
+        sides=sides,
+        normals=normals,
+        centroids=centroids,
+        variances_m2=np.einsum("ns,ns->n", weights, variances_m2) / np.maximum(weights.sum(axis=1), 1e-9),
+        limits_m=np.where(same, planes.limits_m.max(axis=1), planes.limits_m[rows, owner]),
+        counts=counts,
+    )
+
+
+def _steep_enough(
+    planes: SidePlanes, projecting: Points, rays: Float64[Array, "n 3 3"], min_angle_rad: float
+) -> Bool[Array, "n 2"]:
+    """Tell which planes meet the projecting plane and its rays at a usable angle."""
+    cosines = np.abs(np.einsum("nsi,ni->ns", planes.normals, projecting))
+    incidence = np.abs(np.einsum("nsi,nei->nse", planes.normals, rays)).min(axis=2)
+    return np.asarray((cosines < np.cos(min_angle_rad)) & (incidence > LEAST_INCIDENCE))
+
+
+def _ranges(
+    planes: SidePlanes, rays: Float64[Array, "n 3 3"], centre: Array, variances_m2: Float64[Array, "n 2"]
+) -> tuple[Float64[Array, "n 2 3"], Float64[Array, "n 2 3"]]:
+    """Give where the rays meet each plane, and the standard deviation of the plane's offset there [m]."""
+    towards = np.einsum("nsi,nei->nse", planes.normals, rays)
+    heights = np.einsum("nsi,nsi->ns", planes.normals, planes.centroids - centre)
+    safe = np.where(np.abs(towards) > 1e-9, towards, 1e-9)
+    ranges = np.where(planes.exist[:, :, None], heights[:, :, None] / safe, 0.0)
+    values, vectors = np.linalg.eigh(planes.scatters)
+    places = centre + ranges[:, :, :, None] * rays[:, None, :, :] - planes.centroids[:, :, None, :]
+    along = np.einsum("nsei,nsik->nsek", places, vectors[:, :, :, 1:])
+    weights = np.einsum("nsek,nsk->nse", along**2, 1.0 / np.maximum(values[:, :, 1:], 1e-12))
+    weights += 1.0 / np.maximum(planes.counts, 1.0)[:, :, None]
+    return ranges, np.sqrt(variances_m2[:, :, None] * weights)
+
+
+def _depth_order(
+    ranges: Float64[Array, "n 2 3"], stds: Float64[Array, "n 2 3"], planes: SidePlanes, rays: Float64[Array, "n 3 3"]
+) -> tuple[Array, Flags, Flags]:
+    """Give the nearer side of each edge, whether both meet there, and whether they change places along it.
+
+    Differences are judged in the direction of the normals: along the ray a grazing surface is uncertain.
+    """
+    cosines = np.maximum(np.abs(np.einsum("nsi,nei->nse", planes.normals, rays)), LEAST_INCIDENCE)
+    steps = ranges[:, 0] - ranges[:, 1]
+    limits = UNEVENNESS_M / cosines.max(axis=1) + SIGNIFICANT * np.hypot(
+        stds[:, 0] / cosines[:, 0], stds[:, 1] / cosines[:, 1]
+    )
+    first_farther, second_farther = steps > limits, steps < -limits
+    crossing = first_farther.any(axis=1) & second_farther.any(axis=1)
+    meets = ~(first_farther | second_farther).any(axis=1)
+    nearer = np.where(first_farther.any(axis=1), 1, 0)
+    return nearer, np.asarray(meets), np.asarray(crossing)
+
+
+def _united(planes: SidePlanes) -> tuple[Points, Points, Scalars]:
+    """Fit one plane to both sides: normals towards the camera, centroids, sums of squared residuals [m²]."""
+    counts = planes.counts
+    total = np.maximum(counts.sum(axis=1), 1.0)
+    means = np.einsum("ns,nsi->ni", counts, planes.centroids) / total[:, None]
+    apart = planes.centroids - means[:, None, :]
+    scatters = planes.scatters.sum(axis=1) + np.einsum("ns,nsi,nsj->nij", counts, apart, apart)
+    values, vectors = np.linalg.eigh(scatters)
+    normals = np.ascontiguousarray(vectors[:, :, 0])
+    normals *= np.where(np.einsum("ni,nsi->n", normals, planes.normals) < 0.0, -1.0, 1.0)[:, None]
+    return normals, means, np.maximum(values[:, 0], 0.0)
+
+
+def _one_plane(
+    planes: SidePlanes,
+    variances_m2: Float64[Array, "n 2"],
+    ranges: Float64[Array, "n 2 3"],
+    rays: Float64[Array, "n 3 3"],
+) -> Flags:
+    """Tell where both sides lie on one plane, by the noise or within the unevenness of buildings."""
+    _, _, squares = _united(planes)
+    apart = np.einsum("nsi,nsij,nsj->ns", planes.normals, planes.scatters, planes.normals)
+    pooled = np.einsum("ns,ns->n", planes.counts, variances_m2) / np.maximum(planes.counts.sum(axis=1), 1.0)
+    excess = (squares - apart.sum(axis=1)) / np.maximum(pooled, 1e-30)
+    cosine = np.einsum("ni,ni->n", planes.normals[:, 0], planes.normals[:, 1])
+    towards = np.abs(np.einsum("nsi,nei->nse", planes.normals, rays)).max(axis=1)
+    steps = np.abs(ranges[:, 0] - ranges[:, 1]) * towards
+    even = (cosine > np.cos(SAME_ANGLE_RAD)) & (steps < SAME_STEP_M).all(axis=1)
+    return np.asarray((excess < SAME_CHI_SQUARE) | even)

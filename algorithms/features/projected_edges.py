@@ -1,0 +1,209 @@
+"""Lines in space from straight edges of a photo: the projecting plane cut with the surface beside the edge.
+
+Chapter 4.1.5 of the dissertation *Geradengestützte Registrierung terrestrischer Laserscans* (2011), with the covariance
+of MATH 2.4 and 2.5. The interior orientation of the camera is taken as errorless.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array, Flags, Indices, Labels, Matrices3, Points, Scalars
+from algorithms.features.edge_bands import EdgeBands, gather_bands
+from algorithms.features.edge_owners import EdgeOwners, edge_owners
+from algorithms.features.edge_planes import EdgePlanes, adjust_edge_planes
+from algorithms.features.projection_options import ProjectionOptions
+from algorithms.features.side_planes import EdgeRejection, SpaceEdgeKind, side_planes
+from algorithms.geometry.cameras import Camera
+from algorithms.geometry.covariances import intersection_covariances, intersection_jacobians, intersection_lines
+from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
+from algorithms.geometry.projecting_planes import projecting_planes
+from algorithms.photos.segments import ImageSegments
+from algorithms.progress import Progress
+from algorithms.scans.scan import Scan
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedEdges:
+    """n lines in space that a photo shows, and why m other edges gave none."""
+
+    lines: Lines
+    """In the reduced scan frame; covariances hold the errors of edge and surface only, not those of the camera's pose.
+    """
+    segment_numbers: Indices
+    """(n,) edge of the photo each line comes from, ascending."""
+    kinds: Labels
+    """(n,) `SpaceEdgeKind` values."""
+    plane_normals: Points
+    """(n, 3) unit normals, towards the camera, of the surface each line was cut with."""
+    mount_jacobians: Float64[Array, "n 4 6"]
+    """(n, 4, 6) derivatives of (a1, a2, b1, b2) by the errors of `scan_from_camera`: rotation vector on the left in
+    scan axes [rad], translation [m]. They are common to all lines of the photo (MATH 2.5)."""
+    rejected_numbers: Indices
+    """(m,) edges of the photo that gave no line, ascending."""
+    rejected_reasons: Labels
+    """(m,) `EdgeRejection` values."""
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __getitem__(self, which: "Array | slice") -> "ProjectedEdges":
+        """Select lines by an index array, mask or slice; the rejected edges stay."""
+        return ProjectedEdges(
+            self.lines[which],
+            self.segment_numbers[which],
+            self.kinds[which],
+            self.plane_normals[which],
+            self.mount_jacobians[which],
+            self.rejected_numbers,
+            self.rejected_reasons,
+        )
+
+
+def project_edges(
+    segments: ImageSegments,
+    camera: Camera,
+    scan_from_camera: RigidTransform,
+    scan: Scan,
+    options: ProjectionOptions,
+    *,
+    noise_std_m: float,
+    progress: Progress,
+) -> ProjectedEdges:
+    """Turn the edges of a photo into lines in space.
+
+    Parameters
+    ----------
+    segments
+        Edges in ideal pixels.
+    camera
+        Interior orientation.
+    scan_from_camera
+        Pose of the camera in the scan frame (full coordinates, not reduced ones).
+    scan
+        The scan taken from the same set-up.
+    options
+        Limits.
+    noise_std_m
+        Typical standard deviation of the scan's points across surfaces, as in `ScanFeatures.noise_std_m` [m].
+    progress
+        Is told the steps.
+
+    Returns
+    -------
+    Lines with the anchor in the middle of the edge. Every edge is either among the lines or among the rejected ones.
+    """
+    reasons = np.full(len(segments), EdgeRejection.TOO_SHORT, dtype=np.int32)
+    long = np.flatnonzero(segments.lengths >= max(options.min_length_px, 1.0))
+    if len(long) == 0:
+        return _nothing(reasons)
+    chosen = segments[long]
+    pose = RigidTransform.from_components(
+        np.asarray(scan_from_camera.translation) - scan.origin_m, scan_from_camera.rotation
+    )
+    centre = np.asarray(pose.translation).reshape(1, 3)
+    progress.report(0.0, "points beside edges")
+    bands = gather_bands(chosen, camera, pose, scan.points, options)
+    progress.report(0.4, "planes beside edges")
+    normals, bases, by_edge, by_pose = projecting_planes(chosen.centres, chosen.directions, camera, pose)
+    planes = side_planes(bands, centre, options, noise_std_m)
+    variances = planes.variances(centre, noise_std_m**2)
+    least_angle = options.min_angle_gon * np.pi / 200.0
+    owners = edge_owners(planes, normals, _edge_rays(chosen, camera, pose), centre, variances, least_angle)
+    reasons[long] = owners.reasons
+    kept = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
+    if len(kept) == 0:
+        return _nothing(reasons)
+    progress.report(0.7, "lines in space")
+    adjusted = adjust_edge_planes(bands, owners, scan.intensity, options)
+    reasons[long[kept[adjusted.curved[kept]]]] = EdgeRejection.CURVED
+    kept = kept[~adjusted.curved[kept]]
+    ones = np.broadcast_to(centre, (len(kept), 3)).copy()
+    lines, jacobians = _cut(
+        chosen[kept], camera, pose, ones, normals[kept], bases[kept], by_edge[kept], adjusted.select(kept)
+    )
+    ends = np.abs(lines.extents).max(axis=1)
+    certain = np.sqrt(_largest_variance_m2(lines.covariances, ends)) <= options.max_std_m
+    enough = lines.lengths >= options.min_length_m
+    reasons[long[kept[~enough]]] = EdgeRejection.TOO_SHORT
+    reasons[long[kept[~certain]]] = EdgeRejection.TOO_UNCERTAIN
+    good = np.flatnonzero(certain & enough)
+    kept = kept[good]
+    progress.report(1.0, f"{len(kept)} lines in space")
+    rejected = np.flatnonzero(reasons != EdgeRejection.NONE)
+    return ProjectedEdges(
+        lines=lines[good],
+        segment_numbers=long[kept].astype(np.int64),
+        kinds=adjusted.kinds[kept],
+        plane_normals=adjusted.normals[kept],
+        mount_jacobians=jacobians[good] @ by_pose[kept],
+        rejected_numbers=rejected.astype(np.int64),
+        rejected_reasons=reasons[rejected],
+    )
+
+
+def _nothing(reasons: Labels) -> ProjectedEdges:
+    """Give the result of a photo of which no edge leads to a line."""
+    return ProjectedEdges(
+        Lines.empty(),
+        np.empty(0, dtype=np.int64),
+        np.empty(0, dtype=np.int32),
+        np.empty((0, 3)),
+        np.empty((0, 4, 6)),
+        np.arange(len(reasons), dtype=np.int64),
+        reasons,
+    )
+
+
+def _edge_rays(segments: ImageSegments, camera: Camera, pose: RigidTransform) -> Float64[Array, "n 3 3"]:
+    """Give the unit rays through start, middle and end of the edges in scan axes."""
+    ends = segments.ends
+    places = np.stack([ends[:, 0], ends.mean(axis=1), ends[:, 1]], axis=1).reshape(-1, 2)
+    rays = camera.rays_from_ideal(places) @ pose.rotation.as_matrix().T
+    return np.ascontiguousarray(rays.reshape(-1, 3, 3))
+
+
+def _cut(
+    segments: ImageSegments,
+    camera: Camera,
+    pose: RigidTransform,
+    centres: Points,
+    normals: Points,
+    bases: Array,
+    by_edge: Array,
+    planes: EdgePlanes,
+) -> tuple[Lines, Float64[Array, "n 4 3"]]:
+    """Cut projecting planes with surfaces: lines, and their derivatives by the projecting planes' (a1, a2, b)."""
+    points, directions = intersection_lines(normals, centres, planes.normals, planes.centroids)
+    rays = _edge_rays(segments, camera, pose)
+    heights = np.einsum("ni,ni->n", planes.normals, planes.centroids - centres)
+    ranges = heights[:, None] / np.einsum("nei,ni->ne", rays, planes.normals)
+    places = np.einsum("nei,ni->ne", centres[:, None, :] + ranges[:, :, None] * rays - points[:, None, :], directions)
+    middle = 0.5 * (places[:, 0] + places[:, 2])
+    anchors = points + middle[:, None] * directions
+    line_bases, jacobians = intersection_jacobians(
+        anchors, directions, normals, centres, bases, planes.normals, planes.centroids, planes.bases
+    )
+    edge_covariances = np.zeros((len(segments), 3, 3))
+    edge_covariances[:, :2, :2] = by_edge @ segments.covariances @ np.swapaxes(by_edge, 1, 2)
+    extents = np.sort(places[:, [0, 2]] - middle[:, None], axis=1)
+    lines = lines_from_arrays(
+        anchors,
+        directions,
+        intersection_covariances(jacobians, edge_covariances, planes.covariances),
+        extents,
+        bases=line_bases,
+        sources=np.full(len(segments), LineSource.PHOTO_EDGE, dtype=np.int32),
+    )
+    return lines, np.ascontiguousarray(jacobians[:, :, :3])
+
+
+def _largest_variance_m2(covariances: Array, places: Scalars) -> Scalars:
+    """Give the largest variance across lines at places (n,) along them, at either sign of the place."""
+    largest = []
+    for sign in (-1.0, 1.0):
+        transfer = np.concatenate([np.eye(2) * (sign * places)[:, None, None], np.tile(np.eye(2), (len(places), 1, 1))], axis=2)
+        largest.append(np.linalg.eigvalsh(transfer @ covariances @ np.swapaxes(transfer, 1, 2))[:, -1])
+    return np.maximum(*largest)

@@ -1,0 +1,179 @@
+"""The planes left and right of the edges of a photo, and which of them each edge belongs to."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.features.edge_bands import EdgeBands
+from algorithms.features.patch_covariance import NUMERICAL_STD_M
+from algorithms.features.plane_fitting import LEAST_COSINE, LEAST_WIDTH
+from algorithms.features.plane_segmentation import thickness
+from algorithms.features.projection_options import ProjectionOptions
+from algorithms.features.side_planes_kernels import fit_sides, look_near_edges
+
+STEADY = 10.0
+"""The scatter of a side counts as so many points, besides its own, in that which the other sides let expect."""
+FEW_POINTS = 20
+"""Sides of fewer points do not tell what to expect."""
+LEAST_INCIDENCE = float(np.sin(np.deg2rad(4.0)))
+"""Surfaces seen flatter than this have no useful place along the ray."""
+COVERED = 0.6
+"""Share of an edge along which its plane must be seen right beside it."""
+OWN_SHARE = 0.6
+"""Share of the points right beside an edge, on its plane's side, that must lie on the plane."""
+FRONT_SHARE = 0.1
+"""Largest share of points right beside an edge that may lie in front of its plane: something else owns it then."""
+SIGNIFICANT = 3.0
+"""Standard deviations of a depth step between both sides."""
+UNEVENNESS_M = 5e-4
+"""Depth steps below this are none."""
+SAME_CHI_SQUARE = 21.1
+"""Largest sum of squares, in variances of single points, by which one common plane may fit worse than two: the 0.01 %
+point of chi-square with three degrees of freedom."""
+SAME_ANGLE_RAD, SAME_STEP_M = float(np.deg2rad(2.0)), 2e-3
+"""Planes within these are one uneven surface, however significant their difference."""
+
+
+class EdgeRejection(IntEnum):
+    """Why an edge of a photo gives no line in space."""
+
+    NONE = 0
+    """It gives one."""
+    TOO_SHORT = 1
+    """The edge is too short in the photo or in space."""
+    NO_PLANE = 2
+    """Neither side has a plane: too few points, or nothing flat."""
+    NOT_COVERED = 3
+    """The plane has no points right beside the edge, so it may end before."""
+    GRAZING = 4
+    """The surface contains the line of sight, nearly."""
+    OCCLUSION_UNCLEAR = 5
+    """Points beside the edge lie in front of the plane, or both sides change places along it: another surface may own it."""
+    CURVED = 6
+    """The surface beside the edge is bent, so its outline is another line for every station."""
+    TOO_UNCERTAIN = 7
+    """The line's standard deviation is too large."""
+
+    @property
+    def label(self) -> str:
+        """Give the name used in results, e.g. ``no-plane``."""
+        return self.name.lower().replace("_", "-")
+
+
+class SpaceEdgeKind(IntEnum):
+    """What an edge of a photo is in space."""
+
+    CREASE = 0
+    """Two surfaces meet."""
+    SILHOUETTE = 1
+    """A surface ends before a farther one, or before nothing."""
+    SURFACE_EDGE = 2
+    """Both sides are one plane and the scanner sees no change: paint, a joint, or a shadow."""
+    MATERIAL_EDGE = 3
+    """Both sides are one plane, and the intensity of the scan changes at the edge: no shadow."""
+
+    @property
+    def label(self) -> str:
+        """Give the name used in results, e.g. ``surface-edge``."""
+        return self.name.lower().replace("_", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class SidePlanes:
+    """The planes on both sides of n edges; side 0 is the one of the edge's normal, the brighter one."""
+
+    normals: Float64[Array, "n 2 3"]
+    """(n, 2, 3) unit normals towards the camera."""
+    centroids: Float64[Array, "n 2 3"]
+    """(n, 2, 3) [m]."""
+    scatters: Float64[Array, "n 2 3 3"]
+    """(n, 2, 3, 3) central sums of products of the points [m²]."""
+    counts: Float64[Array, "n 2"]
+    """(n, 2) points; 0 where there is no plane."""
+    limits_m: Float64[Array, "n 2"]
+    """(n, 2) distance within which points belong to the plane [m]."""
+    covered: Float64[Array, "n 2"]
+    """(n, 2) share of the edge beside which the plane has points."""
+    beside: Float64[Array, "n 2"]
+    """(n, 2) points right beside the edge on each side."""
+    on_plane: Float64[Array, "n 2 2"]
+    """(n, 2, 2) how many of them lie on the plane of the side in the first index, by the side where they are."""
+    in_front: Float64[Array, "n 2"]
+    """(n, 2) points right beside the edge in front of the plane, on neither plane."""
+
+    def __len__(self) -> int:
+        return len(self.normals)
+
+    @property
+    def exist(self) -> Bool[Array, "n 2"]:
+        """(n, 2) True where there is a plane."""
+        return np.asarray(self.counts > 0.0)
+
+    def variances(self, centre: Points, fallback_m2: float) -> Float64[Array, "n 2"]:
+        """Give the variance of single points across each plane, steadied by the other planes [m²].
+
+        Parameters
+        ----------
+        centre
+            (1, 3) where the rays come from, nearly the instrument.
+        fallback_m2
+            Variance of ranges where no plane has enough points.
+        """
+        squares = np.einsum("nsi,nsij,nsj->ns", self.normals, self.scatters, self.normals)
+        freedoms = np.maximum(self.counts - 3.0, 0.0)
+        rays = self.centroids - centre[0]
+        cosines = np.einsum("nsi,nsi->ns", rays, self.normals) / np.maximum(np.linalg.norm(rays, axis=2), 1e-9)
+        shares = cosines**2 + LEAST_COSINE**2
+        telling = self.counts >= FEW_POINTS
+        typical = fallback_m2
+        if telling.any():
+            typical = float(np.median((squares / np.maximum(freedoms, 1.0) / shares)[telling]))
+        return np.asarray(
+            (np.maximum(squares, 0.0) + STEADY * typical * shares) / (freedoms + STEADY) + NUMERICAL_STD_M**2
+        )
+
+
+def side_planes(
+    bands: EdgeBands, centre: Points, options: ProjectionOptions, noise_std_m: float
+) -> SidePlanes:
+    """Fit planes to both sides of all edges.
+
+    Parameters
+    ----------
+    bands
+        Points beside the edges.
+    centre
+        (1, 3) projection centre in the frame of the points [m].
+    noise_std_m
+        Typical standard deviation of points across surfaces [m].
+    """
+    limit = float(thickness(np.array([noise_std_m]))[0])
+    least = max(1.5 * noise_std_m, NUMERICAL_STD_M)
+    planes, moments, limits = fit_sides(
+        bands.points, bands.across, bands.splits, options.gap_px, options.band_px, bands.spacings_px,
+        limit, least, options.min_points,
+    )  # fmt: skip
+    away = np.einsum("nsi,nsi->ns", planes[:, :, :3], planes[:, :, 3:] - centre[0]) > 0.0
+    planes[away, :3] *= -1.0
+    scatters = moments[:, :, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 2, 3, 3)
+    squares = np.einsum("nsi,nsij,nsj->ns", planes[:, :, :3], scatters, planes[:, :, :3])
+    wide = np.linalg.eigvalsh(scatters)[:, :, 1] > LEAST_WIDTH**2 * squares
+    moments[~wide] = 0.0
+    covered, beside, on_plane, in_front = look_near_edges(
+        bands.points, bands.along, bands.across, bands.splits, bands.first_px, bands.last_px,
+        options.gap_px, bands.spacings_px, planes, moments, limits, limit,
+    )  # fmt: skip
+    return SidePlanes(
+        normals=np.ascontiguousarray(planes[:, :, :3]),
+        centroids=np.ascontiguousarray(planes[:, :, 3:]),
+        scatters=scatters,
+        counts=moments[:, :, 0].copy(),
+        limits_m=limits,
+        covered=covered,
+        beside=beside,
+        on_plane=on_plane,
+        in_front=in_front,
+    )
