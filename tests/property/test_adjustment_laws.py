@@ -102,8 +102,8 @@ class Room:
         )
         pipes = noisy(moved_lines(self.pipes, pose), rng)
         pipes = replace(pipes, sources=np.full(len(pipes), LineSource.CYLINDER_AXIS, dtype=np.int32))
-        joined = [np.concatenate([getattr(edges, f.name), getattr(pipes, f.name)]) for f in fields(Lines)]
-        return Lines(*joined), covariances
+        columns = [(getattr(edges, f.name), getattr(pipes, f.name)) for f in fields(Lines)]
+        return Lines(*(None if column[0] is None else np.concatenate(column) for column in columns)), covariances
 
 
 def adjusted_room(rng: np.random.Generator, room: Room, *, shared: bool) -> tuple[LineAdjustment, RigidTransform]:
