@@ -104,8 +104,8 @@ def _left_bank() -> list[Part]:
         tube((-16.2, -6.3, BANK_M), (-16.2, -6.3, BANK_M + 2.4), 0.04, STEEL),
         box((-16.6, -6.36, BANK_M + 1.7), (-15.8, -6.33, BANK_M + 2.3), PAINT, turn_rad=-12.0 * degree),
         box((-15.2, -3.9, BANK_M), (-14.8, -3.6, BANK_M + 1.3), PAINT, turn_rad=7.0 * degree),
-        bush((-23.0, 7.0, BANK_M + 0.8), (1.6, 1.4, 1.2), FOLIAGE, rng),
-        bush((-21.0, -14.5, BANK_M + 0.5), (1.0, 0.9, 0.8), FOLIAGE, rng),
-        bush((22.5, -6.5, BANK_M + 0.9), (1.5, 1.8, 1.3), FOLIAGE, rng),
-        bush((17.5, 9.0, BANK_M + 0.6), (1.1, 1.0, 0.9), FOLIAGE, rng),
+        bush((-23.0, 7.0, BANK_M + 0.8), (1.6, 1.4, 1.2), FOLIAGE, rng, corners=1200),
+        bush((-21.0, -14.5, BANK_M + 0.5), (1.0, 0.9, 0.8), FOLIAGE, rng, corners=800),
+        bush((22.5, -6.5, BANK_M + 0.9), (1.5, 1.8, 1.3), FOLIAGE, rng, corners=1200),
+        bush((17.5, 9.0, BANK_M + 0.6), (1.1, 1.0, 0.9), FOLIAGE, rng, corners=800),
     ]
