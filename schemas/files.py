@@ -1,7 +1,7 @@
 """Uploaded files and what was found in them."""
 
 from datetime import datetime
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -40,7 +40,20 @@ class PhotoDocument(BaseModel):
     """Number of the photo in its file, from 0."""
     name: str
     width: int
+    """Columns [px]."""
     height: int
+    """Rows [px]."""
+    camera: dict[str, Any] | None = None
+    """Interior orientation as a request may repeat it; null: the file does not tell it."""
+    scan_from_camera: list[list[float]] | None = None
+    """Pose of the camera (x right, y down, z forward) in the frame of the scan `scan`, 4×4 row-major; null: the file
+    does not tell it."""
+    scan: int | None = None
+    """Number of the scan of the same file to whose frame that pose leads."""
+    refused: str | None = None
+    """Why the photo cannot be used; null: it can."""
+    remarks: list[str] = []
+    """What the file does not tell of it."""
 
 
 class FileDocument(ResponseModel):

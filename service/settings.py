@@ -35,6 +35,8 @@ class Settings(BaseSettings):
     """Largest upload."""
     max_points: int = Field(default=200_000_000, ge=1)
     """Most points of one scan."""
+    max_photo_pixels: int = Field(default=100_000_000, ge=1)
+    """Most pixels of one photo."""
     max_stations: int = Field(default=500, ge=2)
     """Most stations of one job."""
     max_queued_jobs: int = Field(default=2000, ge=1)

@@ -1,5 +1,6 @@
-"""Files that hold scans: which reader serves a file, what is in it, and one scan of it."""
+"""Files that hold scans or photos: which reader serves a file, what is in it, and one scan or photo of it."""
 
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -7,9 +8,12 @@ import numpy as np
 from algorithms.scans.scan import Scan
 from service.formats.base import ReadLimits, ScanFile, ScanInfo, ScanReader
 from service.formats.e57 import E57Reader
+from service.formats.e57_photos import E57PhotoReader
 from service.formats.finishing import finish, scan_info
+from service.formats.images import ImageReader
 from service.formats.las import LasReader
 from service.formats.pcd import PcdReader
+from service.formats.photo import Photo, PhotoInfo, PhotoReader
 from service.formats.ply import PlyReader
 from service.formats.ptx import PtxReader
 from service.formats.text import HEAD_BYTES, TextReader
@@ -17,6 +21,7 @@ from service.formats.text import HEAD_BYTES, TextReader
 SCAN_READERS: tuple[ScanReader, ...] = (
     E57Reader(), PlyReader(), PcdReader(), LasReader(), PtxReader(), TextReader(),
 )  # fmt: skip
+PHOTO_READERS: tuple[PhotoReader, ...] = (ImageReader(), E57PhotoReader())
 
 KNOWN_STRANGERS = {
     b"\xff\xd8\xff": "a JPEG image",
@@ -31,7 +36,75 @@ KNOWN_STRANGERS = {
 }
 NO_LIMITS = ReadLimits()
 
-__all__ = ["SCAN_READERS", "ReadLimits", "ScanInfo", "ScanReader", "inspect_file", "read_scan", "reader_for"]
+__all__ = [
+    "PHOTO_READERS",
+    "SCAN_READERS",
+    "FileContents",
+    "Photo",
+    "PhotoInfo",
+    "PhotoReader",
+    "ReadLimits",
+    "ScanInfo",
+    "ScanReader",
+    "inspect_file",
+    "inspect_upload",
+    "read_photo",
+    "read_scan",
+    "reader_for",
+]
+
+
+@dataclass(frozen=True)
+class FileContents:
+    """What an uploaded file holds."""
+
+    format: str
+    kind: str
+    """scan or photo; a file with both is a scan."""
+    scans: tuple[ScanInfo, ...]
+    photos: tuple[PhotoInfo, ...]
+
+
+def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS) -> FileContents:
+    """Describe every scan and photo of a file, having read every point and decoded every pixel.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file holds neither a usable scan nor a usable photo, or a scan of it cannot be used.
+    FileTooLargeError
+        A scan has more points, or an image file more pixels, than `limits` allow.
+    """
+    file = ScanFile(path, filename)
+    head = _head(path)
+    reader = _photo_reader(file, head)
+    photos = () if reader is None else tuple(photo.info for photo in reader.photos(file, limits))
+    usable = any(photo.refused is None for photo in photos)
+    if reader is not None and photos and not reader.holds_scans(file):
+        if not usable:
+            why = "; ".join(dict.fromkeys(photo.refused or "" for photo in photos))
+            raise file.unreadable(f"the file holds no scan, and no image that can be used: {why}", "photo 0")
+        return FileContents(reader.format_of(head) or "", "photo", (), photos)
+    return FileContents(reader_for(path, filename).name, "scan", inspect_file(path, filename, limits), photos)
+
+
+def read_photo(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Photo:
+    """Read one photo of a file.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file cannot be used, or holds no usable photo under that index.
+    FileTooLargeError
+        The photo has more pixels than `limits` allow.
+    """
+    file = ScanFile(path, filename)
+    reader = _photo_reader(file, _head(path))
+    for photo in () if reader is None else reader.photos(file, limits, index):
+        if photo.info.refused is not None:
+            raise file.unreadable(photo.info.refused, f"photo {index}")
+        return photo
+    raise file.unreadable("the file holds no photo under this index", f"photo {index}")
 
 
 def reader_for(path: Path, filename: str) -> ScanReader:
@@ -43,8 +116,7 @@ def reader_for(path: Path, filename: str) -> ScanReader:
         The file is empty, of an unsupported format, or its content is not what its name says.
     """
     file = ScanFile(path, filename)
-    with path.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
+    head = _head(path)
     if not head:
         raise file.unreadable("the file is empty", "byte 0")
     extension = PurePath(filename).suffix.lower()
@@ -55,7 +127,8 @@ def reader_for(path: Path, filename: str) -> ScanReader:
     seen = f"it looks like {_kind(head, by_content)}"
     if by_name is not None:
         raise file.unreadable(f"the name says {by_name.name}, but the content is not {by_name.name}; {seen}", "byte 0")
-    supported = ", ".join(ending for reader in SCAN_READERS for ending in reader.extensions)
+    readers: tuple[ScanReader | PhotoReader, ...] = (*SCAN_READERS, ImageReader())
+    supported = ", ".join(ending for reader in readers for ending in reader.extensions)
     what = f"files named *{extension[:20]} are not supported" if extension else "the format is not supported"
     raise file.unreadable(f"{what}; supported are {supported}", "byte 0")
 
@@ -99,6 +172,30 @@ def read_scan(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO
         for records in reader_for(path, filename).scans(file, limits, index):
             return finish(file, records)
     raise file.unreadable("the file holds no points under this index", f"scan {index}")
+
+
+def _photo_reader(file: ScanFile, head: bytes) -> PhotoReader | None:
+    """Choose the reader of a file's photos by its content; None: it holds none.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is called like an image and is none.
+    """
+    extension = PurePath(file.filename).suffix.lower()
+    reader = next((each for each in PHOTO_READERS if each.format_of(head)), None)
+    if extension in ImageReader().extensions and head and not isinstance(reader, ImageReader):
+        by_content = next((each for each in SCAN_READERS if each.sniff(head)), None)
+        seen = f"it looks like {_kind(head, by_content)}"
+        raise file.unreadable(f"the name says an image, but the content is no JPEG, PNG or TIFF; {seen}", "byte 0")
+    if isinstance(reader, ImageReader) and any(extension in each.extensions for each in SCAN_READERS):
+        return None
+    return reader
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(HEAD_BYTES)
 
 
 def _kind(head: bytes, by_content: ScanReader | None) -> str:

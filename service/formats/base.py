@@ -18,7 +18,9 @@ class ReadLimits:
     max_points: int = 200_000_000
     """Records per scan."""
     max_scans: int = 10_000
-    """Scans per file."""
+    """Scans per file, and photos per file."""
+    max_pixels: int = 100_000_000
+    """Pixels per photo."""
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.e57_nodes import faults_named, number_of, opened, pose_of
 from service.formats.finishing import check_count, colors_8bit
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -31,7 +31,7 @@ RECORDS_AT_ONCE = 1 << 19
 @final
 @dataclass(frozen=True)
 class E57Reader:
-    """Read E57: several scans, grids, poses, Cartesian or spherical coordinates; images are another reader's matter."""
+    """Read E57: several scans, grids, poses, Cartesian or spherical coordinates. Images: `E57PhotoReader`."""
 
     name: str = "E57"
     extensions: tuple[str, ...] = (".e57",)
@@ -43,38 +43,14 @@ class E57Reader:
 
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the scans of a file in order, or only the one wanted."""
-        with _opened(file) as image_file:
-            with _faults_named(file, "the file's structure"):
+        with opened(file) as image_file:
+            with faults_named(file, "the file's structure"):
                 data = _scan_nodes(file, image_file, limits)
             for index in range(len(data)) if wanted is None else [wanted] if 0 <= wanted < len(data) else []:
-                with _faults_named(file, f"scan {index}"):
+                with faults_named(file, f"scan {index}"):
                     records = _read_scan(file, image_file, data[index], index, limits)
                 if records is not None:
                     yield records
-
-
-@contextmanager
-def _faults_named(file: ScanFile, place: str) -> Iterator[None]:
-    from pye57 import libe57
-
-    try:
-        yield
-    except libe57.E57Exception as fault:
-        raise file.unreadable(f"damaged E57: {str(fault).strip().splitlines()[0]}", place) from fault
-    except (RuntimeError, ValueError, KeyError, TypeError, IndexError, OverflowError, OSError) as fault:
-        raise file.unreadable(f"damaged E57: {fault}", place) from fault
-
-
-@contextmanager
-def _opened(file: ScanFile) -> Iterator[Any]:
-    from pye57 import libe57
-
-    with _faults_named(file, "the file's header and XML section"):
-        image_file = libe57.ImageFile(str(file.path), "r")
-    try:
-        yield image_file
-    finally:
-        image_file.close()
 
 
 def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
@@ -116,7 +92,7 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
     if filled != count:
         raise file.unreadable(f"the point data end after {filled} of {count} records", f"{place}, record {filled}")
     points = columns.points if coordinates == CARTESIAN else _cartesian(columns.points)
-    pose = _pose(node)
+    pose = pose_of(node)
     structured = columns.row is not None and columns.column is not None
     return ScanRecords(
         index=index,
@@ -195,12 +171,6 @@ def _bits(node: Any) -> int:
     return 0
 
 
-def _number(node: Any) -> float:
-    from pye57 import libe57
-
-    return float(node.scaledValue() if isinstance(node, libe57.ScaledIntegerNode) else node.value())
-
-
 def _largest_color(node: Any, prototype: Any) -> float:
     from pye57 import libe57
 
@@ -208,7 +178,7 @@ def _largest_color(node: Any, prototype: Any) -> float:
     if isinstance(field, libe57.IntegerNode) and 0 < field.maximum() <= 65535:
         return float(field.maximum())
     if node.isDefined("colorLimits") and node["colorLimits"].isDefined("colorRedMaximum"):
-        largest = _number(node["colorLimits"]["colorRedMaximum"])
+        largest = number_of(node["colorLimits"]["colorRedMaximum"])
         if math.isfinite(largest) and largest > 0:
             return largest
     return 255.0
@@ -219,23 +189,6 @@ def _cartesian(polar: Points) -> Points:
     distance, azimuth, elevation = polar.T
     horizontal = distance * np.cos(elevation)
     return np.column_stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), distance * np.sin(elevation)])
-
-
-def _pose(node: Any) -> RigidTransform | None:
-    if not node.isDefined("pose"):
-        return None
-    pose = node["pose"]
-    quaternion, translation_m = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
-    if pose.isDefined("rotation"):
-        quaternion = np.array([_number(pose["rotation"][axis]) for axis in "wxyz"])
-    if pose.isDefined("translation"):
-        translation_m = np.array([_number(pose["translation"][axis]) for axis in "xyz"])
-    if not (np.isfinite(quaternion).all() and np.isfinite(translation_m).all()):
-        raise ValueError("the pose is not finite")
-    if abs(np.linalg.norm(quaternion) - 1.0) > 1e-2:
-        raise ValueError(f"the pose's quaternion has length {np.linalg.norm(quaternion):.6g}, not 1")
-    rotation = Rotation.from_quat(quaternion, scalar_first=True)
-    return RigidTransform.from_components(translation_m, rotation)
 
 
 def _moves(pose: RigidTransform | None) -> bool:

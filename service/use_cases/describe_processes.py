@@ -7,7 +7,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from schemas.base import RequestModel
+from schemas.detect_edges_inputs import DetectEdgesInputs
 from schemas.echo import EchoInputs
+from schemas.edges_result import EdgesDocument
 from schemas.execution import ExecuteRequest
 from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.lines_result import LinesDocument
@@ -55,6 +57,14 @@ _OFFERED = (
         "Finds straight 3-D lines (intersections of planes, axes of cylinders) in one scan, with covariance.",
         ExtractLinesInputs,
         LinesDocument,
+    ),
+    OfferedProcess(
+        "detect-edges",
+        "Detect straight edges in a photo",
+        "Finds straight 2-D edges in one photo and measures them to a part of a pixel, with covariance, the longest "
+        "first; with the camera given, lens distortion is removed from them.",
+        DetectEdgesInputs,
+        EdgesDocument,
     ),
     OfferedProcess(
         "echo",

@@ -82,6 +82,28 @@ class ExtractLinesPlan:
 
 
 @dataclass(frozen=True)
+class DetectEdgesPlan:
+    """One step: a photo goes in, its edges come out."""
+
+    def next_stage(self, job: Json, outputs: Sequence[Sequence[Json]]) -> Sequence[StepCall] | None:
+        """Give the only stage of `detect-edges`."""
+        if outputs:
+            return None
+        file = job["files"][job["inputs"]["photo"]["file"]]
+        arguments = {
+            "job_id": job["id"],
+            "inputs": job["inputs"],
+            "filename": file["name"],
+            "sha256": file["sha256"],
+        }
+        return [StepCall("detect-edges", arguments, f"edges of {file['name']}")]
+
+    def total_weight(self, job: Json) -> float:  # noqa: ARG002 - the same for every job
+        """Count the only step."""
+        return 1.0
+
+
+@dataclass(frozen=True)
 class EchoPlan:
     """One step that gives back what it got."""
 
@@ -96,7 +118,12 @@ class EchoPlan:
         return 1.0
 
 
-PLANS: Mapping[str, Plan] = {"register": RegisterPlan(), "extract-lines": ExtractLinesPlan(), "echo": EchoPlan()}
+PLANS: Mapping[str, Plan] = {
+    "register": RegisterPlan(),
+    "extract-lines": ExtractLinesPlan(),
+    "detect-edges": DetectEdgesPlan(),
+    "echo": EchoPlan(),
+}
 
 
 def pairs_to_try(inputs: Json) -> Sequence[tuple[str, str]]:

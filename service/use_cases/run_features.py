@@ -18,22 +18,22 @@ SEED = 0
 
 
 def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
-    """Tell format, kind and scans of an uploaded file.
+    """Tell format, kind, scans and photos of an uploaded file.
 
     Raises
     ------
     UnreadableFileError
-        The file is no scan that can be registered.
+        The file is no scan that can be registered and no photo.
     """
-    from service.formats import inspect_file, reader_for
+    from service.formats import inspect_upload
 
     path, filename = context.blobs.local_path(arguments["key"]), arguments["filename"]
-    scans = inspect_file(path, filename, _limits(context))
+    found = inspect_upload(path, filename, read_limits(context))
     return {
-        "format": reader_for(path, filename).name,
-        "kind": "scan",
-        "scans": [scan.to_json() for scan in scans],
-        "photos": [],
+        "format": found.format,
+        "kind": found.kind,
+        "scans": [scan.to_json() for scan in found.scans],
+        "photos": [photo.to_json() for photo in found.photos],
     }
 
 
@@ -74,11 +74,12 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
     path = context.blobs.local_path(f"files/{arguments['file']}")
-    scan = read_scan(path, arguments["filename"], arguments["index"], _limits(context))
+    scan = read_scan(path, arguments["filename"], arguments["index"], read_limits(context))
     read = time.perf_counter()
     features = extract_features(scan, options, progress=context.progress, rng=np.random.default_rng(SEED))
     return features, {"read": read - started, "features": time.perf_counter() - read}
 
 
-def _limits(context: StepContext) -> ReadLimits:
-    return ReadLimits(max_points=context.limits["max_points"])
+def read_limits(context: StepContext) -> ReadLimits:
+    """Give what one file may ask for, from the settings."""
+    return ReadLimits(max_points=context.limits["max_points"], max_pixels=context.limits["max_photo_pixels"])

@@ -38,6 +38,12 @@ def _report_lines(context: StepContext, arguments: Json) -> Json:
     return report_lines(context, arguments)
 
 
+def _detect_edges(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_detect_edges import detect_edges_of_photo
+
+    return detect_edges_of_photo(context, arguments)
+
+
 def _echo(context: StepContext, arguments: Json) -> Json:
     from service.use_cases.run_echo import echo
 
@@ -50,5 +56,6 @@ STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     "register-pair": _register_pair,
     "report-registration": _report_registration,
     "report-lines": _report_lines,
+    "detect-edges": _detect_edges,
     "echo": _echo,
 }

@@ -6,11 +6,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from schemas.detect_edges_inputs import DetectEdgesInputs
 from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.register_inputs import RegisterInputs
 from service.errors import FieldFault, InvalidRequestError, QuotaExceededError
 from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, Json
 from service.settings import Settings
+from service.use_cases.check_photos import check_photo
 from service.use_cases.check_stations import check_register_inputs, check_station
 from service.use_cases.describe_processes import OfferedProcess
 from service.use_cases.identifiers import new_identifier
@@ -102,4 +104,7 @@ def _check_files(inputs: BaseModel, files: FileStore, settings: Settings) -> tup
     if isinstance(inputs, ExtractLinesInputs):
         check_station(inputs.station, files)
         return (inputs.station.scan.file,)
+    if isinstance(inputs, DetectEdgesInputs):
+        check_photo(inputs.photo, files)
+        return (inputs.photo.file,)
     return ()

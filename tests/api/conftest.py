@@ -29,8 +29,21 @@ SCAN = {
 }
 
 
+PHOTO = {
+    "index": 0,
+    "name": "north",
+    "width": 640,
+    "height": 480,
+    "camera": None,
+    "scan_from_camera": None,
+    "scan": None,
+    "refused": None,
+    "remarks": [],
+}
+
+
 class FakeSteps:
-    """Take every upload for a scan, unless its content says that it is broken."""
+    """Take every upload for a scan or a photo, as its content says, unless that says that it is broken."""
 
     def __init__(self, blobs: MemoryBlobStore) -> None:
         self.calls: list[dict[str, Any]] = []
@@ -50,9 +63,10 @@ class FakeSteps:
             raise UnreadableFileError(arguments["filename"], "no scan format begins like this", "byte 0")
         if content.startswith(b"deadly"):
             raise ComputationFailedError("killed by signal 11")
-        count = content.count(b"scan") or 1
+        photos = [{**PHOTO, "index": index} for index in range(content.count(b"photo"))]
+        count = content.count(b"scan") or int(not photos)
         scans = [{**SCAN, "index": index} for index in range(count)]
-        return {"format": "XYZ", "kind": "scan", "scans": scans, "photos": []}
+        return {"format": "XYZ", "kind": "scan" if scans else "photo", "scans": scans, "photos": photos}
 
 
 class Client:

@@ -44,11 +44,12 @@ def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:
     assert options == {
         "register": ["async-execute", "dismiss"],
         "extract-lines": ["async-execute", "dismiss"],
+        "detect-edges": ["async-execute", "dismiss"],
         "echo": ["sync-execute", "async-execute", "dismiss"],
     }
 
 
-@pytest.mark.parametrize("process", ["register", "extract-lines", "echo"])
+@pytest.mark.parametrize("process", ["register", "extract-lines", "detect-edges", "echo"])
 def test_a_description_has_a_schema_for_every_input_and_output(client: Client, process: str) -> None:
     description = client.get(f"/processes/{process}").json()
     described = [*description["inputs"].values(), *description["outputs"].values()]

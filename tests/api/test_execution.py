@@ -176,7 +176,7 @@ def test_a_bad_field_beside_the_inputs_is_pointed_at(
     ],
     ids=range(13),
 )
-@pytest.mark.parametrize("process", ["register", "extract-lines", "echo"])
+@pytest.mark.parametrize("process", ["register", "extract-lines", "detect-edges", "echo"])
 def test_a_body_that_is_no_request_is_refused_with_a_reason(
     client: Client, pointers: Pointers, body: bytes, process: str
 ) -> None:

@@ -1,0 +1,67 @@
+"""Parts of an E57 file that scans and images have in common."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from service.formats.base import ScanFile
+
+
+@contextmanager
+def faults_named(file: ScanFile, place: str) -> Iterator[None]:
+    """Turn the faults of libE57 and of absurd values into an `UnreadableFileError` that tells the place."""
+    from pye57 import libe57
+
+    try:
+        yield
+    except libe57.E57Exception as fault:
+        raise file.unreadable(f"damaged E57: {str(fault).strip().splitlines()[0]}", place) from fault
+    except (RuntimeError, ValueError, KeyError, TypeError, IndexError, OverflowError, OSError) as fault:
+        raise file.unreadable(f"damaged E57: {fault}", place) from fault
+
+
+@contextmanager
+def opened(file: ScanFile) -> Iterator[Any]:
+    """Open an E57 file for reading, and close it in the end."""
+    from pye57 import libe57
+
+    with faults_named(file, "the file's header and XML section"):
+        image_file = libe57.ImageFile(str(file.path), "r")
+    try:
+        yield image_file
+    finally:
+        image_file.close()
+
+
+def number_of(node: Any) -> float:
+    """Give the value of a node that holds a number."""
+    from pye57 import libe57
+
+    return float(node.scaledValue() if isinstance(node, libe57.ScaledIntegerNode) else node.value())
+
+
+def pose_of(node: Any) -> RigidTransform | None:
+    """Give the pose of a scan or an image in the file's common frame; None when it has none.
+
+    Raises
+    ------
+    ValueError
+        It is not finite, or its quaternion has no unit length.
+    """
+    if not node.isDefined("pose"):
+        return None
+    pose = node["pose"]
+    quaternion, translation_m = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    if pose.isDefined("rotation"):
+        quaternion = np.array([number_of(pose["rotation"][axis]) for axis in "wxyz"])
+    if pose.isDefined("translation"):
+        translation_m = np.array([number_of(pose["translation"][axis]) for axis in "xyz"])
+    if not (np.isfinite(quaternion).all() and np.isfinite(translation_m).all()):
+        raise ValueError("the pose is not finite")
+    if abs(np.linalg.norm(quaternion) - 1.0) > 1e-2:
+        raise ValueError(f"the pose's quaternion has length {np.linalg.norm(quaternion):.6g}, not 1")
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    return RigidTransform.from_components(translation_m, rotation)
