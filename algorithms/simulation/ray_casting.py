@@ -74,11 +74,14 @@ class RayCaster:
         found, triangles = found[steep], triangles[steep]
         return _hits(len(directions), found, triangles, height[steep] / towards[steep], np.abs(towards[steep]))
 
-    def occluded(self, origins: Points, direction: Vector3, nearest_m: float) -> Flags:
-        """Tell from which origins (n, 3) a ray along a unit direction (3,) meets anything farther than `nearest_m`."""
+    def occluded(self, origins: Points, directions: Points | Vector3, nearest_m: float) -> Flags:
+        """Tell from which origins (n, 3) rays along unit directions, (n, 3) or one for all, meet anything.
+
+        What is nearer than `nearest_m` does not count.
+        """
         rays = np.empty((len(origins), 6), dtype=np.float32)
         rays[:, :3] = origins - self._centre
-        rays[:, 3:] = direction
+        rays[:, 3:] = directions
         return np.asarray(self._tree.test_occlusions(self._core.Tensor(rays), tnear=nearest_m).numpy(), dtype=bool)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Points, Vectors2
 from algorithms.geometry.cameras import Camera
@@ -53,9 +53,9 @@ def render_photo(
     """Take a photo of a scene.
 
     Each pixel is the mean radiance over its square. Where a square may contain an edge (of geometry, material,
-    texture or shadow) it is sampled by a lattice of rays that is shifted at random from pixel to pixel, which leaves
-    edges without bias; elsewhere one ray through its centre is enough. Rays are bent exactly as the camera model says.
-    Then come vignetting, the lens's blur, exposure, gamma, noise and rounding to 8 bits.
+    texture or shadow, half shadows included) it is sampled by a lattice of rays that is shifted at random from pixel
+    to pixel, which leaves edges without bias; elsewhere one ray through its centre is enough. Rays are bent exactly as
+    the camera model says. Then come vignetting, the lens's blur, exposure, noise, gamma and rounding to 8 bits.
 
     Parameters
     ----------
@@ -93,11 +93,25 @@ def lattice(count: int) -> Vectors2:
 
     A lattice of one generator near the golden section (a Fibonacci lattice where `count` is a Fibonacci number).
     """
-    generator = max(1, round(count * (np.sqrt(5.0) - 1.0) / 2.0))
-    while np.gcd(generator, count) > 1:
-        generator += 1
+    generator = _coprime(count, (np.sqrt(5.0) - 1.0) / 2.0)
     k = np.arange(count)
     return np.column_stack([(k + 0.5) / count, (k * generator % count + 0.5) / count])
+
+
+def sunflower(count: int) -> Vectors2:
+    """Spread `count` points (n, 2) evenly over the unit disc, in an order unlike that of `lattice`."""
+    # Taken in steps, neighbours in the lattice look at distant parts of the disc.
+    k = np.arange(count) * _coprime(count, 0.38) % count
+    radius, angle = np.sqrt((k + 0.5) / count), k * np.pi * (3.0 - np.sqrt(5.0))
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def _coprime(count: int, share: float) -> int:
+    """Give a number near a share of `count` that has no divisor in common with it."""
+    number = max(1, round(count * share))
+    while np.gcd(number, count) > 1:
+        number += 1
+    return number
 
 
 def _radiances(
@@ -105,11 +119,11 @@ def _radiances(
 ) -> Array:
     """Give the mean radiance (h, w, 3) over each pixel's square."""
     ideal = _ideal_pixels(camera.camera)
-    colors, labels, ranges = _one_ray_each(shading, world_from_camera, camera.camera, ideal)
-    edges = _differs_from_neighbours(labels)
+    colors, labels, ranges, half_shadow = _one_ray_each(shading, world_from_camera, camera.camera, ideal)
+    edges = _differs_from_neighbours(labels) | half_shadow
     edges |= _crossed_by_edges(shading.scene, world_from_camera, camera.camera, ranges)
     pixels = np.flatnonzero(edges.ravel())
-    pattern = lattice(camera.edge_samples)
+    pattern, on_sun = lattice(camera.edge_samples), sunflower(camera.edge_samples)
     at_once = max(1, CHUNK // len(pattern))
     for start in range(0, len(pixels), at_once):
         here = pixels[start : start + at_once]
@@ -118,7 +132,12 @@ def _radiances(
         # Within half a pixel distortion is linear to 1e-4 px.
         bent = np.einsum("nij,nkj->nki", camera.camera.ideal_jacobians(ideal[here]), offsets)
         rays = _world_rays(camera.camera, world_from_camera, (ideal[here, None, :] + bent).reshape(-1, 2))
-        seen = shading.look(np.asarray(world_from_camera.translation), rays).colors
+        towards_sun = None
+        if shading.daylight.sun_radius_rad > 0.0:
+            turns = Rotation.from_rotvec(rng.uniform(-np.pi, np.pi, size=(len(here), 1)) * np.array([0.0, 0.0, 1.0]))
+            turned = np.einsum("nij,kj->nki", turns.as_matrix()[:, :2, :2], on_sun).reshape(-1, 2)
+            towards_sun = shading.daylight.towards_disc(turned)
+        seen = shading.look(np.asarray(world_from_camera.translation), rays, towards_sun).colors
         colors[here] = seen.reshape(len(here), -1, 3).mean(axis=1)
     return colors.reshape(camera.camera.height, camera.camera.width, 3)
 
@@ -143,17 +162,20 @@ def _world_rays(camera: Camera, world_from_camera: RigidTransform, ideal: Vector
 
 def _one_ray_each(
     shading: Shading, world_from_camera: RigidTransform, camera: Camera, ideal: Vectors2
-) -> tuple[Points, Array, Array]:
-    """Look through all pixel centres: colours (h w, 3), labels (h, w) and ranges (h, w) of what is there."""
+) -> tuple[Points, Array, Array, Array]:
+    """Look through all pixel centres: colours (h w, 3), labels, ranges and half shadows (h, w each)."""
     colors, labels, ranges = np.empty((len(ideal), 3)), np.empty(len(ideal), dtype=np.int64), np.empty(len(ideal))
+    half_shadow = np.zeros(len(ideal), dtype=bool)
+    eye = np.asarray(world_from_camera.translation)
     for start in range(0, len(ideal), CHUNK):
         here = slice(start, start + CHUNK)
-        sights = shading.look(
-            np.asarray(world_from_camera.translation), _world_rays(camera, world_from_camera, ideal[here])
-        )
+        rays = _world_rays(camera, world_from_camera, ideal[here])
+        sights = shading.look(eye, rays)
         colors[here], labels[here], ranges[here] = sights.colors, shading.labels(sights), sights.ranges_m
+        if shading.daylight.sun_radius_rad > 0.0:
+            half_shadow[here] = shading.in_half_shadow(eye, rays, sights)
     shape = (camera.height, camera.width)
-    return colors, labels.reshape(shape), ranges.reshape(shape)
+    return colors, labels.reshape(shape), ranges.reshape(shape), half_shadow.reshape(shape)
 
 
 def _differs_from_neighbours(labels: Array) -> Array:

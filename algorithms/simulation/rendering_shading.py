@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from algorithms.arrays import Array, Flags, Indices, Points, Vector3
+from algorithms.arrays import Array, Flags, Indices, Points, Scalars, Vector3
 from algorithms.simulation.ray_casting import RayCaster
 from algorithms.simulation.scene import Scene
 from algorithms.simulation.sun import Daylight
@@ -14,6 +14,8 @@ SHADOW_FROM_M = 1e-3
 """Nothing nearer to a surface throws a shadow on it: single precision finds the surface itself there."""
 ON_TUBE = 1e-3
 """Relative to its radius, how near to a tube's mantle the corners of its facets lie."""
+SUN_RIM = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+"""Places that tell whether all of the sun is seen."""
 SKY = -1
 """Number of the surface that is none."""
 
@@ -57,23 +59,38 @@ class Shading:
         self.surfaces = np.where(self.tubes >= 0, first_tube + self.tubes, scene.plane_ids)
         """(t,) number of each triangle's plane or tube."""
 
-    def look(self, origin: Points | Vector3, directions: Points) -> Sights:
-        """Follow rays from an origin (3,), or (n, 3), along unit directions (n, 3) in the world."""
+    def look(self, origin: Vector3, directions: Points, towards_sun: Points | None = None) -> Sights:
+        """Follow rays from an origin (3,) along unit directions (n, 3) in the world.
+
+        Shadows are those of the middle of the sun, or of its places in directions `towards_sun`, one for each ray.
+        """
         hits = self._caster.cast(origin, directions)
         found = np.flatnonzero(hits.found)
         colors = np.broadcast_to(np.array(self.daylight.sky_color), directions.shape).copy()
         lit, fields = np.zeros(len(directions), dtype=bool), np.full(len(directions), SKY, dtype=np.int64)
         rays, triangles = directions[found], hits.triangles[found]
-        points = np.broadcast_to(origin, directions.shape)[found] + hits.ranges_m[found, None] * rays
+        points = origin + hits.ranges_m[found, None] * rays
         normals = self._normals(points, triangles, rays)
         albedos, fields[found] = self._albedos_at(points, triangles)
         light = self.daylight.skylight(normals)
         facing = normals @ self.daylight.towards_sun
-        sunny = self._in_sun(points, facing)
+        towards = self.daylight.towards_sun if towards_sun is None else towards_sun[found]
+        sunny = self._in_sun(points, facing, np.broadcast_to(towards, points.shape))
         light[sunny] += self.daylight.sun_share * facing[sunny, None]
         lit[found] = sunny
         colors[found] = albedos * light
         return Sights(colors, hits.triangles, hits.ranges_m, lit, fields)
+
+    def in_half_shadow(self, origin: Vector3, directions: Points, sights: Sights) -> Flags:
+        """Tell which rays (n,) see places that one of four places on the sun's rim lights unlike its middle."""
+        half = np.zeros(len(directions), dtype=bool)
+        found = np.flatnonzero(sights.triangles >= 0)
+        rays = directions[found]
+        points = origin + sights.ranges_m[found, None] * rays
+        facing = self._normals(points, sights.triangles[found], rays) @ self.daylight.towards_sun
+        for towards in self.daylight.towards_disc(SUN_RIM):
+            half[found] |= self._in_sun(points, facing, np.broadcast_to(towards, points.shape)) != sights.lit[found]
+        return half
 
     def labels(self, sights: Sights) -> Indices:
         """Give each ray (n,) a number that differs wherever a photo could show an edge between two of them."""
@@ -113,13 +130,12 @@ class Shading:
             albedos[here], fields[here] = material.texture.paint(u, v, self._albedos[number])
         return albedos, fields
 
-    def _in_sun(self, points: Points, facing: Array) -> Flags:
-        """Tell which points (n, 3), whose normals have the cosine `facing` (n,) to the sun, lie in the sun."""
+    def _in_sun(self, points: Points, facing: Scalars, towards: Points) -> Flags:
+        """Tell from which points (n, 3), whose normals have the cosine `facing` (n,) to the sun, it can be seen."""
         sunny = np.asarray(facing > 0.0) & self.daylight.shines
         candidates = np.flatnonzero(sunny)
         if len(candidates):
-            towards = self.daylight.towards_sun
-            sunny[candidates] = ~self.shadow_caster.occluded(points[candidates], towards, SHADOW_FROM_M)
+            sunny[candidates] = ~self.shadow_caster.occluded(points[candidates], towards[candidates], SHADOW_FROM_M)
         return np.asarray(sunny)
 
 

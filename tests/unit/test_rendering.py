@@ -132,6 +132,23 @@ def test_shadows_lie_where_geometry_says() -> None:
     assert abs(np.mean(_measured_offsets(_photo(scene, QUIET), SMALL, ends))) < 0.02
 
 
+def test_a_sun_with_a_disc_throws_half_shadows_around_the_sharp_edge() -> None:
+    scene = _scene(_wall(), box((-20.0, 7.8, 2.5), (20.0, 8.0, 3.3), STEEL))
+    disc = replace(BEHIND, sun_radius_rad=0.05)
+    camera = replace(QUIET, blur_px=0.0)
+    sharp, soft = (_photo(scene, camera, light)[127:175, 100:220].astype(np.float64) for light in (BEHIND, disc))
+    # Down the columns from the shadow of the bar to the wall below it in the sun.
+    sharp_rise, soft_rise = (np.diff(photo.mean(axis=(1, 2))) for photo in (sharp, soft))
+    rows = np.arange(len(soft_rise))
+    np.testing.assert_allclose(np.average(rows, weights=soft_rise), np.average(rows, weights=sharp_rise), atol=0.1)
+    # Seen from the wall, the bar crosses a disc of radius 0.05 rad: a quarter of it is the standard deviation of what
+    # appears; the shadow moves by dz = 2.2 m d(tan of the sun's height over the wall) and a pixel is 10 m / 261.
+    towards = disc.towards_disc(np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 721)]))
+    half_m = 2.2 * np.ptp(towards[:, 2] / -towards[:, 1]) / 2.0
+    spread = np.sqrt(np.average((rows - np.average(rows, weights=soft_rise)) ** 2, weights=soft_rise))
+    np.testing.assert_allclose(spread, 0.5 * half_m * 26.1, rtol=0.1)
+
+
 def test_outlines_of_a_pillar_lie_where_its_radius_says() -> None:
     scene = _scene(_wall(PAINT), tube((0.3, 6.0, -5.0), (0.3, 6.0, 8.0), 0.5, STEEL))
     edges = _truth(scene, QUIET, CLOUDY)
