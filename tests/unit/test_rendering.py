@@ -11,8 +11,8 @@ from algorithms.geometry.cameras import Camera
 from algorithms.simulation.curved_parts import tube
 from algorithms.simulation.house import house_scene
 from algorithms.simulation.materials import PAINT, PLASTER, STEEL, Material
-from algorithms.simulation.parts import Part, box, polygons
-from algorithms.simulation.rendering import lattice, render_photo, station_photos
+from algorithms.simulation.parts import Part, box, moved, polygons
+from algorithms.simulation.rendering import _ideal_pixels, lattice, render_photo, station_photos
 from algorithms.simulation.rendering_truth import EdgeKind, TrueEdges, visible_edges
 from algorithms.simulation.scene import Scene, scene_from_parts
 from algorithms.simulation.stations import station_pose
@@ -167,6 +167,30 @@ def test_facets_of_a_pillar_cannot_be_seen() -> None:
     row = _photo(scene, camera, Daylight(azimuth_rad=np.deg2rad(-170.0)))[120].astype(np.float64).mean(axis=1)
     # Inside the outline, at columns 158 ± 129, brightness changes by a level or so from pixel to pixel.
     assert np.abs(np.diff(row[60:250])).max() < 3.0
+
+
+def test_rays_through_pixels_are_those_of_the_camera_model() -> None:
+    camera = scanner_camera(0.3)
+    ideal = _ideal_pixels(camera).reshape(camera.height, camera.width, 2)
+    which = np.random.default_rng(0).integers((0, 0), (camera.width, camera.height), size=(5000, 2))
+    expected = camera.ideal_from_image(which.astype(np.float64))
+    np.testing.assert_allclose(ideal[which[:, 1], which[:, 0]], expected, atol=2e-6)
+
+
+def test_far_from_the_worlds_origin_the_photo_is_the_same() -> None:
+    parts = [
+        _wall(),
+        box((-2.0, 7.0, 0.4), (1.4, 7.5, 2.5), STEEL),
+        tube((2.0, 6.0, -5.0), (2.0, 6.0, 8.0), 0.5, STEEL),
+    ]
+    shift = RigidTransform.from_translation([500_000.0, 5_300_000.0, 400.0])
+    near, far = (
+        render_photo(_scene(*placed), motion * _looking_north(), QUIET, np.random.default_rng(2), BEHIND).astype(int)
+        for placed, motion in ((parts, RigidTransform.identity()), (moved(parts, shift), shift))
+    )
+    # A few of the 34 rays of a pixel may fall to the other side of an edge.
+    assert np.mean(near != far) < 1e-3
+    assert np.abs(near - far).max() <= 8
 
 
 # --- what is seen ----------------------------------------------------------------------------------------------------
