@@ -26,6 +26,7 @@ UPPER = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3),
 """Order of the products in the sums of a patch."""
 NEIGHBOURS = 2
 """The contrast of a patch is taken from so many patches to both sides with it."""
+TURNED_BACK = 0.65
 REACH_PX = 8
 """The mean profile of an edge is looked at so far to both sides [px]."""
 
@@ -208,10 +209,12 @@ def locate(
     reach, width = half_widths[patches.owners], widths[patches.owners]
     sums = patch_sums(grey, *places, reach, width, kind)
     own, spread = _solve(sums, 3)
-    nearby = _solve(_over_neighbours(sums, patches.owners), 3)[0][:, 1]
+    levels, level_spread = _solve(sums, 2)
+    nearby = _solve(_over_neighbours(sums, patches.owners), 2)[0][:, 1]
     totals = np.zeros((patches.edge_count, sums.shape[1]))
     np.add.at(totals, patches.owners, sums)
     whole = _solve(totals, 4)[0]
+    edge_contrasts = _solve(totals, 2)[0][:, 1]
     usable = (spread[:, 2] > 0.0) & (nearby > 0.0)
     contrast = np.where(usable, nearby, 1.0)
     shifts = np.where(usable, -own[:, 2] / contrast, 0.0)
@@ -233,11 +236,11 @@ def locate(
     return EdgePoints(
         shifts=shifts,
         information=information,
-        contrasts=own[:, 1],
-        contrast_variances=spread[:, 1],
+        contrasts=levels[:, 1],
+        contrast_variances=level_spread[:, 1],
         squares=np.where(usable, np.maximum(squares, 0.0), 0.0),
         freedoms=np.where(usable, np.maximum(sums[:, 0] - 3.0, 0.0), 0.0),
-        edge_contrasts=whole[:, 1],
+        edge_contrasts=edge_contrasts,
         widening=np.divide(whole[:, 3], whole[:, 1], out=np.zeros(len(whole)), where=whole[:, 1] != 0.0),
     )
 
@@ -245,9 +248,9 @@ def locate(
 def clear_half_widths(grey: GreyImage, patches: Patches, noise: float, least: float) -> Scalars:
     """Tell how far across each edge its profile rises undisturbed to both sides, (n,) [px].
 
-    The mean profile of the edge is followed outwards from its middle: where it turns back by more than a quarter of
-    the contrast reached so far (and four standard deviations of the noise), another edge begins, and the pixels from
-    its extremum on are left out, on both sides alike so that the profile stays symmetric.
+    The mean profile of the edge is followed outwards from its middle: where it turns back by more than `TURNED_BACK` of
+    what it rose (and four standard deviations of the noise), another edge begins; pixels from one pixel before are left
+    out, on both sides alike so that the profile stays symmetric.
     """
     sums, numbers = mean_profiles(
         grey, patches.centres, patches.normals, patches.half_lengths, patches.owners, patches.edge_count, REACH_PX
@@ -263,9 +266,6 @@ def clear_half_widths(grey: GreyImage, patches: Patches, noise: float, least: fl
         present = np.cumsum(count == 0.0, axis=1) == 0
         reached = np.maximum.accumulate(np.where(present, outwards, -np.inf), axis=1)
         sure = 4.0 * noise / np.sqrt(np.maximum(count, 1.0))
-        turned = present & (outwards < np.minimum(0.5 * reached, reached - sure))
-        first = np.where(turned.any(axis=1), np.argmax(turned, axis=1), outwards.shape[1])
-        before = np.arange(outwards.shape[1]) < first[:, None]
-        top = np.argmax(np.where(before & present, outwards, -np.inf), axis=1)
-        limits = np.where(turned.any(axis=1), np.minimum(limits, 0.5 * top), limits)
+        turned = present & (outwards < np.minimum((1.0 - TURNED_BACK) * reached, reached - sure))
+        limits = np.where(turned.any(axis=1), np.minimum(limits, 0.5 * np.argmax(turned, axis=1) - 1.0), limits)
     return np.maximum(limits, least)

@@ -95,6 +95,8 @@ class LineFit:
     """(n,) place along the line where angle and offset are uncorrelated [px]."""
     covariances: Float64[Array, "n 2 2"]
     """(n, 2, 2) covariance of (angle, offset) at the pivot."""
+    grey_variances: Scalars
+    """(n,) variance of single, independent grey values that would explain the covariances."""
     point_counts: Indices
     """(n,) number of edge points with weight."""
 
@@ -196,7 +198,8 @@ def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -
     """
     owners, count = placed.patches.owners, placed.patches.edge_count
     across = placed.gains * np.clip(points.shifts, -largest_shift, largest_shift)
-    weights = points.information / placed.gains**2 / noise_variances(points, owners, count)[owners]
+    noise = noise_variances(points, owners, count)
+    weights = points.information / placed.gains**2 / noise[owners]
     seen = weights > 0.0
     robust = np.ones(len(owners))
     for _ in range(4):
@@ -218,6 +221,7 @@ def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -
         offsets=offsets,
         pivots=pivots,
         covariances=covariances * factors[:, None, None],
+        grey_variances=noise * factors,
         point_counts=numbers,
     )
 

@@ -8,7 +8,6 @@ from jaxtyping import Float64
 from algorithms.arrays import Array, Flags, Indices
 from algorithms.geometry.cameras import Camera
 from algorithms.photos.edge_profile import (
-    LARGEST_WIDTH_PX,
     LEAST_WIDTH_PX,
     EdgePoints,
     clear_half_widths,
@@ -33,14 +32,18 @@ from algorithms.photos.segments import ImageSegments, longest_first, no_segments
 
 FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX = 1.0, 3.5
 """Profile with which a piece is first brought onto its edge [px]."""
-LEAST_HALF_WIDTH_PX = 2.5
+LEAST_HALF_WIDTH_PX = 2.0
 """Grey values count at least so far from the edge [px]."""
+LEAST_WIDTHS = 2.5
+"""The profile is no wider than this part of the distance to which grey values count, or its levels would be guessed."""
 WIDE, BESIDE_PX = 3.0, 2.0
 """They count to so many widths of the profile and so many pixels of the levels beside it."""
 GAUSSIAN_OF_ARCTAN = 0.85
 """Standard deviation of the Gaussian whose slope is as wide at half height as an arctan's of width 1: 2 / 2.355."""
-LARGEST_STEP_PX = 2.0
+LARGEST_STEP_PX = 1.0
 LARGEST_OFFSET_STD_PX = 0.5
+LARGEST_UNEXPLAINED_STD_PX = 0.22
+"""Where more uncertainty is left that the photo's noise does not explain, there is texture, not a straight edge [px]."""
 LEAST_SIGNIFICANCE = 6.0
 """Contrast in its standard deviations."""
 LARGEST_LAST_TURN_RAD = float(np.deg2rad(0.5))
@@ -73,21 +76,24 @@ def _step(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: Edg
     points = locate(grey, placed.patches, lines.widths, lines.half_widths, options.localisation)
     fit = fit_lines(placed, points, LARGEST_STEP_PX)
     widening = np.clip(points.widening, -0.4 * lines.widths, 0.4 * lines.widths)
-    widths = np.clip(lines.widths + widening, LEAST_WIDTH_PX, LARGEST_WIDTH_PX)
+    widths = np.clip(lines.widths + widening, LEAST_WIDTH_PX, lines.half_widths / LEAST_WIDTHS)
     return _Step(replace(moved(lines, fit), widths=widths), fit, points, placed.patches.owners)
 
 
 def _brighter_side_first(grey: GreyImage, lines: EdgeLines, camera: Camera | None) -> EdgeLines:
-    """Turn lines so that their normals point to the brighter side."""
+    """Turn lines so that their normals point to the brighter side, as the grey values next to them say."""
     placed = place_patches(lines, camera)
-    points = locate(grey, placed.patches, lines.widths, lines.half_widths, "gaussian")
-    return lines.turned(points.edge_contrasts < 0.0)
+    next_to = np.full(len(lines), LEAST_HALF_WIDTH_PX)
+    points = locate(grey, placed.patches, lines.widths, next_to, "gaussian")
+    rise = np.bincount(placed.patches.owners, points.contrasts, len(lines))
+    return lines.turned(rise < 0.0)
 
 
 def _with_clear_sides(grey: GreyImage, lines: EdgeLines, camera: Camera | None, noise: float) -> EdgeLines:
     """Choose how far from each edge grey values count, from its width and its neighbours."""
     clear = clear_half_widths(grey, place_patches(lines, camera).patches, noise, LEAST_HALF_WIDTH_PX)
-    return replace(lines, half_widths=np.minimum(clear, WIDE * lines.widths + BESIDE_PX))
+    half_widths = np.minimum(clear, WIDE * lines.widths + BESIDE_PX)
+    return replace(lines, half_widths=half_widths, widths=np.minimum(lines.widths, half_widths / LEAST_WIDTHS))
 
 
 def _still_there(before: EdgeLines, after: EdgeLines, fit: LineFit) -> Flags:
@@ -130,6 +136,7 @@ def measure_lines(
     limit = np.array([grey.shape[1], grey.shape[0]]) - 1.0
     ends = ideal_from_image(np.clip(pieces.reshape(-1, 2), 0.0, limit), camera).reshape(-1, 2, 2)
     lines = _brighter_side_first(grey, lines_between(ends, FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX), camera)
+    lines = _with_clear_sides(grey, lines, camera, noise)
     lines = _settled(grey, lines, camera, options)
     for _ in range(WALKS):
         lines = without_doubles(merge_collinear(lines, options.max_gap_px))
@@ -142,20 +149,22 @@ def measure_lines(
     for _ in range(LAST_ROUNDS):
         step = _step(grey, lines, camera, options)
         lines = step.lines
-    return _accepted(grey, step, camera, options)
+    return _accepted(step, camera, options, noise)
 
 
-def _accepted(grey: GreyImage, step: _Step, camera: Camera | None, options: EdgeOptions) -> ImageSegments:
+def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: float) -> ImageSegments:
     """Keep the lines that are edges beyond doubt, the longest first."""
     lines, fit, points = step.lines, step.fit, step.points
     count = len(lines)
     doubt = np.bincount(step.owners, points.contrast_variances, count) / np.bincount(step.owners, minlength=count) ** 2
     significance = points.edge_contrasts / np.sqrt(doubt * noise_variances(points, step.owners, count))
+    unexplained = 1.0 - np.minimum(1.0, noise**2 / fit.grey_variances)
     good = (
         (fit.point_counts >= 2)
         & (points.edge_contrasts >= options.min_contrast)
         & (significance >= LEAST_SIGNIFICANCE)
         & (fit.covariances[:, 1, 1] < LARGEST_OFFSET_STD_PX**2)
+        & (fit.covariances[:, 1, 1] * unexplained < LARGEST_UNEXPLAINED_STD_PX**2)
         & (np.abs(fit.angles) < LARGEST_LAST_TURN_RAD)
     )
     chosen = lines[good]

@@ -21,9 +21,13 @@ STEP_PX = 4.0
 """Length of the steps in which lines are followed through the grey values [px]."""
 LONGEST_EXTENSION_PX = 48.0
 """Lines are followed so far beyond the ends they came with [px]."""
+EXTENSION = 0.5
+"""And no further than this part of their length: the direction of short pieces is uncertain."""
 LEAST_CONTRAST = 0.4
 """The edge goes on where the contrast is at least this part of the whole edge's."""
-LARGEST_SHIFT_PX = 1.0
+LARGEST_SHIFT_PX = 0.6
+"""The edge goes on where it lies no further from the line, three standard deviations of its place added."""
+LARGEST_DOUBT_PX = 0.3
 
 
 def track_lines(
@@ -83,7 +87,9 @@ def walk_along(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options
     owners = np.repeat(np.arange(len(lines)), counts)
     rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     positions = lines.extents[owners, 0] - LONGEST_EXTENSION_PX + (rank + 0.5) * STEP_PX
+    beyond = np.maximum(lines.extents[owners, 0] - positions, positions - lines.extents[owners, 1])
     inside = inside_photo(lines, owners, positions, grey, camera)
+    inside &= beyond < EXTENSION * lines.lengths[owners]
     owners, rank, positions = owners[inside], rank[inside], positions[inside]
     placed = patches_at(lines, owners, positions, np.full(len(owners), STEP_PX), camera)
     points = locate(grey, placed.patches, lines.widths, lines.half_widths, "gaussian")
@@ -96,7 +102,7 @@ def walk_along(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options
         (points.information > 0.0)
         & (typical[owners] > 0.0)
         & (points.contrasts > LEAST_CONTRAST * typical[owners])
-        & (np.abs(points.shifts) < LARGEST_SHIFT_PX + 2.0 * np.minimum(doubt, 1.0))
+        & (np.abs(points.shifts) < LARGEST_SHIFT_PX + 3.0 * np.minimum(doubt, LARGEST_DOUBT_PX))
     )
     # of the step in which the edge ends only the part that shows its contrast
     owners, rank, positions, between = owners[good], rank[good], positions[good], between[good]
