@@ -89,7 +89,7 @@ def gather_bands(
 
 
 def _side_of_point(across: Scalars, splits: Indices) -> Indices:
-    """Number the sides of all edges: 2 k for the side of the normal of edge k, 2 k + 1 for the other one."""
+    """Give the side each point lies on: 2 k for the side of the normal of edge k, 2 k + 1 for the other one."""
     return np.asarray(2 * np.repeat(np.arange(len(splits) - 1), np.diff(splits)) + (across <= 0.0), dtype=np.int64)
 
 

@@ -7,7 +7,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def gather(
+def gather(  # noqa: C901 - one compiled loop
     ideal: Array,
     depths: Array,
     visible: Array,

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.features.projection_options import EdgeRejection, SpaceEdgeKind
 from algorithms.features.side_planes import (
     COVERED,
     FRONT_SHARE,
@@ -16,9 +17,7 @@ from algorithms.features.side_planes import (
     SAME_STEP_M,
     SIGNIFICANT,
     UNEVENNESS_M,
-    EdgeRejection,
     SidePlanes,
-    SpaceEdgeKind,
 )
 
 
@@ -38,8 +37,6 @@ class EdgeOwners:
     """(n, 3) [m]."""
     variances_m2: Scalars
     """(n,) of single points across the plane."""
-    limits_m: Scalars
-    """(n,) distance within which points belong to the plane."""
     counts: Scalars
     """(n,) points."""
 
@@ -50,6 +47,7 @@ def edge_owners(
     rays: Float64[Array, "n 3 3"],
     centre: Points,
     variances_m2: Float64[Array, "n 2"],
+    crowded: Bool[Array, "n 2"],
     min_angle_rad: float,
 ) -> EdgeOwners:
     """Decide to which plane each edge belongs.
@@ -70,17 +68,19 @@ def edge_owners(
         (1, 3) projection centre [m].
     variances_m2
         (n, 2) variances of single points across the planes.
+    crowded
+        (n, 2) sides on which another edge runs nearer than the points of the plane: the surface may end there.
     min_angle_rad
         Least angle between projecting plane and surface.
     """
-    exist = planes.exist
-    both = exist.all(axis=1)
+    exist: Array = planes.exist
+    both: Array = np.asarray(exist.all(axis=1))
     steep = _steep_enough(planes, projecting, rays, min_angle_rad)
     ranges, stds = _ranges(planes, rays, centre[0], variances_m2)
     same = both & _one_plane(planes, variances_m2, ranges, rays)
     beside_other = planes.on_plane[:, [0, 1], [1, 0]]
     others = planes.beside[:, ::-1]
-    continues = exist & ~both[:, None] & (beside_other >= 3) & (beside_other >= OWN_SHARE * others)
+    continues: Array = exist & ~both[:, None] & (beside_other >= 3) & (beside_other >= OWN_SHARE * others)
     nearer, meets, crossing = _depth_order(ranges, stds, planes, rays)
     covered = planes.covered >= COVERED
     usable = exist & steep & covered & (ranges > 0.0).all(axis=2)
@@ -90,13 +90,14 @@ def edge_owners(
     rows = np.arange(len(owner))
     sides = np.zeros((len(owner), 2), dtype=bool)
     sides[rows, owner] = True
-    sides[same | continues.any(axis=1)] = True
+    sides[same] = True
     kinds = np.where(same | continues.any(axis=1), SpaceEdgeKind.SURFACE_EDGE, SpaceEdgeKind.SILHOUETTE)
     kinds = np.where(both & meets & ~same, SpaceEdgeKind.CREASE, kinds)
     front, on = planes.in_front[rows, owner], planes.on_plane[rows, owner].sum(axis=1)
     own, all_own = planes.on_plane[rows, owner, owner], planes.beside[rows, owner]
     unclear = (front >= 2) & (front > FRONT_SHARE * (front + on))
     unclear |= (own < OWN_SHARE * all_own) | (both & ~same & crossing)
+    unclear |= (kinds == SpaceEdgeKind.SILHOUETTE) & crowded[rows, owner]
     reasons = np.full(len(owner), EdgeRejection.NONE, dtype=np.int32)
     reasons[unclear] = EdgeRejection.OCCLUSION_UNCLEAR
     reasons[~np.where(same, covered.any(axis=1), covered[rows, owner])] = EdgeRejection.NOT_COVERED
@@ -115,7 +116,6 @@ def edge_owners(
         normals=normals,
         centroids=centroids,
         variances_m2=np.einsum("ns,ns->n", weights, variances_m2) / np.maximum(weights.sum(axis=1), 1e-9),
-        limits_m=np.where(same, planes.limits_m.max(axis=1), planes.limits_m[rows, owner]),
         counts=counts,
     )
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from algorithms.arrays import Array, Bases, Flags, Floats32, Indices, Labels, Matrices3, Points, Scalars
 from algorithms.features.edge_bands import EdgeBands
@@ -16,12 +16,11 @@ from algorithms.features.patch_covariance import (
 )
 from algorithms.features.plane_curvature import curved_regions
 from algorithms.features.plane_fitting import POINTS_PER_PATCH, STEADY
-from algorithms.features.projection_options import ProjectionOptions
-from algorithms.features.side_planes import EdgeRejection, SpaceEdgeKind
+from algorithms.features.projection_options import EdgeRejection, ProjectionOptions, SpaceEdgeKind
 from algorithms.features.side_planes_kernels import sum_patches
 from algorithms.geometry.lines import bases_of
 
-ROWS = 3
+ROWS = 4
 """Patches across each side, at most."""
 COLUMNS = 12
 """Patches along the edge, at most."""
@@ -65,32 +64,48 @@ class EdgePlanes:
 
 
 def adjust_edge_planes(
-    bands: EdgeBands, owners: EdgeOwners, intensity: Floats32 | None, options: ProjectionOptions
+    bands: EdgeBands,
+    used: Flags,
+    owners: EdgeOwners,
+    projecting: Points,
+    intensity: Floats32 | None,
+    options: ProjectionOptions,
 ) -> EdgePlanes:
     """Adjust the planes of edges from the means of patches, and tell bent surfaces and changes of material.
 
     The planes of rejected edges are left as they are.
+
+    Parameters
+    ----------
+    bands, used
+        Points beside the edges, and which of them made the plane of their side.
+    owners
+        The planes.
+    projecting
+        (n, 3) normals of the projecting planes.
+    intensity
+        Of the scan's points.
     """
     n = len(owners.normals)
-    bases = _bases(owners.normals)
-    rows = np.clip(np.rint(np.sqrt(owners.counts / POINTS_PER_PATCH / 4.0)), 2, ROWS).astype(np.int64)
+    bases = _bases(owners.normals, projecting)
+    rows = np.clip(np.rint(np.sqrt(owners.counts / POINTS_PER_PATCH / 4.0)), 3, ROWS).astype(np.int64)
     columns = np.clip(np.rint(owners.counts / POINTS_PER_PATCH / rows), 4, COLUMNS).astype(np.int64)
     sums = sum_patches(
         bands.points, bands.along, bands.across, bands.splits, bands.first_px, bands.last_px,
-        options.gap_px, owners.sides, owners.normals, owners.centroids, bases, owners.limits_m,
-        rows, columns, bands.widths_px - options.gap_px,
+        options.gap_px, used, owners.sides, owners.normals, owners.centroids, bases,
+        rows, columns, _used_widths(bands, used, owners.sides) - options.gap_px,
     )  # fmt: skip
     good = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
     curved = np.zeros(n, dtype=bool)
     curved[good] = _curved(sums[good])
     corrections, covariances = _adjusted(sums, good, owners.variances_m2)
     normals = owners.normals + np.einsum("nij,nj->ni", bases, corrections[:, :2])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 0.5)  # zero where there is no plane
     e1 = bases[:, :, 0] - normals * np.einsum("ni,ni->n", bases[:, :, 0], normals)[:, None]
     e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
     kinds = owners.kinds.copy()
     if intensity is not None:
-        steps = _intensity_steps(bands, intensity, options)
+        steps = _intensity_steps(bands, used, intensity)
         kinds[(kinds == SpaceEdgeKind.SURFACE_EDGE) & steps] = SpaceEdgeKind.MATERIAL_EDGE
     return EdgePlanes(
         normals=normals,
@@ -102,10 +117,24 @@ def adjust_edge_planes(
     )
 
 
-def _bases(normals: Points) -> Bases:
-    """Give any bases (E1, E2, n) right-handed; (n, 3, 2)."""
-    safe = np.where(np.linalg.norm(normals, axis=1, keepdims=True) > 0.5, normals, [0.0, 0.0, 1.0])
-    return bases_of(safe)
+def _bases(normals: Points, projecting: Points) -> Bases:
+    """Give bases (E1, E2, n) right-handed with E1 along the edges; (n, 3, 2)."""
+    along = np.cross(projecting, normals)
+    lengths = np.linalg.norm(along, axis=1, keepdims=True)
+    bases = bases_of(np.where(np.linalg.norm(normals, axis=1, keepdims=True) > 0.5, normals, [0.0, 0.0, 1.0]))
+    steep = lengths[:, 0] > 1e-3
+    e1 = along[steep] / lengths[steep]
+    bases[steep] = np.stack([e1, np.cross(normals[steep], e1)], axis=2)
+    return bases
+
+
+def _used_widths(bands: EdgeBands, used: Flags, sides: Bool[Array, "n 2"]) -> Scalars:
+    """Give how far from the edges (n,) the points of their planes reach [px]."""
+    edges = np.repeat(np.arange(len(bands)), np.diff(bands.splits))
+    mine = used & sides[edges, (bands.across <= 0.0).astype(np.int64)]
+    widths = np.full(len(bands), 1e-3)
+    np.maximum.at(widths, edges[mine], np.abs(bands.across[mine]))
+    return widths
 
 
 def _curved(sums: Float64[Array, "n p 5"]) -> Flags:
@@ -140,20 +169,35 @@ def _adjusted(
     return corrections, covariances
 
 
-def _intensity_steps(bands: EdgeBands, intensity: Floats32, options: ProjectionOptions) -> Flags:
-    """Tell at which edges the intensity of the scan changes."""
-    edges = np.repeat(np.arange(len(bands)), np.diff(bands.splits))
-    near = np.abs(bands.across) <= options.gap_px + INTENSITY_BAND * (bands.widths_px[edges] - options.gap_px)
-    near &= np.abs(bands.across) >= options.gap_px
-    edges = edges[near]
-    sides = 2 * edges + (bands.across[near] <= 0.0)
+def _intensity_steps(bands: EdgeBands, used: Flags, intensity: Floats32) -> Flags:
+    """Tell at which edges (n,) the intensity of the scan changes from one side's plane to the other's.
+
+    Intensity also changes gradually with range and incidence, so a slope along and across the edge is estimated
+    together with the step: I = i0 + i1 along + i2 across + step [on the first side].
+    """
+    n = len(bands)
+    edges = np.repeat(np.arange(n), np.diff(bands.splits))
+    near = used & (np.abs(bands.across) <= INTENSITY_BAND * bands.widths_px[edges])
+    edges, first = edges[near], bands.across[near] > 0.0
     values = intensity[bands.numbers[near]].astype(np.float64)
-    count = np.bincount(sides, minlength=2 * len(bands))
-    filled = np.maximum(count, 1)
-    mean = np.bincount(sides, values, minlength=len(count)) / filled
-    square = np.bincount(sides, (values - mean[sides]) ** 2, minlength=len(count)) / np.maximum(count - 1, 1)
-    count, filled, mean, square = (a.reshape(-1, 2) for a in (count, filled, mean, square))
-    step = np.abs(mean[:, 0] - mean[:, 1])
-    enough = (count >= FEW_INTENSITIES).all(axis=1)
-    certain = step > STEP_SIGNIFICANCE * np.sqrt((square / filled).sum(axis=1))
-    return np.asarray(enough & certain & (step > STEP_IN_SCATTER * np.sqrt(square.mean(axis=1))))
+    lengths = bands.last_px - bands.first_px
+    along = (bands.along[near] - 0.5 * (bands.first_px + bands.last_px)[edges]) / lengths[edges]
+    terms = np.stack([np.ones_like(along), along, bands.across[near] / bands.widths_px[edges], first * 1.0], axis=1)
+
+    def add(weights: Scalars) -> Scalars:
+        return np.bincount(edges, weights, minlength=n)
+
+    normal = np.empty((n, 4, 4))
+    for i, j in np.ndindex(4, 4):
+        normal[:, i, j] = add(terms[:, i] * terms[:, j])
+    on_first, on_second = normal[:, 3, 3], normal[:, 0, 0] - normal[:, 3, 3]
+    enough = np.minimum(on_first, on_second) >= FEW_INTENSITIES
+    mean = add(values) / np.maximum(normal[:, 0, 0], 1.0)
+    right = np.stack([add(terms[:, i] * (values - mean[edges])) for i in range(4)], axis=1)
+    inverse = np.linalg.inv(normal + 1e-9 * np.maximum(normal[:, 0, 0], 1.0)[:, None, None] * np.eye(4))
+    solution = np.einsum("nij,nj->ni", inverse, right)
+    left = values - mean[edges] - np.einsum("mi,mi->m", terms, solution[edges])
+    variance = add(left**2) / np.maximum(normal[:, 0, 0] - 4.0, 1.0)
+    step = np.abs(solution[:, 3])
+    certain = step > STEP_SIGNIFICANCE * np.sqrt(variance * inverse[:, 3, 3])
+    return np.asarray(enough & certain & (step > STEP_IN_SCATTER * np.sqrt(variance)))

@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Flags, Indices, Labels, Matrices3, Points, Scalars
-from algorithms.features.edge_bands import EdgeBands, gather_bands
-from algorithms.features.edge_owners import EdgeOwners, edge_owners
+from algorithms.arrays import Array, Indices, Labels, Points, Scalars
+from algorithms.features.edge_bands import gather_bands
+from algorithms.features.edge_owners import edge_owners
 from algorithms.features.edge_planes import EdgePlanes, adjust_edge_planes
-from algorithms.features.projection_options import ProjectionOptions
-from algorithms.features.side_planes import EdgeRejection, SpaceEdgeKind, side_planes
+from algorithms.features.projection_options import EdgeRejection, ProjectionOptions
+from algorithms.features.side_planes import side_planes
+from algorithms.features.side_planes_kernels import crowded_sides
 from algorithms.geometry.cameras import Camera
 from algorithms.geometry.covariances import intersection_covariances, intersection_jacobians, intersection_lines
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
@@ -96,7 +97,11 @@ def project_edges(
     Lines with the anchor in the middle of the edge. Every edge is either among the lines or among the rejected ones.
     """
     reasons = np.full(len(segments), EdgeRejection.TOO_SHORT, dtype=np.int32)
-    long = np.flatnonzero(segments.lengths >= max(options.min_length_px, 1.0))
+    is_long = segments.lengths >= max(options.min_length_px, 1.0)
+    reach = np.full(len(segments), options.min_separation_px)
+    crowded = crowded_sides(segments.centres, segments.directions, segments.extents, reach).any(axis=1)
+    reasons[is_long] = EdgeRejection.CROWDED
+    long = np.flatnonzero(is_long & ~crowded)
     if len(long) == 0:
         return _nothing(reasons)
     chosen = segments[long]
@@ -111,19 +116,24 @@ def project_edges(
     planes = side_planes(bands, centre, options, noise_std_m)
     variances = planes.variances(centre, noise_std_m**2)
     least_angle = options.min_angle_gon * np.pi / 200.0
-    owners = edge_owners(planes, normals, _edge_rays(chosen, camera, pose), centre, variances, least_angle)
+    reach = np.zeros(len(segments))
+    reach[long] = options.gap_px + bands.spacings_px
+    ends_before = crowded_sides(segments.centres, segments.directions, segments.extents, reach)[long]
+    rays = _edge_rays(chosen, camera, pose)
+    owners = edge_owners(planes, normals, rays, centre, variances, ends_before, least_angle)
     reasons[long] = owners.reasons
     kept = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
     if len(kept) == 0:
         return _nothing(reasons)
     progress.report(0.7, "lines in space")
-    adjusted = adjust_edge_planes(bands, owners, scan.intensity, options)
+    adjusted = adjust_edge_planes(bands, planes.used, owners, normals, scan.intensity, options)
     reasons[long[kept[adjusted.curved[kept]]]] = EdgeRejection.CURVED
     kept = kept[~adjusted.curved[kept]]
     ones = np.broadcast_to(centre, (len(kept), 3)).copy()
     lines, jacobians = _cut(
-        chosen[kept], camera, pose, ones, normals[kept], bases[kept], by_edge[kept], adjusted.select(kept)
-    )
+        chosen[kept], camera, pose, ones, normals[kept], bases[kept], by_edge[kept], adjusted.select(kept),
+        options.systematic_px,
+    )  # fmt: skip
     ends = np.abs(lines.extents).max(axis=1)
     certain = np.sqrt(_largest_variance_m2(lines.covariances, ends)) <= options.max_std_m
     enough = lines.lengths >= options.min_length_m
@@ -174,6 +184,7 @@ def _cut(
     bases: Array,
     by_edge: Array,
     planes: EdgePlanes,
+    systematic_px: float,
 ) -> tuple[Lines, Float64[Array, "n 4 3"]]:
     """Cut projecting planes with surfaces: lines, and their derivatives by the projecting planes' (a1, a2, b)."""
     points, directions = intersection_lines(normals, centres, planes.normals, planes.centroids)
@@ -187,7 +198,7 @@ def _cut(
         anchors, directions, normals, centres, bases, planes.normals, planes.centroids, planes.bases
     )
     edge_covariances = np.zeros((len(segments), 3, 3))
-    edge_covariances[:, :2, :2] = by_edge @ segments.covariances @ np.swapaxes(by_edge, 1, 2)
+    edge_covariances[:, :2, :2] = by_edge @ _edge_covariances(segments, systematic_px) @ np.swapaxes(by_edge, 1, 2)
     extents = np.sort(places[:, [0, 2]] - middle[:, None], axis=1)
     lines = lines_from_arrays(
         anchors,
@@ -200,10 +211,20 @@ def _cut(
     return lines, np.ascontiguousarray(jacobians[:, :, :3])
 
 
+def _edge_covariances(segments: ImageSegments, systematic_px: float) -> Float64[Array, "n 2 2"]:
+    """Add what calibration and light leave: as much to the offset, and to the angle what that makes at both ends."""
+    covariances = segments.covariances.copy()
+    covariances[:, 0, 0] += (2.0 * systematic_px / segments.lengths) ** 2
+    covariances[:, 1, 1] += systematic_px**2
+    return covariances
+
+
 def _largest_variance_m2(covariances: Array, places: Scalars) -> Scalars:
     """Give the largest variance across lines at places (n,) along them, at either sign of the place."""
     largest = []
     for sign in (-1.0, 1.0):
-        transfer = np.concatenate([np.eye(2) * (sign * places)[:, None, None], np.tile(np.eye(2), (len(places), 1, 1))], axis=2)
+        transfer = np.concatenate(
+            [np.eye(2) * (sign * places)[:, None, None], np.tile(np.eye(2), (len(places), 1, 1))], axis=2
+        )
         largest.append(np.linalg.eigvalsh(transfer @ covariances @ np.swapaxes(transfer, 1, 2))[:, -1])
     return np.maximum(*largest)

@@ -1,6 +1,7 @@
-"""Options of the way from edges of photos to lines in space; light to import, because the web process describes them."""
+"""Options and words of the way from edges of photos to lines in space; light to import, for the web process."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
@@ -16,6 +17,11 @@ class ProjectionOptions:
     """The same limit across the line of sight, in space [m]; the smaller of both counts."""
     gap_px: Annotated[float, Ge(0.0), Le(50.0)] = 2.0
     """Points nearer to the edge are not used: beams that hit both sides measure neither [px]."""
+    min_separation_px: Annotated[float, Ge(0.0), Le(50.0)] = 3.0
+    """Edges along which another edge runs nearer than this are left out: the blur of each moves the other [px]."""
+    systematic_px: Annotated[float, Ge(0.0), Le(10.0)] = 0.02
+    """Standard deviation of an edge's place besides its own noise, from what calibration leaves of the distortion [px].
+    """
     min_points: Annotated[int, Ge(4)] = 12
     """Least number of points of a plane beside an edge."""
     min_length_px: Annotated[float, Ge(0.0)] = 20.0
@@ -24,5 +30,51 @@ class ProjectionOptions:
     """Shorter lines are left out [m]."""
     min_angle_gon: Annotated[float, Gt(0.0), Le(100.0)] = 15.0
     """Least angle between the plane through the projection centre and the surface's plane [gon]."""
-    max_std_m: Annotated[float, Gt(0.0)] = 0.03
+    max_std_m: Annotated[float, Gt(0.0)] = 0.01
     """Lines less certain across themselves at one of their ends are left out [m]."""
+
+
+class EdgeRejection(IntEnum):
+    """Why an edge of a photo gives no line in space."""
+
+    NONE = 0
+    """It gives one."""
+    TOO_SHORT = 1
+    """The edge is too short in the photo or in space."""
+    NO_PLANE = 2
+    """Neither side has a plane: too few points, or nothing flat."""
+    NOT_COVERED = 3
+    """The plane has no points right beside the edge, so it may end before."""
+    GRAZING = 4
+    """The surface contains the line of sight, nearly."""
+    OCCLUSION_UNCLEAR = 5
+    """Another surface may own the edge: points beside it lie in front of the plane, or both sides change places."""
+    CURVED = 6
+    """The surface beside the edge is bent, so its outline is another line for every station."""
+    TOO_UNCERTAIN = 7
+    """The line's standard deviation is too large."""
+    CROWDED = 8
+    """Another edge runs so near along this one that their blurs move each other."""
+
+    @property
+    def label(self) -> str:
+        """Give the name used in results, e.g. ``no-plane``."""
+        return self.name.lower().replace("_", "-")
+
+
+class SpaceEdgeKind(IntEnum):
+    """What an edge of a photo is in space."""
+
+    CREASE = 0
+    """Two surfaces meet."""
+    SILHOUETTE = 1
+    """A surface ends before a farther one, or before nothing."""
+    SURFACE_EDGE = 2
+    """Both sides are one plane and the scanner sees no change: paint, a joint, or a shadow."""
+    MATERIAL_EDGE = 3
+    """Both sides are one plane, and the intensity of the scan changes at the edge: no shadow."""
+
+    @property
+    def label(self) -> str:
+        """Give the name used in results, e.g. ``surface-edge``."""
+        return self.name.lower().replace("_", "-")

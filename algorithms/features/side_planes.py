@@ -1,12 +1,11 @@
 """The planes left and right of the edges of a photo, and which of them each edge belongs to."""
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.arrays import Array, Points
 from algorithms.features.edge_bands import EdgeBands
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.plane_fitting import LEAST_COSINE, LEAST_WIDTH
@@ -37,50 +36,6 @@ SAME_ANGLE_RAD, SAME_STEP_M = float(np.deg2rad(2.0)), 2e-3
 """Planes within these are one uneven surface, however significant their difference."""
 
 
-class EdgeRejection(IntEnum):
-    """Why an edge of a photo gives no line in space."""
-
-    NONE = 0
-    """It gives one."""
-    TOO_SHORT = 1
-    """The edge is too short in the photo or in space."""
-    NO_PLANE = 2
-    """Neither side has a plane: too few points, or nothing flat."""
-    NOT_COVERED = 3
-    """The plane has no points right beside the edge, so it may end before."""
-    GRAZING = 4
-    """The surface contains the line of sight, nearly."""
-    OCCLUSION_UNCLEAR = 5
-    """Points beside the edge lie in front of the plane, or both sides change places along it: another surface may own it."""
-    CURVED = 6
-    """The surface beside the edge is bent, so its outline is another line for every station."""
-    TOO_UNCERTAIN = 7
-    """The line's standard deviation is too large."""
-
-    @property
-    def label(self) -> str:
-        """Give the name used in results, e.g. ``no-plane``."""
-        return self.name.lower().replace("_", "-")
-
-
-class SpaceEdgeKind(IntEnum):
-    """What an edge of a photo is in space."""
-
-    CREASE = 0
-    """Two surfaces meet."""
-    SILHOUETTE = 1
-    """A surface ends before a farther one, or before nothing."""
-    SURFACE_EDGE = 2
-    """Both sides are one plane and the scanner sees no change: paint, a joint, or a shadow."""
-    MATERIAL_EDGE = 3
-    """Both sides are one plane, and the intensity of the scan changes at the edge: no shadow."""
-
-    @property
-    def label(self) -> str:
-        """Give the name used in results, e.g. ``surface-edge``."""
-        return self.name.lower().replace("_", "-")
-
-
 @dataclass(frozen=True, eq=False)
 class SidePlanes:
     """The planes on both sides of n edges; side 0 is the one of the edge's normal, the brighter one."""
@@ -103,6 +58,8 @@ class SidePlanes:
     """(n, 2, 2) how many of them lie on the plane of the side in the first index, by the side where they are."""
     in_front: Float64[Array, "n 2"]
     """(n, 2) points right beside the edge in front of the plane, on neither plane."""
+    used: Bool[Array, "m"]
+    """(m,) which points of the bands made the plane of their side."""
 
     def __len__(self) -> int:
         return len(self.normals)
@@ -136,9 +93,7 @@ class SidePlanes:
         )
 
 
-def side_planes(
-    bands: EdgeBands, centre: Points, options: ProjectionOptions, noise_std_m: float
-) -> SidePlanes:
+def side_planes(bands: EdgeBands, centre: Points, options: ProjectionOptions, noise_std_m: float) -> SidePlanes:
     """Fit planes to both sides of all edges.
 
     Parameters
@@ -152,9 +107,9 @@ def side_planes(
     """
     limit = float(thickness(np.array([noise_std_m]))[0])
     least = max(1.5 * noise_std_m, NUMERICAL_STD_M)
-    planes, moments, limits = fit_sides(
-        bands.points, bands.across, bands.splits, options.gap_px, options.band_px, bands.spacings_px,
-        limit, least, options.min_points,
+    planes, moments, limits, used = fit_sides(
+        bands.points, bands.along, bands.across, bands.splits, bands.first_px,
+        options.gap_px, options.band_px, bands.spacings_px, limit, least, options.min_points,
     )  # fmt: skip
     away = np.einsum("nsi,nsi->ns", planes[:, :, :3], planes[:, :, 3:] - centre[0]) > 0.0
     planes[away, :3] *= -1.0
@@ -176,4 +131,5 @@ def side_planes(
         beside=beside,
         on_plane=on_plane,
         in_front=in_front,
+        used=used,
     )

@@ -14,7 +14,16 @@ SAMPLE = 240
 """Points of a side that vote for them."""
 TRIM = 3.5
 """Points farther from the plane than so many standard deviations do not belong to it."""
-ROUNDS = 6
+ROUNDS = 7
+"""Fits of each plane; the last two without the rims."""
+LEAST_VOTES = 0.35
+"""Least share of the points, those at its limit counting less, for a plane."""
+PARALLEL_COSINE = 0.995
+"""Edges within six degrees run along each other."""
+SAME_PX = 0.3
+"""Edges nearer to each other than this are one."""
+PURE = 0.8
+"""Cells of which less lies on the plane hold something else as well."""
 
 
 @njit(cache=True, nogil=True)
@@ -62,17 +71,13 @@ def _sampled_plane(points: Array, chosen: Array, count: int, limit: float, state
 
 
 @njit(cache=True, nogil=True)
-def _refit(
-    points: Array, across: Array, first: int, last: int, side: float, gap: float, width: float, limit: float,
-    plane: Array, moments: Array,
-) -> bool:  # fmt: skip
-    """Fit the plane anew to the points of one side within `limit` of it: moments = count, mean, central sums."""
+def _refit(points: Array, first: int, last: int, wanted: Array, limit: float, plane: Array, moments: Array) -> bool:
+    """Fit the plane anew to the wanted points within `limit` of it: moments = count, mean, central sums."""
     n = 0.0
     ox, oy, oz = plane[3], plane[4], plane[5]
     sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
     for i in range(first, last):
-        d = side * across[i]
-        if d < gap or d > width:
+        if not wanted[i - first]:
             continue
         x, y, z = points[i, 0] - ox, points[i, 1] - oy, points[i, 2] - oz
         if abs(plane[0] * x + plane[1] * y + plane[2] * z) > limit:
@@ -87,11 +92,10 @@ def _refit(
         yy += y * y
         yz += y * z
         zz += z * z
+    moments[0] = n
     if n < 4.0:
-        moments[0] = n
         return False
     ax, ay, az = sx / n, sy / n, sz / n
-    moments[0] = n
     moments[1], moments[2], moments[3] = ox + ax, oy + ay, oz + az
     moments[4], moments[5], moments[6] = xx - n * ax * ax, xy - n * ax * ay, xz - n * ax * az
     moments[7], moments[8], moments[9] = yy - n * ay * ay, yz - n * ay * az, zz - n * az * az
@@ -106,79 +110,164 @@ def _refit(
 
 
 @njit(cache=True, nogil=True)
-def fit_sides(
+def _spread(plane: Array, m: Array) -> float:
+    """Give the standard deviation of points across their plane."""
+    nx, ny, nz = plane[0], plane[1], plane[2]
+    square = nx * nx * m[4] + ny * ny * m[7] + nz * nz * m[9] + 2.0 * (nx * ny * m[5] + nx * nz * m[6] + ny * nz * m[8])
+    return math.sqrt(max(square, 0.0) / max(m[0] - 3.0, 1.0))
+
+
+@njit(cache=True, nogil=True)
+def _height(points: Array, i: int, plane: Array) -> float:
+    """Give the signed distance of a point from a plane (normal, point)."""
+    height: float = plane[0] * (points[i, 0] - plane[3])
+    height += plane[1] * (points[i, 1] - plane[4]) + plane[2] * (points[i, 2] - plane[5])
+    return height
+
+
+@njit(cache=True, nogil=True)
+def _leave_rims_out(  # noqa: C901 - one compiled loop
+    points: Array, along: Array, across: Array, first: int, last: int, sign: float, gap: float, start: float,
+    cell: float, limit: float, plane: Array, wanted: Array,
+) -> None:  # fmt: skip
+    """Keep the points of cells that hold hardly anything but the plane, and whose neighbours do as well.
+
+    Where another surface joins the plane, its first points lie within the limit, all on one side of it, and beams that
+    hit both surfaces do too: they would tilt the plane. The row beside the edge has no neighbours on the other side.
+    Where less than half of the points would be left, all stay.
+    """
+    s_high = d_high = 0.0
+    for i in range(first, last):
+        s_high = max(s_high, along[i] - start)
+        d_high = max(d_high, sign * across[i] - gap)
+    columns, rows = int(s_high / cell) + 1, int(d_high / cell) + 1
+    all_points, on_plane = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for i in range(first, last):
+        d = sign * across[i] - gap
+        if d >= 0.0:
+            row, column = int(d / cell), int((along[i] - start) / cell)
+            all_points[row, column] += 1.0
+            if abs(_height(points, i, plane)) <= limit:
+                on_plane[row, column] += 1.0
+    impure = on_plane < PURE * all_points
+    kept = 0
+    total = 0
+    for i in range(first, last):
+        d = sign * across[i] - gap
+        if not wanted[i - first] or abs(_height(points, i, plane)) > limit:
+            continue
+        total += 1
+        if not _near_impure(impure, int(d / cell), int((along[i] - start) / cell)):
+            kept += 1
+    if kept < 0.5 * total:
+        return
+    for i in range(first, last):
+        d = sign * across[i] - gap
+        if wanted[i - first] and _near_impure(impure, int(d / cell), int((along[i] - start) / cell)):
+            wanted[i - first] = False
+
+
+@njit(cache=True, nogil=True)
+def _near_impure(impure: Array, row: int, column: int) -> bool:
+    """Tell whether a cell or one of its eight neighbours is impure."""
+    for r in range(max(0, row - 1), min(impure.shape[0], row + 2)):
+        for c in range(max(0, column - 1), min(impure.shape[1], column + 2)):
+            if impure[r, c]:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def fit_sides(  # noqa: C901 - one compiled loop
     points: Array,
+    along: Array,
     across: Array,
     splits: Array,
+    first_px: Array,
     gap_px: float,
     band_px: float,
     spacings: Array,
     limit_m: float,
     least_m: float,
     min_points: int,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Fit a plane to each side of each edge, beginning at the edge.
 
     The plane is looked for in a strip of four point spacings beside the edge, or in the whole band where the strip
     holds no plane, and then followed outwards. Returns (n, 2, 6) normals and points of the planes, (n, 2, 10) moments
-    of their points (count, mean, central sums; count 0 where there is no plane), and (n, 2) the distance [m] within
-    which points belong to them. Side 0 is the one of the edge's normal.
+    of their points (count, mean, central sums; count 0 where there is no plane), (n, 2) the distance [m] within which
+    points belong to them, and (m,) which points made the plane of their side. Side 0 is the one of the edge's normal.
     """
     n = splits.shape[0] - 1
     planes = np.zeros((n, 2, 6))
     moments = np.zeros((n, 2, 10))
     limits = np.full((n, 2), limit_m)
+    used = np.zeros(points.shape[0], dtype=np.bool_)
     for k in range(n):
         first, last = splits[k], splits[k + 1]
-        chosen = np.empty(last - first, dtype=np.int64)
+        wanted = np.zeros(last - first, dtype=np.bool_)
         strip = gap_px + max(4.0 * spacings[k], 4.0 * gap_px)
         for side in range(2):
             sign = 1.0 - 2.0 * side
-            found = False
-            width = strip
-            for attempt in range(2):
-                width = min(strip, band_px) if attempt == 0 else band_px
-                count = 0
-                for i in range(first, last):
-                    d = sign * across[i]
-                    if gap_px <= d <= width:
-                        chosen[count] = i
-                        count += 1
-                if count < min_points:
-                    continue
-                plane = planes[k, side]
-                best = _sampled_plane(points, chosen, count, limit_m, 12345 + 2 * k + side, plane)
-                voters = (count + max(1, count // SAMPLE) - 1) // max(1, count // SAMPLE)
-                if best >= 0.35 * voters and best * count / voters >= 0.6 * min_points:
-                    found = True
-                    break
-            if not found:
+            plane, own = planes[k, side], moments[k, side]
+            width = _first_plane(
+                points, across, first, last, sign, gap_px, min(strip, band_px), band_px, limit_m, min_points,
+                12345 + 2 * k + side, plane,
+            )  # fmt: skip
+            if width == 0.0:
                 continue
             limit = limit_m
             good = True
             for attempt in range(ROUNDS):
-                if not _refit(points, across, first, last, sign, gap_px, width, limit, planes[k, side], moments[k, side]):
+                if attempt < ROUNDS - 2:
+                    for i in range(first, last):
+                        wanted[i - first] = gap_px <= sign * across[i] <= width
+                elif attempt == ROUNDS - 2:
+                    cell = max(2.0 * spacings[k], gap_px)
+                    _leave_rims_out(
+                        points, along, across, first, last, sign, gap_px, first_px[k], cell, limit, plane, wanted
+                    )
+                if not _refit(points, first, last, wanted, limit, plane, own):
                     good = False
                     break
-                m = moments[k, side]
-                count_now = m[0]
-                nx, ny, nz = planes[k, side, 0], planes[k, side, 1], planes[k, side, 2]
-                square = (
-                    nx * nx * m[4] + ny * ny * m[7] + nz * nz * m[9]
-                    + 2.0 * (nx * ny * m[5] + nx * nz * m[6] + ny * nz * m[8])
-                )  # fmt: skip
-                spread = math.sqrt(max(square, 0.0) / max(count_now - 3.0, 1.0))
-                limit = min(max(TRIM * spread, least_m), limit_m)
+                limit = min(max(TRIM * _spread(plane, own), least_m), limit_m)
                 if attempt >= 1:
                     width = min(2.0 * width, band_px)
             limits[k, side] = limit
-            if not good or moments[k, side, 0] < min_points:
-                moments[k, side, 0] = 0.0
-    return planes, moments, limits
+            if not good or own[0] < min_points:
+                own[0] = 0.0
+                continue
+            for i in range(first, last):
+                if wanted[i - first] and abs(_height(points, i, plane)) <= limit:
+                    used[i] = True
+    return planes, moments, limits, used
 
 
 @njit(cache=True, nogil=True)
-def look_near_edges(
+def _first_plane(
+    points: Array, across: Array, first: int, last: int, sign: float, gap: float, strip: float, band: float,
+    limit: float, min_points: int, state: int, plane: Array,
+) -> float:  # fmt: skip
+    """Find a plane in the strip beside the edge, or else in the whole band: the width looked at, 0 without a plane."""
+    chosen = np.empty(last - first, dtype=np.int64)
+    for width in (strip, band):
+        count = 0
+        for i in range(first, last):
+            if gap <= sign * across[i] <= width:
+                chosen[count] = i
+                count += 1
+        if count < min_points:
+            continue
+        step = max(1, count // SAMPLE)
+        voters = (count + step - 1) // step
+        best = _sampled_plane(points, chosen, count, limit, state, plane)
+        if best >= LEAST_VOTES * voters and best * count / voters >= 0.6 * min_points:
+            return width
+    return 0.0
+
+
+@njit(cache=True, nogil=True)
+def look_near_edges(  # noqa: C901, PLR0912 - one compiled loop
     points: Array,
     along: Array,
     across: Array,
@@ -240,16 +329,6 @@ def look_near_edges(
 
 
 @njit(cache=True, nogil=True)
-def _height(points: Array, i: int, plane: Array) -> float:
-    """Give the signed distance of a point from a plane (normal, point)."""
-    return (
-        plane[0] * (points[i, 0] - plane[3])
-        + plane[1] * (points[i, 1] - plane[4])
-        + plane[2] * (points[i, 2] - plane[5])
-    )
-
-
-@njit(cache=True, nogil=True)
 def sum_patches(
     points: Array,
     along: Array,
@@ -258,16 +337,16 @@ def sum_patches(
     first_px: Array,
     last_px: Array,
     gap_px: float,
+    used: Array,
     sides: Array,
     normals: Array,
     centroids: Array,
     bases: Array,
-    limits: Array,
     rows: Array,
     columns: Array,
     widths_px: Array,
 ) -> Array:
-    """Sum the points of planes by patches, `columns` along the edge and `rows` across each side.
+    """Sum the used points of planes by patches, `columns` along the edge and `rows` across each side.
 
     `sides` (n, 2) tells which sides belong to the plane. Returns (n, 2 * most rows * most columns, 5): count, u, v, r,
     r², in the plane's coordinates.
@@ -280,7 +359,7 @@ def sum_patches(
         for i in range(splits[k], splits[k + 1]):
             d = across[i]
             side = 0 if d > 0.0 else 1
-            if not sides[k, side] or abs(d) < gap_px:
+            if not (used[i] and sides[k, side]):
                 continue
             u = v = r = 0.0
             for a in range(3):
@@ -288,8 +367,6 @@ def sum_patches(
                 u += x * bases[k, a, 0]
                 v += x * bases[k, a, 1]
                 r += x * normals[k, a]
-            if abs(r) > limits[k]:
-                continue
             column = min(int((along[i] - first_px[k]) / length * columns[k]), columns[k] - 1)
             row = min(int((abs(d) - gap_px) / widths_px[k] * rows[k]), rows[k] - 1)
             s = out[k, (side * rows[k] + row) * columns[k] + column]
@@ -299,3 +376,28 @@ def sum_patches(
             s[3] += r
             s[4] += r * r
     return out
+
+
+@njit(cache=True, nogil=True)
+def crowded_sides(centres: Array, directions: Array, extents: Array, reaches: Array) -> Array:
+    """Tell on which sides (n, 2) of edges another edge runs along them within `reaches` (n,), for a third or more."""
+    n = centres.shape[0]
+    crowded = np.zeros((n, 2), dtype=np.bool_)
+    for k in range(n):
+        dx, dy = directions[k, 0], directions[k, 1]
+        low, high = extents[k, 0], extents[k, 1]
+        for j in range(n):
+            if j == k or abs(dx * directions[j, 0] + dy * directions[j, 1]) < PARALLEL_COSINE:
+                continue
+            x, y = centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1]
+            ax, ay = x + extents[j, 0] * directions[j, 0], y + extents[j, 0] * directions[j, 1]
+            bx, by = x + extents[j, 1] * directions[j, 0], y + extents[j, 1] * directions[j, 1]
+            sa, sb = ax * dx + ay * dy, bx * dx + by * dy
+            start, end = max(low, min(sa, sb)), min(high, max(sa, sb))
+            if end - start < (high - low) / 3.0:
+                continue
+            da, db = ay * dx - ax * dy, by * dx - bx * dy
+            d = da + (db - da) * (0.5 * (start + end) - sa) / (sb - sa)
+            if SAME_PX < abs(d) <= reaches[k]:
+                crowded[k, 0 if d > 0.0 else 1] = True
+    return crowded
