@@ -1,12 +1,15 @@
-"""Options of the edge detection in photos, as the numerics define them."""
+"""Options of the edge detection in photos and of the lines that come of it, as the numerics define them."""
 
 from typing import TYPE_CHECKING
 
+from algorithms.features.photo_line_options import PhotoLineOptions
 from algorithms.photos.options import EdgeOptions
 from schemas.base import RequestModel
 from schemas.method_options import options_model
 
 if TYPE_CHECKING:
     EdgeOptionsRequest = RequestModel
+    PhotoLineOptionsRequest = RequestModel
 else:
     EdgeOptionsRequest = options_model(EdgeOptions)
+    PhotoLineOptionsRequest = options_model(PhotoLineOptions)

@@ -24,6 +24,12 @@ class ExtractedLine(Document):
     length_m: float
     planes: list[str] = Field(description="Planes that meet in it.")
     cylinder: str | None
+    photo: int | None = Field(default=None, description="Number of the station's photo that shows it, from 0.")
+    surface: str | None = Field(
+        default=None,
+        description="What a photo's edge is in space: crease, silhouette, surface-edge (both sides one surface: paint, "
+        "a joint or a shadow) or material-edge (the same, and the scan's intensity changes there: no shadow).",
+    )
 
 
 class ExtractedPlane(Document):

@@ -48,9 +48,9 @@ class CameraRequest(RequestModel):
 class MountStd(RequestModel):
     """How well the pose of the camera on the scanner is known: the error that all lines of a photo share."""
 
-    rotation_gon: float = Field(default=0.02, ge=0.0, le=50.0)
+    rotation_gon: float = Field(default=0.02, ge=1e-6, le=50.0)
     """Standard deviation of the rotation about each axis [gon]."""
-    translation_m: float = Field(default=0.003, ge=0.0, le=100.0)
+    translation_m: float = Field(default=0.003, ge=1e-6, le=100.0)
     """Standard deviation of each coordinate of the projection centre [m]."""
 
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag
 
 from schemas.base import NotYet, NotYetList, RequestModel
+from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import AutoMethod, MethodRequest
 
@@ -17,6 +18,9 @@ PairChoice: TypeAlias = Annotated[
     | Annotated[list[tuple[StationName, StationName]], Field(min_length=1), Tag("list")],
     Discriminator(lambda value: "list" if isinstance(value, list) else "auto"),
 ]
+
+
+MAX_PHOTOS = 200
 
 
 class ScanReference(RequestModel):
@@ -43,6 +47,13 @@ class Station(RequestModel):
     """A first guess; none is needed, and none is supported yet."""
     point_std_m: NotYet = None
     """Standard deviation of single points; it is estimated from the scan, giving it is not supported yet."""
+
+
+class PhotoStation(Station):
+    """One set-up of the scanner and of the camera on it."""
+
+    photos: list[StationPhoto] = Field(default=[], max_length=MAX_PHOTOS)
+    """Photos taken from this set-up."""
 
 
 class RegisterInputs(RequestModel):

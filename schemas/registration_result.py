@@ -37,6 +37,16 @@ class Overlap(Document):
     )
 
 
+class PhotoLineCounts(Document):
+    """What became of the lines that only photos show."""
+
+    target_found: int = Field(description="Lines of the target's photos.")
+    source_found: int = Field(description="Lines of the source's photos.")
+    matched: int = Field(description="Pairs of lines of which at least one comes from a photo.")
+    used: int = Field(description="Of these, those in the adjustment.")
+    removed: int = Field(description="Of these, those that the tests removed.")
+
+
 class Pair(Document):
     """What came out for two stations."""
 
@@ -54,6 +64,7 @@ class Pair(Document):
     plane_correspondences: list[PlaneCorrespondence]
     outliers: list[Outlier]
     accuracy: Accuracy | None
+    photo_lines: PhotoLineCounts | None = Field(default=None, description="Null: neither station has photos.")
     own_figures: OwnFigures | None = Field(
         default=None, description="Of methods with an estimator of their own: what they say of themselves."
     )
@@ -72,6 +83,17 @@ class Station(Document):
     world_from_scan: Pose | None
 
 
+class PhotoEdgeCount(Document):
+    """What one photo gave."""
+
+    file: str
+    index: int
+    segments: int = Field(description="Straight edges found in the photo.")
+    projected: int = Field(description="Of these, those that became lines in space.")
+    merged: int = Field(description="Of these, those that were joined with lines of the scan or of other photos.")
+    rejected: dict[str, int] = Field(description="Edges that gave no line in space, by reason.")
+
+
 class FeatureCount(Document):
     """How many features a scan gave."""
 
@@ -81,6 +103,8 @@ class FeatureCount(Document):
     planes: int
     cylinders: int
     noise_std_m: float
+    photo_edges: int = Field(default=0, description="Lines that only the photos show, contained in `lines`.")
+    photos: list[PhotoEdgeCount] = Field(default=[], description="What each photo of the station gave.")
 
 
 class Artifact(Document):
@@ -93,9 +117,10 @@ class Artifact(Document):
 
 
 class InputFile(Document):
-    """A file that went in."""
+    """A scan or photo that went in."""
 
     station: str
+    kind: str = Field(default="scan", description="scan or photo")
     file: str
     index: int
     sha256: str

@@ -1,8 +1,11 @@
 """Everything registration needs to know of one scan: lines, planes, cylinders, and what was seen where."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from algorithms.arrays import Labels, Points, Vector3
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from algorithms.arrays import Array, Indices, Labels, Points, Vector3
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
@@ -24,11 +27,29 @@ class SurfaceSample:
 
 
 @dataclass(frozen=True, eq=False)
+class PhotoEdges:
+    """What the q photos of a station gave, and what its n lines are in them."""
+
+    segment_counts: Indices
+    """(q,) straight edges found in each photo."""
+    projected_counts: Indices
+    """(q,) of them those that gave a line in space."""
+    merged_counts: Indices
+    """(q,) of these those that became part of a line which the scan or another photo shows too."""
+    rejection_counts: Int64[Array, "q reasons"]
+    """(q, reasons) edges that gave none, by `EdgeRejection`."""
+    line_normals: Points
+    """(n, 3) unit normal, towards the camera, of the surface that a line of photos lies in; zero for others."""
+    line_kinds: Labels
+    """(n,) `SpaceEdgeKind` of lines of photos; -1 for others."""
+
+
+@dataclass(frozen=True, eq=False)
 class ScanFeatures:
     """Features of one scan, all in its reduced scan frame."""
 
     lines: Lines
-    """Plane intersections and cylinder axes (and later photo edges)."""
+    """Plane intersections, cylinder axes and edges of photos."""
     planes: Planes
     cylinders: Cylinders
     surface: SurfaceSample
@@ -42,3 +63,8 @@ class ScanFeatures:
     """Points of the full scan."""
     noise_std_m: float
     """Typical standard deviation of single points from fitted planes [m]."""
+    photo_covariances: Float64[Array, "q 6 6"] = field(default_factory=lambda: np.zeros((0, 6, 6)))
+    """(q, 6, 6) covariance of the mount of each photo that `Lines.photos` counts: rotation vector on the left of the
+    scan axes [rad], translation of the projection centre [m] (MATH 2.5)."""
+    photo_edges: PhotoEdges | None = None
+    """What the photos gave; None: the station has no photos."""

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 
-from schemas.register_inputs import RegisterInputs, ScanReference, Station
+from schemas.register_inputs import PhotoStation, RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import FileStore
+from service.use_cases.check_photos import station_photo_faults
 from service.use_cases.identifiers import is_identifier
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
 
@@ -34,15 +35,18 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         raise InvalidRequestError(WRONG_FIELDS, faults)
 
 
-def check_station(station: Station, files: FileStore) -> None:
-    """Check the file of a single station.
+def check_station(station: PhotoStation, files: FileStore) -> None:
+    """Check the files of a single station.
 
     Raises
     ------
     InvalidRequestError
         With a pointer to every bad field.
     """
-    faults = list(_scan_faults(station.scan, files, "/inputs/station/scan"))
+    faults = [
+        *_scan_faults(station.scan, files, "/inputs/station/scan"),
+        *station_photo_faults(station.photos, station.scan, files, "/inputs/station/photos"),
+    ]
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -2,11 +2,23 @@
 
 import hashlib
 import json
+from collections.abc import Sequence
 
 from service.ports import Json
 
-FEATURE_VERSION = 1
+FEATURE_VERSION = 2
 """Raise when extraction gives other features for the same scan and options."""
+
+
+def photos_identity(photos: Sequence[Json], options: Json) -> Json | None:
+    """Give all that the lines of photos depend on: content, number, camera, pose and mount of each, and the options.
+
+    Names and file ids do not count: the same photo uploaded again gives the same lines.
+    """
+    if not photos:
+        return None
+    kept = [{name: value for name, value in photo.items() if name not in {"file", "filename"}} for photo in photos]
+    return {"photos": kept, "options": options}
 
 
 def features_of_content(sha256: str) -> str:
@@ -14,7 +26,17 @@ def features_of_content(sha256: str) -> str:
     return f"features/{sha256}"
 
 
-def feature_key(sha256: str, scan_index: int, options: Json) -> str:
-    """Name the blob of one scan's features by content, scan number, options and version of the extraction."""
-    what = json.dumps([FEATURE_VERSION, scan_index, options], sort_keys=True)
+def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None = None) -> str:
+    """Name the blob of one scan's features by content, scan number, options and version of the extraction.
+
+    Parameters
+    ----------
+    sha256, scan_index
+        Content of the scan's file, and number of the scan in it.
+    options
+        Of the extraction.
+    photos
+        What the photos of the station add, as `photos_identity` gives it; None: no photos.
+    """
+    what = json.dumps([FEATURE_VERSION, scan_index, options, *([] if photos is None else [photos])], sort_keys=True)
     return f"{features_of_content(sha256)}/{hashlib.sha256(what.encode()).hexdigest()}.npz"

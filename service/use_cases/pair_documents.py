@@ -1,11 +1,13 @@
 """What came out for two stations, as clients read it."""
 
+from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import LineSource
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import Verification
-from algorithms.registration.base import PairResult
+from algorithms.registration.base import FineRegistration, PairResult
 from schemas.adjustment_figures import RankReport
-from schemas.registration_result import Coarse, Overlap, Pair
+from schemas.registration_result import Coarse, Overlap, Pair, PhotoLineCounts
 from service.use_cases.adjustment_documents import (
     accuracy_document,
     adjustment_document,
@@ -63,6 +65,35 @@ def pair_document(
         else weak_direction_documents(fine.adjustment),
         overlap=None if result.verification is None else _overlap(result.verification),
         timings_s=timings_s,
+    )
+
+
+def photo_line_counts(
+    fine: FineRegistration | None, target: ScanFeatures, source: ScanFeatures
+) -> PhotoLineCounts | None:
+    """Count the lines of photos that were found, matched, used and removed; None without photos.
+
+    Parameters
+    ----------
+    fine
+        The adjustment; None when it did not come so far.
+    target, source
+        Features of both stations.
+    """
+    if target.photo_edges is None and source.photo_edges is None:
+        return None
+    of_photos = [side.lines.sources == int(LineSource.PHOTO_EDGE) for side in (target, source)]
+    matched = removed = 0
+    if fine is not None:
+        from_photo = of_photos[0][fine.lines[:, 0]] | of_photos[1][fine.lines[:, 1]]
+        states = fine.adjustment.lines.states[from_photo]
+        matched, removed = int(from_photo.sum()), int((states == int(CorrespondenceState.REMOVED)).sum())
+    return PhotoLineCounts(
+        target_found=int(of_photos[0].sum()),
+        source_found=int(of_photos[1].sum()),
+        matched=matched,
+        used=matched - removed,
+        removed=removed,
     )
 
 

@@ -21,7 +21,8 @@ class RegisterPlan:
         inputs = job["inputs"]
         stations = inputs["stations"]
         if len(outputs) == 0:
-            return [_features_call(job, station, inputs["method"].get("features")) for station in stations]
+            options, of_photos = inputs["method"].get("features"), inputs.get("photo_lines")
+            return [_features_call(job, station, options, of_photos) for station in stations]
         features = {station["name"]: output for station, output in zip(stations, outputs[0], strict=True)}
         if len(outputs) == 1:
             return [
@@ -64,7 +65,7 @@ class ExtractLinesPlan:
         """Give the next stage of `extract-lines`."""
         inputs = job["inputs"]
         if len(outputs) == 0:
-            return [_features_call(job, inputs["station"], inputs.get("features"))]
+            return [_features_call(job, inputs["station"], inputs.get("features"), inputs.get("photo_lines"))]
         if len(outputs) == 1:
             return [
                 StepCall(
@@ -138,7 +139,7 @@ def pairs_to_try(inputs: Json) -> Sequence[tuple[str, str]]:
     ]
 
 
-def _features_call(job: Json, station: Json, options: Json | None) -> StepCall:
+def _features_call(job: Json, station: Json, options: Json | None, photo_options: Json | None) -> StepCall:
     file = job["files"][station["scan"]["file"]]
     return StepCall(
         "features",
@@ -149,6 +150,15 @@ def _features_call(job: Json, station: Json, options: Json | None) -> StepCall:
             "sha256": file["sha256"],
             "index": station["scan"]["index"],
             "options": options or {},
+            "photos": [
+                {
+                    **photo,
+                    "filename": job["files"][photo["file"]]["name"],
+                    "sha256": job["files"][photo["file"]]["sha256"],
+                }
+                for photo in station.get("photos", [])
+            ],
+            "photo_options": photo_options or {},
         },
         f"features of {station['name']}",
         weight=2.0,

@@ -2,15 +2,19 @@
 
 import shutil
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from algorithms.features.options import FeatureOptions
+from algorithms.features.projection_options import EdgeRejection
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import LineSource
+from algorithms.progress import ProgressSection
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
-from service.use_cases.feature_keys import feature_key
+from service.use_cases.feature_keys import feature_key, photos_identity
 from service.use_cases.feature_store import load_features, save_features
 
 SEED = 0
@@ -39,7 +43,8 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
 
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
-    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"])
+    photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
+    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos)
     timings = {"read": 0.0, "features": 0.0}
     if context.blobs.exists(key):
         features = load_features(context.blobs.local_path(key))
@@ -54,6 +59,7 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     return {
         "features": key,
         "sha256": arguments["sha256"],
+        "photos": [photo["sha256"] for photo in arguments.get("photos", [])],
         "counts": {
             "station": arguments["name"],
             "points": features.point_count,
@@ -61,8 +67,31 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
             "planes": len(features.planes),
             "cylinders": len(features.cylinders),
             "noise_std_m": features.noise_std_m,
+            **photo_counts(features, arguments.get("photos", [])),
         },
         "timings_s": timings,
+    }
+
+
+def photo_counts(features: ScanFeatures, photos: Sequence[Json]) -> Json:
+    """Count what the photos of a station gave; `photos` as they were requested."""
+    found = features.photo_edges
+    if found is None:
+        return {"photo_edges": 0, "photos": []}
+    reasons = [reason for reason in EdgeRejection if reason is not EdgeRejection.NONE]
+    return {
+        "photo_edges": int((features.lines.sources == LineSource.PHOTO_EDGE).sum()),
+        "photos": [
+            {
+                "file": photo["file"],
+                "index": photo["index"],
+                "segments": int(found.segment_counts[q]),
+                "projected": int(found.projected_counts[q]),
+                "merged": int(found.merged_counts[q]),
+                "rejected": {reason.label: int(found.rejection_counts[q, reason]) for reason in reasons},
+            }
+            for q, photo in enumerate(photos)
+        ],
     }
 
 
@@ -76,8 +105,19 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     path = context.blobs.local_path(f"files/{arguments['file']}")
     scan = read_scan(path, arguments["filename"], arguments["index"], read_limits(context))
     read = time.perf_counter()
-    features = extract_features(scan, options, progress=context.progress, rng=np.random.default_rng(SEED))
-    return features, {"read": read - started, "features": time.perf_counter() - read}
+    references = arguments.get("photos", [])
+    section = ProgressSection(context.progress, 0.0, 0.5 if references else 1.0)
+    features = extract_features(scan, options, progress=section, rng=np.random.default_rng(SEED))
+    timings = {"read": read - started, "features": time.perf_counter() - read}
+    if references:
+        from service.use_cases.station_photos import with_photo_lines
+
+        begun = time.perf_counter()
+        section = ProgressSection(context.progress, 0.5, 1.0)
+        options_of_photos = arguments.get("photo_options", {})
+        features = with_photo_lines(features, scan, references, options_of_photos, context, section)
+        timings["photos"] = time.perf_counter() - begun
+    return features, timings
 
 
 def read_limits(context: StepContext) -> ReadLimits:

@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 
 from algorithms.arrays import Array
+from algorithms.features.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from schemas.lines_result import ExtractedCylinder, ExtractedLine, ExtractedPlane, LinesDocument, Vector
@@ -31,16 +32,12 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
         artifacts=[],
         provenance=Provenance(
             software=software(),
-            method={"features": arguments["inputs"].get("features") or {}},
+            method={
+                "features": arguments["inputs"].get("features") or {},
+                "photo_lines": arguments["inputs"].get("photo_lines") or {},
+            },
             seed=SEED,
-            inputs=[
-                InputFile(
-                    station=station["name"],
-                    file=station["scan"]["file"],
-                    index=station["scan"]["index"],
-                    sha256=extracted["sha256"],
-                )
-            ],
+            inputs=input_files(station, extracted),
             timings_s=extracted["timings_s"],
         ),
     )
@@ -48,6 +45,19 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
         f"jobs/{arguments['job_id']}/result.json", document.model_dump_json(by_alias=True).encode()
     )
     return {}
+
+
+def input_files(station: Json, extracted: Json) -> list[InputFile]:
+    """List scan and photos of a station; `extracted` is the output of its features step."""
+    scan = station["scan"]
+    photos = zip(station.get("photos", []), extracted.get("photos", []), strict=True)
+    return [
+        InputFile(station=station["name"], file=scan["file"], index=scan["index"], sha256=extracted["sha256"]),
+        *(
+            InputFile(station=station["name"], kind="photo", file=photo["file"], index=photo["index"], sha256=sha256)
+            for photo, sha256 in photos
+        ),
+    ]
 
 
 def software() -> str:
@@ -73,6 +83,7 @@ def plane_name(number: int) -> str:
 def _lines(features: ScanFeatures) -> list[ExtractedLine]:
     lines = features.lines
     starts, ends = lines.end_points
+    surfaces = _surfaces(features)
     out = []
     for k in range(len(lines)):
         source = LineSource(int(lines.sources[k]))
@@ -91,9 +102,18 @@ def _lines(features: ScanFeatures) -> list[ExtractedLine]:
                 length_m=float(lines.lengths[k]),
                 planes=[] if is_axis else [plane_name(p) for p in parents],
                 cylinder=f"C{parents[0] + 1}" if is_axis else None,
+                photo=None if lines.photos is None or lines.photos[k] < 0 else int(lines.photos[k]),
+                surface=surfaces[k],
             )
         )
     return out
+
+
+def _surfaces(features: ScanFeatures) -> list[str | None]:
+    """Say what the edges of photos are in space, None for other lines."""
+    if features.photo_edges is None:
+        return [None] * len(features.lines)
+    return [None if kind < 0 else SpaceEdgeKind(kind).label for kind in features.photo_edges.line_kinds.tolist()]
 
 
 def _planes(features: ScanFeatures) -> list[ExtractedPlane]:
@@ -118,12 +138,12 @@ def _planes(features: ScanFeatures) -> list[ExtractedPlane]:
 
 
 def _cylinders(features: ScanFeatures) -> list[ExtractedCylinder]:
-    cylinders = features.cylinders
-    first_axis = int(np.count_nonzero(features.lines.sources == LineSource.PLANE_INTERSECTION))
+    cylinders, lines = features.cylinders, features.lines
+    axes = {int(lines.parents[k, 0]): int(k) for k in np.flatnonzero(lines.sources == LineSource.CYLINDER_AXIS)}
     return [
         ExtractedCylinder(
             name=f"C{k + 1}",
-            axis=line_name(first_axis + k),
+            axis=line_name(axes[k]),
             radius_m=float(cylinders.radii_m[k]),
             radius_std_m=float(cylinders.radius_std_m[k]),
             arc_gon=float(cylinders.arcs_rad[k]) * 200.0 / math.pi,

@@ -15,7 +15,6 @@ from schemas.poses import Pose
 from schemas.registration_result import (
     Artifact,
     FeatureCount,
-    InputFile,
     Pair,
     Provenance,
     RegistrationDocument,
@@ -29,7 +28,7 @@ from service.use_cases.report_page import report_page
 from service.use_cases.result_lines import ScanLines, lines_dxf, lines_ply, registered_lines
 from service.use_cases.result_tables_csv import correspondences_csv, poses_csv
 from service.use_cases.run_features import SEED
-from service.use_cases.run_lines_report import software
+from service.use_cases.run_lines_report import input_files, software
 from service.use_cases.run_pair import method_of
 
 
@@ -145,13 +144,9 @@ def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -
         method={"method": method.name, "requested": inputs["method"]["method"], **asdict(method)},
         seed=SEED,
         inputs=[
-            InputFile(
-                station=station["name"],
-                file=station["scan"]["file"],
-                index=station["scan"]["index"],
-                sha256=output["sha256"],
-            )
+            file
             for station, output in zip(inputs["stations"], features, strict=True)
+            for file in input_files(station, output)
         ],
         timings_s=dict(timings),
     )

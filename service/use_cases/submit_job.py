@@ -1,5 +1,6 @@
 """Turn an execution request into a job on the queue, or into an answer at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -8,7 +9,7 @@ from pydantic import BaseModel
 
 from schemas.detect_edges_inputs import DetectEdgesInputs
 from schemas.extract_lines_inputs import ExtractLinesInputs
-from schemas.register_inputs import RegisterInputs
+from schemas.register_inputs import RegisterInputs, Station
 from service.errors import FieldFault, InvalidRequestError, QuotaExceededError
 from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, Json
 from service.settings import Settings
@@ -100,11 +101,17 @@ def _as_stored(process: OfferedProcess, inputs: BaseModel) -> Json:
 def _check_files(inputs: BaseModel, files: FileStore, settings: Settings) -> tuple[str, ...]:
     if isinstance(inputs, RegisterInputs):
         check_register_inputs(inputs, files, settings.max_stations)
-        return tuple(dict.fromkeys(station.scan.file for station in inputs.stations))
+        return _files_of(inputs.stations)
     if isinstance(inputs, ExtractLinesInputs):
         check_station(inputs.station, files)
-        return (inputs.station.scan.file,)
+        return _files_of([inputs.station])
     if isinstance(inputs, DetectEdgesInputs):
         check_photo(inputs.photo, files)
         return (inputs.photo.file,)
     return ()
+
+
+def _files_of(stations: Sequence[Station]) -> tuple[str, ...]:
+    """List the files of scans and photos, each once."""
+    files = [file for each in stations for file in (each.scan.file, *(photo.file for photo in each.photos))]
+    return tuple(dict.fromkeys(files))
