@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64, Int64
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Indices, Points, Scalars
+from algorithms.arrays import Array, Points, Scalars, Splits
 from algorithms.features.edge_bands_kernels import gather
 from algorithms.features.photo_points import points_in_photo
 from algorithms.features.projection_options import ProjectionOptions
@@ -22,15 +23,15 @@ SPARSEST_PX = 100.0
 class EdgeBands:
     """The points beside n edges, m in all, those of edge k in splits[k]:splits[k + 1]."""
 
-    numbers: Indices
+    numbers: Int64[Array, "m"]
     """(m,) numbers of the points in the scan."""
-    points: Points
+    points: Float64[Array, "m 3"]
     """(m, 3) [m]."""
-    along: Scalars
+    along: Float64[Array, "m"]
     """(m,) places along the edges, from their centres [px]."""
-    across: Scalars
+    across: Float64[Array, "m"]
     """(m,) distances from the edges, positive on the side of the normal [px]."""
-    splits: Indices
+    splits: Splits
     """(n + 1,)."""
     first_px: Scalars
     """(n,) where the band begins along the edge [px]."""
@@ -64,14 +65,14 @@ def gather_bands(
         (k, 3) points of the scan [m].
     """
     ends = segments.ends.reshape(-1, 2)
-    low = ends.min(axis=0, keepdims=True) - options.band_px - 1.0
-    high = ends.max(axis=0, keepdims=True) + options.band_px + 1.0
+    low = ends.min(axis=0) - options.band_px - 1.0
+    high = ends.max(axis=0) + options.band_px + 1.0
     photo = points_in_photo(points, camera, scan_from_camera, low, high)
     trimmed = np.minimum(ENDS_PX, ENDS_SHARE * segments.lengths)
     first, last = segments.extents[:, 0] + trimmed, segments.extents[:, 1] - trimmed
     focal = 0.5 * (camera.fx + camera.fy)
     found, along, across, splits = gather(
-        photo.ideal, photo.depths, photo.visible, photo.starts, photo.rows, photo.columns, low[0], photo.cell_px,
+        photo.ideal, photo.depths, photo.visible, photo.starts, photo.rows, photo.columns, low, photo.cell_px,
         segments.centres, segments.directions, first, last, options.band_px, options.band_m * focal,
     )  # fmt: skip
     widths = _widths(photo.depths[found], across, splits, options, focal)
@@ -88,12 +89,14 @@ def gather_bands(
     )
 
 
-def _side_of_point(across: Scalars, splits: Indices) -> Indices:
+def _side_of_point(across: Float64[Array, "m"], splits: Splits) -> Int64[Array, "m"]:
     """Give the side each point lies on: 2 k for the side of the normal of edge k, 2 k + 1 for the other one."""
     return np.asarray(2 * np.repeat(np.arange(len(splits) - 1), np.diff(splits)) + (across <= 0.0), dtype=np.int64)
 
 
-def _widths(depths: Scalars, across: Scalars, splits: Indices, options: ProjectionOptions, focal: float) -> Array:
+def _widths(
+    depths: Float64[Array, "m"], across: Float64[Array, "m"], splits: Splits, options: ProjectionOptions, focal: float
+) -> Array:
     """Give the width (n, 2) of the band on both sides of the edges that the limits in px and metres leave [px]."""
     sides = _side_of_point(across, splits)
     count = 2 * (len(splits) - 1)
@@ -103,7 +106,7 @@ def _widths(depths: Scalars, across: Scalars, splits: Indices, options: Projecti
     return np.asarray(widths.reshape(-1, 2))
 
 
-def _spacings(across: Scalars, splits: Indices, widths: Array, lengths: Scalars) -> Scalars:
+def _spacings(across: Float64[Array, "m"], splits: Splits, widths: Array, lengths: Scalars) -> Scalars:
     """Give the mean distance of points, of the denser side of each edge (n,) [px]."""
     number = np.bincount(_side_of_point(across, splits), minlength=2 * len(lengths)).reshape(-1, 2)
     areas = widths * np.maximum(lengths, 1.0)[:, None]

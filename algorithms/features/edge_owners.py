@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from algorithms.arrays import Array, Flags, Labels, Points, Scalars
+from algorithms.arrays import Array, Flags, Labels, Points, Scalars, Vector3
 from algorithms.features.projection_options import EdgeRejection, SpaceEdgeKind
 from algorithms.features.side_planes import (
     COVERED,
@@ -45,7 +45,7 @@ def edge_owners(
     planes: SidePlanes,
     projecting: Points,
     rays: Float64[Array, "n 3 3"],
-    centre: Points,
+    centre: Vector3,
     variances_m2: Float64[Array, "n 2"],
     crowded: Bool[Array, "n 2"],
     min_angle_rad: float,
@@ -65,7 +65,7 @@ def edge_owners(
     rays
         (n, 3, 3) unit rays through start, middle and end of the edges.
     centre
-        (1, 3) projection centre [m].
+        (3,) projection centre [m].
     variances_m2
         (n, 2) variances of single points across the planes.
     crowded
@@ -76,7 +76,7 @@ def edge_owners(
     exist: Array = planes.exist
     both: Array = np.asarray(exist.all(axis=1))
     steep = _steep_enough(planes, projecting, rays, min_angle_rad)
-    ranges, stds = _ranges(planes, rays, centre[0], variances_m2)
+    ranges, stds = _ranges(planes, rays, centre, variances_m2)
     same = both & _one_plane(planes, variances_m2, ranges, rays)
     beside_other = planes.on_plane[:, [0, 1], [1, 0]]
     others = planes.beside[:, ::-1]
@@ -130,7 +130,7 @@ def _steep_enough(
 
 
 def _ranges(
-    planes: SidePlanes, rays: Float64[Array, "n 3 3"], centre: Array, variances_m2: Float64[Array, "n 2"]
+    planes: SidePlanes, rays: Float64[Array, "n 3 3"], centre: Vector3, variances_m2: Float64[Array, "n 2"]
 ) -> tuple[Float64[Array, "n 2 3"], Float64[Array, "n 2 3"]]:
     """Give where the rays meet each plane, and the standard deviation of the plane's offset there [m]."""
     towards = np.einsum("nsi,nei->nse", planes.normals, rays)

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float32, Float64, Int64
 
-from algorithms.arrays import Array, Bases, Flags, Floats32, Indices, Labels, Matrices3, Points, Scalars
+from algorithms.arrays import Array, Bases, Flags, Labels, Matrices3, Points, Scalars
 from algorithms.features.edge_bands import EdgeBands
 from algorithms.features.edge_owners import EdgeOwners
 from algorithms.features.patch_covariance import (
@@ -51,7 +51,7 @@ class EdgePlanes:
     curved: Flags
     """(n,) True for surfaces that are bent."""
 
-    def select(self, which: Indices) -> "EdgePlanes":
+    def select(self, which: Int64[Array, "k"]) -> "EdgePlanes":
         """Keep some of the planes."""
         return EdgePlanes(
             self.normals[which],
@@ -65,10 +65,10 @@ class EdgePlanes:
 
 def adjust_edge_planes(
     bands: EdgeBands,
-    used: Flags,
+    used: Bool[Array, "m"],
     owners: EdgeOwners,
     projecting: Points,
-    intensity: Floats32 | None,
+    intensity: Float32[Array, "points"] | None,
     options: ProjectionOptions,
 ) -> EdgePlanes:
     """Adjust the planes of edges from the means of patches, and tell bent surfaces and changes of material.
@@ -128,7 +128,7 @@ def _bases(normals: Points, projecting: Points) -> Bases:
     return bases
 
 
-def _used_widths(bands: EdgeBands, used: Flags, sides: Bool[Array, "n 2"]) -> Scalars:
+def _used_widths(bands: EdgeBands, used: Bool[Array, "m"], sides: Bool[Array, "n 2"]) -> Scalars:
     """Give how far from the edges (n,) the points of their planes reach [px]."""
     edges = np.repeat(np.arange(len(bands)), np.diff(bands.splits))
     mine = used & sides[edges, (bands.across <= 0.0).astype(np.int64)]
@@ -150,7 +150,7 @@ def _curved(sums: Float64[Array, "n p 5"]) -> Flags:
 
 
 def _adjusted(
-    sums: Float64[Array, "n p 5"], good: Indices, variances_m2: Scalars
+    sums: Float64[Array, "n p 5"], good: Int64[Array, "k"], variances_m2: Scalars
 ) -> tuple[Float64[Array, "n 3"], Matrices3]:
     """Adjust the planes `good` from their patches: corrections of (a1, a2, b), and covariances."""
     systems = []
@@ -169,7 +169,7 @@ def _adjusted(
     return corrections, covariances
 
 
-def _intensity_steps(bands: EdgeBands, used: Flags, intensity: Floats32) -> Flags:
+def _intensity_steps(bands: EdgeBands, used: Bool[Array, "m"], intensity: Float32[Array, "points"]) -> Flags:
     """Tell at which edges (n,) the intensity of the scan changes from one side's plane to the other's.
 
     Intensity also changes gradually with range and incidence, so a slope along and across the edge is estimated
@@ -184,7 +184,7 @@ def _intensity_steps(bands: EdgeBands, used: Flags, intensity: Floats32) -> Flag
     along = (bands.along[near] - 0.5 * (bands.first_px + bands.last_px)[edges]) / lengths[edges]
     terms = np.stack([np.ones_like(along), along, bands.across[near] / bands.widths_px[edges], first * 1.0], axis=1)
 
-    def add(weights: Scalars) -> Scalars:
+    def add(weights: Float64[Array, "near"]) -> Scalars:
         return np.bincount(edges, weights, minlength=n)
 
     normal = np.empty((n, 4, 4))

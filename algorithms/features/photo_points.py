@@ -1,14 +1,18 @@
 """The points of a scan as a photo sees them: projected once, in cells, without what is hidden."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float64
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Flags, Indices, Points, Scalars, Vectors2
+from algorithms.arrays import Array, Flags, Indices, Points, Scalars, Splits, Vectors2
 from algorithms.features.photo_points_kernels import not_hidden, project, sort_into_cells
 from algorithms.geometry.cameras import Camera
 
+Corner: TypeAlias = Float64[Array, "2"]
+"""A place in the photo [px]."""
 NEAREST_M = 0.1
 """Points nearer to the focal plane have no useful image."""
 POINTS_PER_CELL = 4.0
@@ -35,12 +39,12 @@ class PhotoPoints:
     """(k,) depths in the camera frame [m]."""
     visible: Flags
     """(k,) False where something in front of the point hides it from the camera."""
-    starts: Indices
+    starts: Splits
     """(rows * columns + 1,) first point of every cell, row by row."""
     rows: int
     columns: int
-    low: Vectors2
-    """(1, 2) upper left corner of the first cell [px]."""
+    low: Corner
+    """(2,) upper left corner of the first cell [px]."""
     cell_px: float
 
     def __len__(self) -> int:
@@ -48,7 +52,7 @@ class PhotoPoints:
 
 
 def points_in_photo(
-    points: Points, camera: Camera, scan_from_camera: RigidTransform, low: Vectors2, high: Vectors2
+    points: Points, camera: Camera, scan_from_camera: RigidTransform, low: Corner, high: Corner
 ) -> PhotoPoints:
     """Project the points of a scan into a rectangle of ideal pixels.
 
@@ -59,7 +63,7 @@ def points_in_photo(
     camera, scan_from_camera
         Interior orientation, and pose in the frame of the points.
     low, high
-        (1, 2) corners of the rectangle [px].
+        (2,) corners of the rectangle [px].
     """
     numbers, ideal, depths = project(
         points,
@@ -67,15 +71,15 @@ def points_in_photo(
         np.asarray(scan_from_camera.translation, dtype=np.float64),
         np.array([camera.fx, camera.fy]),
         np.array([camera.cx, camera.cy]),
-        low[0],
-        high[0],
+        low,
+        high,
         NEAREST_M,
     )
-    width, height = high[0] - low[0]
+    width, height = high - low
     spacing = float(np.sqrt(width * height / max(len(numbers), 1)))
     cell = float(np.clip(np.sqrt(POINTS_PER_CELL) * spacing, SMALLEST_CELL_PX, LARGEST_CELL_PX))
     rows, columns = int(height / cell) + 1, int(width / cell) + 1
-    order, starts = sort_into_cells(ideal, low[0], cell, rows, columns)
+    order, starts = sort_into_cells(ideal, low, cell, rows, columns)
     depths = depths[order]
     steepest = STEEPEST * cell / min(camera.fx, camera.fy)
     return PhotoPoints(

@@ -7,7 +7,7 @@ of MATH 2.4 and 2.5. The interior orientation of the camera is taken as errorles
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int32, Int64
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Indices, Labels, Points, Scalars
@@ -42,9 +42,9 @@ class ProjectedEdges:
     mount_jacobians: Float64[Array, "n 4 6"]
     """(n, 4, 6) derivatives of (a1, a2, b1, b2) by the errors of `scan_from_camera`: rotation vector on the left in
     scan axes [rad], translation [m]. They are common to all lines of the photo (MATH 2.5)."""
-    rejected_numbers: Indices
+    rejected_numbers: Int64[Array, "m"]
     """(m,) edges of the photo that gave no line, ascending."""
-    rejected_reasons: Labels
+    rejected_reasons: Int32[Array, "m"]
     """(m,) `EdgeRejection` values."""
 
     def __len__(self) -> int:
@@ -108,7 +108,7 @@ def project_edges(
     pose = RigidTransform.from_components(
         np.asarray(scan_from_camera.translation) - scan.origin_m, scan_from_camera.rotation
     )
-    centre = np.asarray(pose.translation).reshape(1, 3)
+    centre = np.asarray(pose.translation, dtype=np.float64)
     progress.report(0.0, "points beside edges")
     bands = gather_bands(chosen, camera, pose, scan.points, options)
     progress.report(0.4, "planes beside edges")

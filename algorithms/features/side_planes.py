@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Array, Vector3
 from algorithms.features.edge_bands import EdgeBands
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.plane_fitting import LEAST_COSINE, LEAST_WIDTH
@@ -69,19 +69,19 @@ class SidePlanes:
         """(n, 2) True where there is a plane."""
         return np.asarray(self.counts > 0.0)
 
-    def variances(self, centre: Points, fallback_m2: float) -> Float64[Array, "n 2"]:
+    def variances(self, centre: Vector3, fallback_m2: float) -> Float64[Array, "n 2"]:
         """Give the variance of single points across each plane, steadied by the other planes [m²].
 
         Parameters
         ----------
         centre
-            (1, 3) where the rays come from, nearly the instrument.
+            (3,) where the rays come from, nearly the instrument.
         fallback_m2
             Variance of ranges where no plane has enough points.
         """
         squares = np.einsum("nsi,nsij,nsj->ns", self.normals, self.scatters, self.normals)
         freedoms = np.maximum(self.counts - 3.0, 0.0)
-        rays = self.centroids - centre[0]
+        rays = self.centroids - centre
         cosines = np.einsum("nsi,nsi->ns", rays, self.normals) / np.maximum(np.linalg.norm(rays, axis=2), 1e-9)
         shares = cosines**2 + LEAST_COSINE**2
         telling = self.counts >= FEW_POINTS
@@ -93,7 +93,7 @@ class SidePlanes:
         )
 
 
-def side_planes(bands: EdgeBands, centre: Points, options: ProjectionOptions, noise_std_m: float) -> SidePlanes:
+def side_planes(bands: EdgeBands, centre: Vector3, options: ProjectionOptions, noise_std_m: float) -> SidePlanes:
     """Fit planes to both sides of all edges.
 
     Parameters
@@ -101,7 +101,7 @@ def side_planes(bands: EdgeBands, centre: Points, options: ProjectionOptions, no
     bands
         Points beside the edges.
     centre
-        (1, 3) projection centre in the frame of the points [m].
+        (3,) projection centre in the frame of the points [m].
     noise_std_m
         Typical standard deviation of points across surfaces [m].
     """
@@ -111,7 +111,7 @@ def side_planes(bands: EdgeBands, centre: Points, options: ProjectionOptions, no
         bands.points, bands.along, bands.across, bands.splits, bands.first_px,
         options.gap_px, options.band_px, bands.spacings_px, limit, least, options.min_points,
     )  # fmt: skip
-    away = np.einsum("nsi,nsi->ns", planes[:, :, :3], planes[:, :, 3:] - centre[0]) > 0.0
+    away = np.einsum("nsi,nsi->ns", planes[:, :, :3], planes[:, :, 3:] - centre) > 0.0
     planes[away, :3] *= -1.0
     scatters = moments[:, :, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 2, 3, 3)
     squares = np.einsum("nsi,nsij,nsj->ns", planes[:, :, :3], scatters, planes[:, :, :3])
