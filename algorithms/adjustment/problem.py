@@ -161,6 +161,7 @@ class Problem:
         by_photos = [
             _by_shared(parts, noises, station, 6 * len(covariances), _photos_of) @ self._photo_roots[station]
             for station, covariances in self.photo_covariances.items()
+            if len(covariances)
         ]
         if self.std_scales is not None:
             pieces = np.split(self.std_scales, np.cumsum([len(part) for part in self.observations])[:-1])
@@ -180,7 +181,11 @@ class Problem:
 
     @cached_property
     def _photo_roots(self) -> dict[int, sparse.csr_array]:
-        return {station: _roots(covariances, "a mount") for station, covariances in self.photo_covariances.items()}
+        return {
+            station: _roots(covariances, "a mount")
+            for station, covariances in self.photo_covariances.items()
+            if len(covariances)
+        }
 
     def _alone(self, part: Equations, noises: Sequence[FeatureNoise]) -> Array:
         """Give the covariances (n, d, d) of what is not explained by shared planes and photos."""
@@ -190,7 +195,7 @@ class Problem:
             own = noise.private
             if noise.station in self.plane_covariances:
                 own = np.where(_depends_on_planes(noise)[:, None, None], 0.0, own)
-            if noise.station in self.photo_covariances:
+            if len(self.photo_covariances.get(noise.station, ())):
                 photos, by_mounts = _photos_of(noise)
                 seen = np.flatnonzero(photos[:, 0] >= 0)
                 by_mount = by_mounts[seen]

@@ -133,7 +133,7 @@ def mutual_best(cost: Array) -> IndexPairs:
 def _alike(ours: DescribedLines, theirs: DescribedLines, rotation: Array) -> Array:
     """Say which lines can be the same by what they are made of, (n, m)."""
     same_kind = ours.kinds[:, None] == theirs.kinds[None, :]
-    edge = (ours.kinds < 2)[:, None]
+    edge = ~ours.are_axes[:, None]
     bisectors = ours.bisectors @ (theirs.bisectors @ rotation.T).T > np.cos(MAX_BISECTOR_ANGLE_RAD)
     difference = np.abs(ours.sizes[:, None] - theirs.sizes[None, :])
     larger = np.maximum(ours.sizes[:, None], theirs.sizes[None, :])

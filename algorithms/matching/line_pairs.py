@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, IndexPairs, Labels, Points, Scalars
+from algorithms.arrays import Array, Flags, IndexPairs, Labels, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.line_pairs_geometry import (
     ASSIGNMENTS,
@@ -37,11 +37,16 @@ class DescribedLines:
     lines: Lines
     kinds: Labels
     """(n,) 0 edge of planes seen from inside (a room's corner), 1 from outside, 2 and 3 axis of a cylinder seen from
-    outside or inside."""
+    outside or inside, 4 edge in a photo."""
     bisectors: Points
-    """(n, 3) unit mean of the two oriented normals; zero for axes."""
+    """(n, 3) unit mean of the two oriented normals, of photo edges the normal of their surface; zero for axes."""
     sizes: Scalars
-    """(n,) half the angle between the normals [rad], or the radius [m]."""
+    """(n,) half the angle between the normals [rad], or the radius [m]; 0 for photo edges."""
+
+    @property
+    def are_axes(self) -> Flags:
+        """(n,) True for axes of cylinders, which have no normals."""
+        return np.asarray((self.kinds == 2) | (self.kinds == 3))
 
 
 def described_lines(features: ScanFeatures) -> DescribedLines:
@@ -65,6 +70,10 @@ def described_lines(features: ScanFeatures) -> DescribedLines:
         numbers = lines.parents[axes, 0]
         sizes[axes] = cylinders.radii_m[numbers]
         kinds[axes] = np.where(cylinders.convex[numbers], 2, 3)
+    if features.photo_edges is not None:
+        in_photos = lines.sources == int(LineSource.PHOTO_EDGE)
+        kinds[in_photos] = 4
+        bisectors[in_photos] = features.photo_edges.line_normals[in_photos]
     return DescribedLines(lines, kinds, bisectors, sizes)
 
 
@@ -106,7 +115,7 @@ def line_pair_motions(
         given = described[1].bisectors[chosen[1][:, side]]
         turned = np.einsum("nhij,nj->nhi", motions.rotations, given)
         agreement = np.einsum("nhi,ni->nh", turned, wanted)
-        unknown = (described[0].kinds[chosen[0][:, side]] >= 2)[:, None]
+        unknown = described[0].are_axes[chosen[0][:, side]][:, None]
         good &= unknown | (agreement > np.cos(3.0 * max_angle_rad))
     which = np.nonzero(good)
     rotations = motions.rotations[which]

@@ -79,6 +79,8 @@ def _fine(
         lines,
         start,
         planes=PlanePlane(target.planes, source.planes, planes),
+        target_photo_covariances=target.photo_covariances,
+        source_photo_covariances=source.photo_covariances,
         doubted=doubted,
         options=method.adjustment,
     )

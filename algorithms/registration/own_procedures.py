@@ -80,6 +80,8 @@ def rigorously_adjusted(
         start,
         target_plane_covariances=problem.target.planes.covariances,
         source_plane_covariances=problem.source.planes.covariances,
+        target_photo_covariances=problem.target.photo_covariances,
+        source_photo_covariances=problem.source.photo_covariances,
         options=options,
     )
 
@@ -112,7 +114,9 @@ def estimated(
         lines_about(source.lines, origins[1]),
         lines,
         near.target_from_source,
-        SharedErrors(target.planes.covariances, source.planes.covariances),
+        SharedErrors(
+            target.planes.covariances, source.planes.covariances, target.photo_covariances, source.photo_covariances
+        ),
     )
     return replace(
         result, pose=result.pose.moved_to_origins(*origins), claimed=result.claimed.moved_to_origins(*origins)
