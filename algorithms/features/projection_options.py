@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,28 @@ class ProjectionOptions:
     """Least angle between the plane through the projection centre and the surface's plane [gon]."""
     max_std_m: Annotated[float, Gt(0.0)] = 0.01
     """Lines less certain across themselves at one of their ends are left out [m]."""
+
+
+LineCombination: TypeAlias = Literal["best", "weighted"]
+"""What becomes of several records of one line; see `algorithms.features.merged_lines`."""
+
+
+@dataclass(frozen=True)
+class MergeOptions:
+    """When lines of photos and of the scan count as the same."""
+
+    combination: LineCombination = "best"
+    """The best record survives as it is, those of the scan before those of photos; or the weighted mean of both."""
+    alpha: Annotated[float, Gt(0.0), Lt(1.0)] = 0.001
+    """Probability that two records of one line are taken for two lines."""
+    max_distance_m: Annotated[float, Gt(0.0), Le(1.0)] = 0.03
+    """Records farther apart are never one line, however uncertain they are [m]."""
+    max_angle_gon: Annotated[float, Gt(0.0), Le(50.0)] = 3.0
+    """Records at a larger angle are never one line [gon]."""
+    min_overlap: Annotated[float, Gt(0.0), Le(1.0)] = 0.3
+    """Least share of the shorter seen piece along which both must run."""
+    rounding_std_m: Annotated[float, Ge(0.0), Le(0.1)] = 0.001
+    """How far the edge that a photo shows may lie from where planes meet, as edges are rounded [m]."""
 
 
 class EdgeRejection(IntEnum):
