@@ -10,8 +10,10 @@ from jaxtyping import Float64
 from algorithms.arrays import Array
 from algorithms.errors import InvalidInputError
 from algorithms.photos.edge_chains import edge_chains
+from algorithms.photos.hough import canny_hough, canny_hough_probabilistic
 from algorithms.photos.images import GreyImage
 from algorithms.photos.options import EdgeDetector, EdgeOptions
+from algorithms.photos.segment_growing import segment_growing
 
 Pieces = Float64[Array, "n 4"]
 """n straight pieces, x and y of both ends in the photo as taken [px]."""
@@ -40,6 +42,9 @@ DETECTORS: Mapping[EdgeDetector, Callable[[GreyImage, EdgeOptions], Pieces]] = M
     {
         "edge-chains": edge_chains,
         "lsd": lsd,
+        "canny-hough": canny_hough,
+        "canny-hough-probabilistic": canny_hough_probabilistic,
+        "segment-growing": segment_growing,
     }
 )
 """All ways by name."""

@@ -7,16 +7,19 @@ binary image, as the dissertation does; `walk_along` with the grey values, once 
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
 from algorithms.arrays import Array, Flags, Indices, Scalars
 from algorithms.geometry.cameras import Camera
+from algorithms.photos.canny import EdgeImage
 from algorithms.photos.edge_profile import locate
 from algorithms.photos.images import GreyImage
 from algorithms.photos.line_fit import EdgeLines, noise_variances, patches_at
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.segment_tracking_kernels import follow_lines
 
+SAME_DIRECTION = float(np.cos(np.deg2rad(22.5)))
+"""Least cosine between the gradient and the normal of a line to which the edge pixel belongs."""
 STEP_PX = 4.0
 """Length of the steps in which lines are followed through the grey values [px]."""
 LONGEST_EXTENSION_PX = 48.0
@@ -31,7 +34,7 @@ LARGEST_DOUBT_PX = 0.3
 
 
 def track_lines(
-    edges: Bool[Array, "h w"],
+    image: EdgeImage,
     normals_rad: Scalars,
     distances_px: Scalars,
     *,
@@ -43,8 +46,8 @@ def track_lines(
 
     Parameters
     ----------
-    edges
-        Binary image of the edges.
+    image
+        Binary image of the edges, and the gradients: pixels of edges that only cross the line do not count.
     normals_rad, distances_px
         (m,) φ and r of the lines.
     gap_px
@@ -58,7 +61,11 @@ def track_lines(
     -------
     x and y of start and end of the pieces, those of one line in their order.
     """
-    return np.asarray(follow_lines(edges, normals_rad, distances_px, gap_px, least_px, across_px))
+    return np.asarray(
+        follow_lines(
+            image.edges, image.gx, image.gy, normals_rad, distances_px, gap_px, least_px, across_px, SAME_DIRECTION
+        )
+    )
 
 
 def inside_photo(lines: EdgeLines, owners: Indices, positions: Scalars, grey: GreyImage, camera: Camera | None) -> Flags:
