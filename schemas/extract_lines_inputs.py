@@ -8,7 +8,7 @@ from algorithms.features.options import FeatureOptions
 from schemas.base import RequestModel
 from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.method_options import options_model
-from schemas.register_inputs import PhotoStation
+from schemas.register_inputs import Station
 
 if TYPE_CHECKING:
     FeatureOptionsRequest = RequestModel
@@ -19,7 +19,7 @@ else:
 class ExtractLinesInputs(RequestModel):
     """Which scan to extract lines, planes and cylinders from, and how."""
 
-    station: PhotoStation = Field(title="Station")
+    station: Station = Field(title="Station")
     """The station, its scan and the photos taken there."""
     features: FeatureOptionsRequest = Field(default_factory=FeatureOptionsRequest, title="Features")
     """What counts as a feature."""

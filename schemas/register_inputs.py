@@ -5,6 +5,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag
 
 from schemas.base import NotYet, NotYetList, RequestModel
+from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import AutoMethod, MethodRequest
@@ -39,21 +40,14 @@ class Station(RequestModel):
     """Name of the station, unique in the job."""
     scan: ScanReference
     """What was measured there."""
-    photos: NotYetList = Field(default=[])
-    """Photos; not supported yet."""
+    photos: list[StationPhoto] = Field(default=[], max_length=MAX_PHOTOS)
+    """Photos taken from the same set-up, with the camera on the scanner."""
     levelled_std_gon: NotYet = None
     """Standard deviation of the levelling; not supported yet."""
     approximate_pose: NotYet = None
     """A first guess; none is needed, and none is supported yet."""
     point_std_m: NotYet = None
     """Standard deviation of single points; it is estimated from the scan, giving it is not supported yet."""
-
-
-class PhotoStation(Station):
-    """One set-up of the scanner and of the camera on it."""
-
-    photos: list[StationPhoto] = Field(default=[], max_length=MAX_PHOTOS)
-    """Photos taken from this set-up."""
 
 
 class RegisterInputs(RequestModel):
@@ -65,6 +59,8 @@ class RegisterInputs(RequestModel):
     """`auto`, or the list of [target, source] names to try."""
     method: MethodRequest = Field(default_factory=AutoMethod, title="Method")
     """Method of registration with its options."""
+    photo_lines: PhotoLineOptionsRequest = Field(default_factory=PhotoLineOptionsRequest, title="Lines from photos")
+    """Which edges of the photos become lines in space."""
     fix: Literal["first-station"] = Field(default="first-station", title="Datum")
     """Whose frame becomes the world frame."""
     control: NotYetList = Field(default=[], title="Control")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from algorithms.arrays import Array, Indices, Labels, Points, Vector3
+from algorithms.arrays import Array, Labels, Points, Vector3
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
@@ -30,11 +30,11 @@ class SurfaceSample:
 class PhotoEdges:
     """What the q photos of a station gave, and what its n lines are in them."""
 
-    segment_counts: Indices
+    segment_counts: Int64[Array, "q"]
     """(q,) straight edges found in each photo."""
-    projected_counts: Indices
+    projected_counts: Int64[Array, "q"]
     """(q,) of them those that gave a line in space."""
-    merged_counts: Indices
+    merged_counts: Int64[Array, "q"]
     """(q,) of these those that became part of a line which the scan or another photo shows too."""
     rejection_counts: Int64[Array, "q reasons"]
     """(q, reasons) edges that gave none, by `EdgeRejection`."""

@@ -90,7 +90,7 @@ class _RegistrationForm:
 
 def _refused(name: str) -> InvalidRequestError:
     details = {
-        "photo": "photos are not supported yet by this version; leave them out",
+        "photo": "a photo needs its camera and pose: upload it to /files and name it in a station of `register`",
         "options": "the field `options` may stand in the form only once",
     }
     detail = details.get(name, "unknown field; the form takes `scan` (several) and `options`")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from schemas.register_inputs import PhotoStation, RegisterInputs, ScanReference, Station
+from schemas.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import FileStore
 from service.use_cases.check_photos import station_photo_faults
@@ -28,14 +28,14 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *(
             fault
             for number, station in enumerate(inputs.stations)
-            for fault in _scan_faults(station.scan, files, pointer_to("inputs", "stations", number, "scan"))
+            for fault in _file_faults(station, files, pointer_to("inputs", "stations", number))
         ),
     ]
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 
 
-def check_station(station: PhotoStation, files: FileStore) -> None:
+def check_station(station: Station, files: FileStore) -> None:
     """Check the files of a single station.
 
     Raises
@@ -43,10 +43,7 @@ def check_station(station: PhotoStation, files: FileStore) -> None:
     InvalidRequestError
         With a pointer to every bad field.
     """
-    faults = [
-        *_scan_faults(station.scan, files, "/inputs/station/scan"),
-        *station_photo_faults(station.photos, station.scan, files, "/inputs/station/photos"),
-    ]
+    faults = list(_file_faults(station, files, "/inputs/station"))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 
@@ -83,6 +80,11 @@ def _reference_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
     for name in inputs.reference or {}:
         if name not in names:
             yield FieldFault(pointer_to("inputs", "reference", name), f"there is no station '{name}'")
+
+
+def _file_faults(station: Station, files: FileStore, where: str) -> Iterable[FieldFault]:
+    yield from _scan_faults(station.scan, files, f"{where}/scan")
+    yield from station_photo_faults(station.photos, station.scan, files, f"{where}/photos")
 
 
 def _scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[FieldFault]:

@@ -70,7 +70,12 @@ class ExtractLinesPlan:
             return [
                 StepCall(
                     "report-lines",
-                    {"job_id": job["id"], "inputs": inputs, "features": outputs[0][0]},
+                    {
+                        "job_id": job["id"],
+                        "inputs": inputs,
+                        "features": outputs[0][0],
+                        "photos": _photos_of(job, inputs["station"]),
+                    },
                     "writing the lines",
                     weight=REPORT_WEIGHT,
                 )
@@ -150,16 +155,17 @@ def _features_call(job: Json, station: Json, options: Json | None, photo_options
             "sha256": file["sha256"],
             "index": station["scan"]["index"],
             "options": options or {},
-            "photos": [
-                {
-                    **photo,
-                    "filename": job["files"][photo["file"]]["name"],
-                    "sha256": job["files"][photo["file"]]["sha256"],
-                }
-                for photo in station.get("photos", [])
-            ],
+            "photos": _photos_of(job, station),
             "photo_options": photo_options or {},
         },
         f"features of {station['name']}",
         weight=2.0,
     )
+
+
+def _photos_of(job: Json, station: Json) -> list[Json]:
+    """Give the photos of a station as requested, each with name and content of its file."""
+    return [
+        {**photo, "filename": job["files"][photo["file"]]["name"], "sha256": job["files"][photo["file"]]["sha256"]}
+        for photo in station.get("photos", [])
+    ]

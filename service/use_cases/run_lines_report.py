@@ -11,7 +11,7 @@ from algorithms.features.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from schemas.lines_result import ExtractedCylinder, ExtractedLine, ExtractedPlane, LinesDocument, Vector
-from schemas.registration_result import FeatureCount, InputFile, Provenance
+from schemas.registration_result import Artifact, FeatureCount, InputFile, Provenance
 from service.ports import Json, StepContext
 from service.use_cases.feature_store import load_features
 from service.use_cases.run_features import SEED
@@ -29,7 +29,7 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
         planes=_planes(features),
         cylinders=_cylinders(features),
         sensor_m=None if features.sensor_m is None else vector(features.sensor_m + features.origin_m),
-        artifacts=[],
+        artifacts=_pictures(context, arguments, features),
         provenance=Provenance(
             software=software(),
             method={
@@ -45,6 +45,21 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
         f"jobs/{arguments['job_id']}/result.json", document.model_dump_json(by_alias=True).encode()
     )
     return {}
+
+
+def _pictures(context: StepContext, arguments: Json, features: ScanFeatures) -> list[Artifact]:
+    """Draw the lines into each photo and store the pictures as downloads."""
+    artifacts = []
+    for number, photo in enumerate(arguments.get("photos", [])):
+        from service.use_cases.edges_drawing import lines_png
+        from service.use_cases.station_photos import read_station_photo
+
+        read, name = read_station_photo(photo, context), f"photo-{number + 1}.png"
+        data = lines_png(read.image, read.camera, read.scan_from_camera, features)
+        context.blobs.write_bytes(f"jobs/{arguments['job_id']}/artifacts/{name}", data)
+        href = f"/jobs/{arguments['job_id']}/artifacts/{name}"
+        artifacts.append(Artifact(name=name, type="image/png", bytes=len(data), href=href))
+    return artifacts
 
 
 def input_files(station: Json, extracted: Json) -> list[InputFile]:

@@ -141,7 +141,14 @@ def _provenance(inputs: Json, features: Sequence[Json], pairs: Sequence[Pair]) -
     method = method_of(inputs["method"])
     return Provenance(
         software=software(),
-        method={"method": method.name, "requested": inputs["method"]["method"], **asdict(method)},
+        method={
+            "method": method.name,
+            "requested": inputs["method"]["method"],
+            **asdict(method),
+            **(
+                {"photo_lines": inputs["photo_lines"]} if any(each.get("photos") for each in inputs["stations"]) else {}
+            ),
+        },
         seed=SEED,
         inputs=[
             file

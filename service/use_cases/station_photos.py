@@ -1,7 +1,7 @@
 """Read the photos of a station with their cameras and poses, and add their lines to those of the scan."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -47,24 +47,25 @@ def with_photo_lines(
         A photo cannot be read, or neither request nor file has its camera or pose.
     """
     chosen = TypeAdapter(PhotoLineOptions).validate_python(options)
-    return add_photo_lines(features, scan, list(_read(photos, context)), chosen, progress=progress)
+    read = [read_station_photo(photo, context) for photo in photos]
+    return add_photo_lines(features, scan, read, chosen, progress=progress)
 
 
-def _read(photos: Sequence[Json], context: StepContext) -> Iterator[StationPhoto]:
-    for photo in photos:
-        path = context.blobs.local_path(f"files/{photo['file']}")
-        found = read_photo(path, photo["filename"], photo["index"], read_limits(context))
-        camera = found.info.camera if photo.get("camera") is None else camera_of(photo["camera"])
-        pose = pose_of_camera(photo, found.info)
-        if found.image is None or camera is None or pose is None:
-            raise UnreadableFileError(photo["filename"], "camera or pose is not known", f"photo {photo['index']}")
-        std = photo["mount_std"]
-        yield StationPhoto(
-            image=found.image,
-            camera=camera,
-            scan_from_camera=pose,
-            mount_covariance=mount_covariance(std["rotation_gon"] * GON, std["translation_m"]),
-        )
+def read_station_photo(photo: Json, context: StepContext) -> StationPhoto:
+    """Read one photo with its camera and pose; parameters and errors as `with_photo_lines`."""
+    path = context.blobs.local_path(f"files/{photo['file']}")
+    found = read_photo(path, photo["filename"], photo["index"], read_limits(context))
+    camera = found.info.camera if photo.get("camera") is None else camera_of(photo["camera"])
+    pose = pose_of_camera(photo, found.info)
+    if found.image is None or camera is None or pose is None:
+        raise UnreadableFileError(photo["filename"], "camera or pose is not known", f"photo {photo['index']}")
+    std = photo["mount_std"]
+    return StationPhoto(
+        image=found.image,
+        camera=camera,
+        scan_from_camera=pose,
+        mount_covariance=mount_covariance(std["rotation_gon"] * GON, std["translation_m"]),
+    )
 
 
 def pose_of_camera(photo: Json, stored: PhotoInfo) -> RigidTransform | None:
