@@ -1,14 +1,15 @@
 """Photos of a station in a request: which, with what camera, and where that camera was."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
-from algorithms.geometry.camera_mounts import CameraAxes
 from schemas.base import RequestModel
 from schemas.rigid_matrix import RigidMatrix
 
+AxesName: TypeAlias = Literal["right-down-forward", "right-up-backward", "forward-left-up"]
+"""Values of `algorithms.geometry.camera_mounts.CameraAxes`, which would load scipy into the web process."""
 MAX_FOCAL_PX = 1e7
 MAX_COEFFICIENT = 1e6
 
@@ -83,7 +84,7 @@ class StationPhoto(PhotoReference):
     """M_COP: rotation of the head about the scanner's z axis when the photo was taken, as a matrix."""
     cop_gon: float | None = Field(default=None, ge=-800.0, le=800.0)
     """The same as an angle, counter-clockwise seen from above [gon]."""
-    camera_axes: CameraAxes = CameraAxes.RIGHT_DOWN_FORWARD
+    camera_axes: AxesName = "right-down-forward"
     """How the camera frame of `scan_from_camera` or `mount` is laid: x, y, z."""
     mount_std: MountStd = Field(default_factory=MountStd)
     """How well that pose is known."""

@@ -1,6 +1,6 @@
 """Lines of a station's photos beside those of its scan: from pixels to one set of features."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,9 +44,10 @@ def mount_covariance(rotation_std_rad: float, translation_std_m: float) -> Matri
 def add_photo_lines(
     features: ScanFeatures,
     scan: Scan,
-    photos: Sequence[StationPhoto],
+    photos: Iterable[StationPhoto],
     options: PhotoLineOptions,
     *,
+    count: int,
     progress: Progress,
 ) -> ScanFeatures:
     """Find the straight edges of photos, turn them into lines in space and add them to the lines of the scan.
@@ -58,9 +59,11 @@ def add_photo_lines(
     scan
         The scan taken from the same set-up.
     photos
-        Of that set-up.
+        Of that set-up; taken one by one, so that they need not all be in memory.
     options
         Limits of detection and projection.
+    count
+        How many photos there are.
     progress
         Is told the steps.
 
@@ -75,11 +78,12 @@ def add_photo_lines(
         When a photo does not have the size of its camera.
     """
     parts: list[ProjectedEdges] = []
-    segment_counts = []
+    mounts, segment_counts = [], []
     for number, photo in enumerate(photos):
-        section = ProgressSection(progress, number / len(photos), (number + 1) / len(photos))
+        section = ProgressSection(progress, number / count, (number + 1) / count)
         detecting, projecting = ProgressSection(section, 0.0, 0.6), ProgressSection(section, 0.6, 1.0)
         segments = detect_edges(photo.image, photo.camera, options.edges, progress=detecting)
+        mounts.append(photo.mount_covariance)
         segment_counts.append(len(segments))
         parts.append(
             project_edges(
@@ -92,7 +96,6 @@ def add_photo_lines(
                 progress=projecting,
             )
         )
-    mounts = [photo.mount_covariance for photo in photos]
     merged = merge_lines(features.lines, parts, mounts, MERGING)
     rejections = [np.bincount(part.rejected_reasons, minlength=len(EdgeRejection)) for part in parts]
     return replace(

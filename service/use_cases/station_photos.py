@@ -47,8 +47,8 @@ def with_photo_lines(
         A photo cannot be read, or neither request nor file has its camera or pose.
     """
     chosen = TypeAdapter(PhotoLineOptions).validate_python(options)
-    read = [read_station_photo(photo, context) for photo in photos]
-    return add_photo_lines(features, scan, read, chosen, progress=progress)
+    read = (read_station_photo(photo, context) for photo in photos)
+    return add_photo_lines(features, scan, read, chosen, count=len(photos), progress=progress)
 
 
 def read_station_photo(photo: Json, context: StepContext) -> StationPhoto:
@@ -70,7 +70,7 @@ def read_station_photo(photo: Json, context: StepContext) -> StationPhoto:
 
 def pose_of_camera(photo: Json, stored: PhotoInfo) -> RigidTransform | None:
     """Give scan_from_camera of a request, in OpenCV's axes: given, chained, or that of the file."""
-    axes = CameraAxes(photo.get("camera_axes", CameraAxes.RIGHT_DOWN_FORWARD))
+    axes = CameraAxes(photo.get("camera_axes", CameraAxes.RIGHT_DOWN_FORWARD.value))
     if photo.get("scan_from_camera") is not None:
         return scan_from_camera_with_axes(_motion(photo["scan_from_camera"]), axes)
     if photo.get("mount") is None:

@@ -35,7 +35,7 @@ def photo(covariance: np.ndarray = TIGHT, seed: int = 2) -> StationPhoto:
 
 
 def added(*photos: StationPhoto) -> ScanFeatures:
-    return add_photo_lines(scan_lines(), wall_scan(), photos, OPTIONS, progress=NoProgress())
+    return add_photo_lines(scan_lines(), wall_scan(), photos, OPTIONS, count=len(photos), progress=NoProgress())
 
 
 @pytest.fixture(scope="module")

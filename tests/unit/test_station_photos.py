@@ -1,7 +1,8 @@
 """Photos of a station in a job: poses in any convention, names of stored features, pictures."""
 
 import json
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -10,8 +11,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.geometry.camera_mounts import CameraAxes
 from algorithms.progress import NoProgress
 from schemas.extract_lines_inputs import ExtractLinesInputs
+from schemas.photos import AxesName
 from schemas.photos import StationPhoto as RequestedPhoto
 from service.adapters.memory import MemoryBlobStore
 from service.errors import UnreadableFileError
@@ -23,6 +26,7 @@ from service.use_cases.feature_keys import feature_key, photos_identity
 from service.use_cases.plans import ExtractLinesPlan
 from service.use_cases.station_photos import pose_of_camera, read_station_photo
 from tests.photo_wall import CAMERA, CORNERS, SCAN_FROM_CAMERA, wall_photo, wall_scan
+from tests.unit.test_formats_e57_photos import Picture, written
 from tests.unit.test_photo_lines import scan_lines
 
 POSE = RigidTransform.from_components([0.1, -0.2, 0.3], Rotation.from_rotvec([0.4, 1.1, -0.3]))
@@ -114,6 +118,20 @@ def test_a_photo_without_camera_or_pose_cannot_be_read(missing: str) -> None:
         read_station_photo({**REQUEST, missing: None}, context())
 
 
+def test_camera_and_pose_may_come_from_an_e57_file(tmp_path: Path) -> None:
+    picture = Picture(pose=POSE, distortion={"K1": -0.02})
+    without = context()
+    without.blobs.write_bytes("files/f", written(tmp_path / "a", [picture], [TURN]).read_bytes())
+    request = {**REQUEST, "filename": "a.e57", "camera": None, "scan_from_camera": None}
+    read = read_station_photo(request, without)
+    assert read.camera.k1 == -0.02
+    np.testing.assert_allclose(read.scan_from_camera.as_matrix(), (TURN.inv() * POSE).as_matrix() @ FLIP, atol=1e-12)
+
+
+def test_requests_name_every_kind_of_camera_axes() -> None:
+    assert get_args(AxesName) == tuple(axes.value for axes in CameraAxes)
+
+
 def test_the_plan_hands_photos_and_options_to_the_features_step() -> None:
     photo = {"file": "p", "camera": camera_document(CAMERA), "scan_from_camera": matrix(POSE)}
     station = {"name": "S", "scan": {"file": "s"}, "photos": [photo]}
@@ -127,7 +145,7 @@ def test_the_plan_hands_photos_and_options_to_the_features_step() -> None:
 
 def test_lines_are_drawn_where_the_photo_shows_them() -> None:
     photo = StationPhoto(wall_photo(), CAMERA, SCAN_FROM_CAMERA, mount_covariance(1e-5, 1e-4))
-    features = add_photo_lines(scan_lines(), wall_scan(), [photo], PhotoLineOptions(), progress=NoProgress())
+    features = add_photo_lines(scan_lines(), wall_scan(), [photo], PhotoLineOptions(), count=1, progress=NoProgress())
     png = lines_png(photo.image, CAMERA, SCAN_FROM_CAMERA, features)
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
     assert picture.shape == photo.image.shape
