@@ -5,6 +5,8 @@ C. Topal, EDLines, Pattern Recognition Letters 32 (2011), doi:10.1016/j.patrec.2
 same is done in the photo at half size, where noise is half as strong: faint edges are only found there.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 from jaxtyping import Float64
@@ -61,8 +63,11 @@ def covered(pieces: Pieces, others: Pieces, shape: tuple[int, int]) -> Flags:
 
 def edge_chains(grey: GreyImage, options: EdgeOptions) -> Pieces:
     """Find straight pieces in the photo, and those that only the photo at half size shows."""
-    pieces = straight_chains(canny(grey, options), options.min_length_px)
     if min(grey.shape) < LEAST_LEVEL_PX:
-        return pieces
-    small = 2.0 * straight_chains(canny(halved(grey), options), 0.5 * options.min_length_px) + 0.5
+        return straight_chains(canny(grey, options), options.min_length_px)
+    # most of the work is done by compiled code without the interpreter lock
+    with ThreadPoolExecutor(max_workers=1) as thread:
+        later = thread.submit(lambda: straight_chains(canny(halved(grey), options), 0.5 * options.min_length_px))
+        pieces = straight_chains(canny(grey, options), options.min_length_px)
+        small = 2.0 * later.result() + 0.5
     return np.concatenate([pieces, small[~covered(small, pieces, grey.shape)]])

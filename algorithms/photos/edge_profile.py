@@ -6,6 +6,7 @@ place of the edge. A step blurred by a Gaussian, F the normal distribution less 
 shapes serve for one profile (`fit_profile`, to look at) and for patches of pixels along an edge (`locate`).
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,15 @@ from scipy.special import ndtr
 
 from algorithms.arrays import Array, Indices, Matrix, Scalars, Vectors2
 from algorithms.errors import InvalidInputError, NotConvergedError
-from algorithms.photos.edge_profile_kernels import ARCTAN, GAUSSIAN, mean_profiles, patch_sums, side_sums
+from algorithms.photos.edge_profile_kernels import (
+    ARCTAN,
+    GAUSSIAN,
+    mean_profiles,
+    patch_sums,
+    side_sums,
+    solve_patches,
+    sums_by_owner,
+)
 from algorithms.photos.images import GreyImage
 from algorithms.photos.options import EdgeLocalisation
 
@@ -24,6 +33,9 @@ LEAST_WIDTH_PX, LARGEST_WIDTH_PX = 0.3, 6.0
 """The blur of an edge is looked for between these [px]."""
 UPPER = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
 """Order of the products in the sums of a patch."""
+LEAST_DETERMINANT = 1e-7
+"""Scaled normal equations with a smaller one say nothing."""
+MANY_PATCHES = 5_000
 NEIGHBOURS = 2
 """The contrast of a patch is taken from so many patches to both sides with it."""
 TURNED_BACK = 0.65
@@ -154,34 +166,22 @@ class EdgePoints:
     """(n,) change of the edges' widths that the grey values ask for [px]."""
 
 
-def _symmetric(sums: Array, size: int) -> Array:
-    """Fill the (m, size, size) normal matrices from the sums of the patches."""
-    out = np.empty((len(sums), size, size))
+def _whole_edges(sums: Array) -> tuple[Scalars, Scalars]:
+    """Give contrast and change of width of edges from the sums over all their patches; 0 where not determined."""
+    normal = np.empty((len(sums), 4, 4))
     for column, (i, j) in enumerate(UPPER):
-        if j < size:
-            out[:, i, j] = out[:, j, i] = sums[:, column]
-    return out
-
-
-def _solve(sums: Array, size: int) -> tuple[Array, Array]:
-    """Solve the first `size` normal equations; singular ones give zeros and zero diagonal of the inverse."""
-    normal = _symmetric(sums, size)
+        normal[:, i, j] = normal[:, j, i] = sums[:, column]
     scale = np.sqrt(np.maximum(np.einsum("mii->mi", normal), 1e-12))
-    scaled = normal / (scale[:, :, None] * scale[:, None, :])
-    regular = np.linalg.det(scaled) > 1e-7
-    scaled[~regular] = np.eye(size)
-    inverse = np.linalg.inv(scaled) / (scale[:, :, None] * scale[:, None, :])
-    inverse[~regular] = 0.0
-    return np.einsum("mij,mj->mi", inverse, sums[:, 10 : 10 + size]), np.einsum("mii->mi", inverse)
-
-
-def _over_neighbours(sums: Array, owners: Array) -> Array:
-    """Add the sums of the `NEIGHBOURS` patches before and after on the same edge."""
-    total = np.concatenate([np.zeros((1, sums.shape[1])), np.cumsum(sums, axis=0)])
-    place = np.arange(len(owners))
-    first = np.searchsorted(owners, owners, side="left")
-    after = np.searchsorted(owners, owners, side="right")
-    return np.asarray(total[np.minimum(place + NEIGHBOURS + 1, after)] - total[np.maximum(place - NEIGHBOURS, first)])
+    normal /= scale[:, :, None] * scale[:, None, :]
+    regular = np.linalg.det(normal) > LEAST_DETERMINANT
+    normal[~regular] = np.eye(4)
+    solution = np.linalg.solve(normal, (sums[:, 10:14] / scale)[:, :, None])[:, :, 0] / scale
+    regular &= solution[:, 1] != 0.0
+    widening = np.divide(solution[:, 3], solution[:, 1], out=np.zeros(len(sums)), where=regular)
+    determinant = sums[:, 0] * sums[:, 4] - sums[:, 1] ** 2
+    rise = sums[:, 0] * sums[:, 11] - sums[:, 1] * sums[:, 10]
+    flat = determinant <= LEAST_DETERMINANT * sums[:, 0] * sums[:, 4]
+    return np.where(flat, 0.0, rise / np.where(flat, 1.0, determinant)), widening
 
 
 def locate(
@@ -207,18 +207,21 @@ def locate(
     kind = ARCTAN if localisation == "arctan" else GAUSSIAN
     places = (patches.centres, patches.normals, patches.half_lengths)
     reach, width = half_widths[patches.owners], widths[patches.owners]
-    sums = patch_sums(grey, *places, reach, width, kind)
-    own, spread = _solve(sums, 3)
-    levels, level_spread = _solve(sums, 2)
-    nearby = _solve(_over_neighbours(sums, patches.owners), 2)[0][:, 1]
-    totals = np.zeros((patches.edge_count, sums.shape[1]))
-    np.add.at(totals, patches.owners, sums)
-    whole = _solve(totals, 4)[0]
-    edge_contrasts = _solve(totals, 2)[0][:, 1]
-    usable = (spread[:, 2] > 0.0) & (nearby > 0.0)
+    arrays = (*places, reach, width)
+    parts = [slice(None)]
+    if len(width) > MANY_PATCHES:
+        parts = [slice(0, len(width) // 2), slice(len(width) // 2, None)]
+    # the compiled sums release the interpreter lock: two threads are twice as fast, and each patch stands alone
+    with ThreadPoolExecutor(max_workers=len(parts)) as threads:
+        sums = np.concatenate(
+            list(threads.map(lambda part: patch_sums(grey, *(array[part] for array in arrays), kind), parts))
+        )
+    solved = solve_patches(sums, patches.owners, NEIGHBOURS)
+    edge_contrasts, widening = _whole_edges(sums_by_owner(sums, patches.owners, patches.edge_count))
+    variances, nearby = solved[:, 1], solved[:, 5]
+    usable = (variances > 0.0) & (nearby > 0.0)
     contrast = np.where(usable, nearby, 1.0)
-    shifts = np.where(usable, -own[:, 2] / contrast, 0.0)
-    variances = spread[:, 2]
+    shifts = np.where(usable, -solved[:, 0] / contrast, 0.0)
     if localisation == "area":
         sides = side_sums(grey, *places, reach, width, kind)
         n_dark, n_bright = np.maximum(sides[:, 0], 1.0), np.maximum(sides[:, 3], 1.0)
@@ -232,16 +235,15 @@ def locate(
         variances = np.maximum(0.25 * sums[:, 0] ** 2 * (1.0 / n_dark + 1.0 / n_bright) - sums[:, 0], sums[:, 0])
         variances /= slope**2
     information = np.where(usable, contrast**2 / np.where(usable, variances, 1.0), 0.0)
-    squares = sums[:, 14] - np.einsum("mi,mi->m", own, sums[:, 10:13])
     return EdgePoints(
         shifts=shifts,
         information=information,
-        contrasts=levels[:, 1],
-        contrast_variances=level_spread[:, 1],
-        squares=np.where(usable, np.maximum(squares, 0.0), 0.0),
+        contrasts=solved[:, 3],
+        contrast_variances=solved[:, 4],
+        squares=np.where(usable, solved[:, 2], 0.0),
         freedoms=np.where(usable, np.maximum(sums[:, 0] - 3.0, 0.0), 0.0),
         edge_contrasts=edge_contrasts,
-        widening=np.divide(whole[:, 3], whole[:, 1], out=np.zeros(len(whole)), where=whole[:, 1] != 0.0),
+        widening=widening,
     )
 
 

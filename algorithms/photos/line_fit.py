@@ -12,11 +12,13 @@ from jaxtyping import Float64
 from algorithms.arrays import Array, Flags, Indices, Scalars, Vectors2
 from algorithms.geometry.cameras import Camera
 from algorithms.photos.edge_profile import EdgePoints, Patches
+from algorithms.photos.line_fit_kernels import group_medians
 
 PATCH_PX = 8.0
 """Length along the edge of the patches of which each gives one edge point [px]."""
 REACH = 3.0
 """Points off the line by more robust standard deviations lose weight (Huber)."""
+ROBUST_ROUNDS = 3
 PRIOR_FREEDOMS = 10.0
 """Weight of what all edges of the photo say of the noise against the residuals of the single edge."""
 LARGEST_CORRELATION = 0.6
@@ -159,20 +161,6 @@ def patches_at(
     )
 
 
-def _group_medians(values: Scalars, owners: Indices, flags: Flags, count: int) -> Scalars:
-    """Give the median of the flagged values of each group, 0 where there are none."""
-    values, owners = values[flags], owners[flags]
-    order = np.lexsort((values, owners))
-    values, owners = values[order], owners[order]
-    numbers = np.bincount(owners, minlength=count)
-    first = np.cumsum(numbers) - numbers
-    low, high = first + np.maximum(numbers - 1, 0) // 2, first + numbers // 2
-    padded = np.append(values, 0.0)
-    last = len(values)
-    medians = 0.5 * (padded[np.minimum(low, last)] + padded[np.minimum(high, last)])
-    return np.where(numbers > 0, medians, 0.0)
-
-
 def noise_variances(points: EdgePoints, owners: Indices, count: int) -> Scalars:
     """Give the variance of single grey values about the fitted profiles of each edge, (n,).
 
@@ -184,7 +172,7 @@ def noise_variances(points: EdgePoints, owners: Indices, count: int) -> Scalars:
     # the median of chi-square lies below its mean (Wilson and Hilferty)
     variances = points.squares / freedoms / (1.0 - 2.0 / (9.0 * freedoms)) ** 3
     # a photo is rounded to whole grey levels
-    return np.maximum(_group_medians(variances, owners, seen, count), 1.0 / 12.0)
+    return np.maximum(group_medians(variances, owners, seen, count), 1.0 / 12.0)
 
 
 def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -> LineFit:
@@ -202,11 +190,11 @@ def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -
     weights = points.information / placed.gains**2 / noise[owners]
     seen = weights > 0.0
     robust = np.ones(len(owners))
-    for _ in range(4):
+    for _ in range(ROBUST_ROUNDS):
         angles, offsets, pivots, covariances = _solve(placed.positions, across, weights * robust, owners, count)
         residuals = across - offsets[owners] - (placed.positions - pivots[owners]) * angles[owners]
         normalised = residuals * np.sqrt(weights)
-        scale = np.sqrt(_group_medians(normalised**2, owners, seen, count) / MEDIAN_OF_SQUARE)
+        scale = np.sqrt(group_medians(normalised**2, owners, seen, count) / MEDIAN_OF_SQUARE)
         limit = REACH * np.maximum(scale, 1.0)[owners]
         robust = np.minimum(1.0, limit / np.maximum(np.abs(normalised), 1e-12))
     squares = np.bincount(owners, robust * normalised**2, count)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Flags, Indices
+from algorithms.arrays import Array, Flags, Indices, Scalars
 from algorithms.geometry.cameras import Camera
 from algorithms.photos.edge_profile import (
     LEAST_WIDTH_PX,
@@ -42,8 +42,10 @@ GAUSSIAN_OF_ARCTAN = 0.85
 """Standard deviation of the Gaussian whose slope is as wide at half height as an arctan's of width 1: 2 / 2.355."""
 LARGEST_STEP_PX = 1.0
 LARGEST_OFFSET_STD_PX = 0.5
-LARGEST_UNEXPLAINED_STD_PX = 0.22
+LARGEST_UNEXPLAINED_STD_PX = 0.24
 """Where more uncertainty is left that the photo's noise does not explain, there is texture, not a straight edge [px]."""
+HOPELESS = 3.0
+"""Before pieces are joined and followed so many times that much is allowed: longer lines are more certain."""
 LEAST_SIGNIFICANCE = 6.0
 """Contrast in its standard deviations."""
 LARGEST_LAST_TURN_RAD = float(np.deg2rad(0.5))
@@ -52,8 +54,8 @@ SHORTEST_PX = 4.0
 """Shorter first pieces have no direction [px]."""
 FURTHEST_PX = 3.0
 """A line that moves further from its first piece has lost its edge [px]."""
-ROUNDS, LAST_ROUNDS = 2, 2
-"""Steps of the fit each time, and at the end."""
+FIRST_ROUNDS, ROUNDS, LAST_ROUNDS = 2, 2, 2
+"""Steps of the fit at first, after each walk, and at the end."""
 WALKS = 2
 """Lines are joined and followed so often: the second time along the direction that the first gave them."""
 
@@ -104,14 +106,23 @@ def _still_there(before: EdgeLines, after: EdgeLines, fit: LineFit) -> Flags:
     return np.asarray((fit.point_counts >= 2) & (across + 0.5 * turn * before.lengths < FURTHEST_PX))
 
 
-def _settled(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions) -> EdgeLines:
-    """Bring lines onto their edges; those that lose them vanish."""
+def _unexplained_std(fit: LineFit, noise: float) -> Scalars:
+    """Give the standard deviation of the offsets less what the photo's noise explains, (n,) [px]."""
+    unexplained = 1.0 - np.minimum(1.0, noise**2 / fit.grey_variances)
+    return np.sqrt(fit.covariances[:, 1, 1] * unexplained)
+
+
+def _settled(
+    grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions, noise: float, rounds: int
+) -> EdgeLines:
+    """Bring lines onto their edges; those that lose them, or turn out to lie on texture, vanish."""
     start = lines
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         if len(lines) == 0:
             break
         step = _step(grey, lines, camera, options)
         there = _still_there(start, step.lines, step.fit)
+        there &= _unexplained_std(step.fit, noise) < HOPELESS * LARGEST_UNEXPLAINED_STD_PX
         lines, start = step.lines[there], start[there]
     return lines
 
@@ -137,11 +148,11 @@ def measure_lines(
     ends = ideal_from_image(np.clip(pieces.reshape(-1, 2), 0.0, limit), camera).reshape(-1, 2, 2)
     lines = _brighter_side_first(grey, lines_between(ends, FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX), camera)
     lines = _with_clear_sides(grey, lines, camera, noise)
-    lines = _settled(grey, lines, camera, options)
+    lines = _settled(grey, lines, camera, options, noise, FIRST_ROUNDS)
     for _ in range(WALKS):
         lines = without_doubles(merge_collinear(lines, options.max_gap_px))
         lines = walk_along(grey, _with_clear_sides(grey, lines, camera, noise), camera, options)
-        lines = _settled(grey, lines, camera, options)
+        lines = _settled(grey, lines, camera, options, noise, ROUNDS)
     lines = without_doubles(merge_collinear(lines, options.max_gap_px))
     lines = lines[lines.lengths >= options.min_length_px]
     if len(lines) == 0:
@@ -158,13 +169,12 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
     count = len(lines)
     doubt = np.bincount(step.owners, points.contrast_variances, count) / np.bincount(step.owners, minlength=count) ** 2
     significance = points.edge_contrasts / np.sqrt(doubt * noise_variances(points, step.owners, count))
-    unexplained = 1.0 - np.minimum(1.0, noise**2 / fit.grey_variances)
     good = (
         (fit.point_counts >= 2)
         & (points.edge_contrasts >= options.min_contrast)
         & (significance >= LEAST_SIGNIFICANCE)
         & (fit.covariances[:, 1, 1] < LARGEST_OFFSET_STD_PX**2)
-        & (fit.covariances[:, 1, 1] * unexplained < LARGEST_UNEXPLAINED_STD_PX**2)
+        & (_unexplained_std(fit, noise) < LARGEST_UNEXPLAINED_STD_PX)
         & (np.abs(fit.angles) < LARGEST_LAST_TURN_RAD)
     )
     chosen = lines[good]

@@ -15,8 +15,8 @@ ACROSS_PX = 1.0
 LARGEST_ANGLE_RAD = float(np.deg2rad(3.0))
 LARGEST_DOUBLE_ANGLE_RAD = float(np.deg2rad(10.0))
 DOUBLE_PX = 1.5
-MAX_ROUNDS = 6
-"""Every round joins lines in pairs: so many rounds join 64 pieces."""
+MAX_ROUNDS = 3
+"""Every round joins lines in pairs: so many rounds join eight pieces."""
 
 
 def merge_collinear(lines: EdgeLines, max_gap_px: float) -> EdgeLines:
@@ -37,15 +37,18 @@ def merge_collinear(lines: EdgeLines, max_gap_px: float) -> EdgeLines:
 
 
 def neighbouring_pairs(lines: EdgeLines, distance_px: float) -> IndexPairs:
-    """Give pairs (i, j), i < j, of lines of which some points are about `distance_px` apart or less."""
+    """Give pairs (i, j), i < j, of nearly parallel lines of which some points are about `distance_px` apart or less."""
     counts = np.maximum(1, np.ceil(lines.lengths / SAMPLE_PX).astype(np.int64)) + 1
     owners = np.repeat(np.arange(len(lines)), counts)
     rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = lines.extents[owners, 0] + rank * (lines.lengths / (counts - 1))[owners]
     points = lines.centres[owners] + along[:, None] * lines.directions[owners]
     near = owners[cKDTree(points).query_pairs(max(distance_px, 0.6 * SAMPLE_PX), output_type="ndarray")]
-    near = np.sort(near[near[:, 0] != near[:, 1]], axis=1)
-    return np.asarray(np.unique(near, axis=0), dtype=np.int64).reshape(-1, 2)
+    near = near[near[:, 0] != near[:, 1]]
+    cosine = np.abs(np.sum(lines.directions[near[:, 0]] * lines.directions[near[:, 1]], axis=1))
+    near = near[cosine > np.cos(LARGEST_DOUBLE_ANGLE_RAD)]
+    keys = np.unique(near.min(axis=1) * len(lines) + near.max(axis=1))
+    return np.column_stack([keys // len(lines), keys % len(lines)])
 
 
 def _moments(lines: EdgeLines, chosen: Indices, origin: Array) -> tuple[Scalars, Array, Array]:
