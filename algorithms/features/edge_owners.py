@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64
 from algorithms.arrays import Array, Flags, Labels, Points, Scalars, Vector3
 from algorithms.features.projection_options import EdgeRejection, SpaceEdgeKind
 from algorithms.features.side_planes import (
+    BOTH_SHARE,
     COVERED,
     FRONT_SHARE,
     LEAST_INCIDENCE,
@@ -47,6 +48,7 @@ def edge_owners(
     rays: Float64[Array, "n 3 3"],
     centre: Vector3,
     variances_m2: Float64[Array, "n 2"],
+    uneven: Bool[Array, "n 2"],
     crowded: Bool[Array, "n 2"],
     min_angle_rad: float,
 ) -> EdgeOwners:
@@ -68,6 +70,8 @@ def edge_owners(
         (3,) projection centre [m].
     variances_m2
         (n, 2) variances of single points across the planes.
+    uneven
+        (n, 2) planes that are made of several surfaces: they own no edge, and leave open what is nearer.
     crowded
         (n, 2) sides on which another edge runs nearer than the points of the plane: the surface may end there.
     min_angle_rad
@@ -83,7 +87,7 @@ def edge_owners(
     continues: Array = exist & ~both[:, None] & (beside_other >= 3) & (beside_other >= OWN_SHARE * others)
     nearer, meets, crossing = _depth_order(ranges, stds, planes, rays)
     covered = planes.covered >= COVERED
-    usable = exist & steep & covered & (ranges > 0.0).all(axis=2)
+    usable = exist & ~uneven & steep & covered & (ranges > 0.0).all(axis=2)
     # offsets at the edge, across the line of sight, tell how well a side determines the line
     quality = np.where(usable, stds.max(axis=2), np.inf)
     owner = np.where(both & meets, np.argmin(quality, axis=1), np.where(both, nearer, np.argmax(exist, axis=1)))
@@ -97,13 +101,16 @@ def edge_owners(
     own, all_own = planes.on_plane[rows, owner, owner], planes.beside[rows, owner]
     unclear = (front >= 2) & (front > FRONT_SHARE * (front + on))
     unclear |= (own < OWN_SHARE * all_own) | (both & ~same & crossing)
-    unclear |= (kinds == SpaceEdgeKind.SILHOUETTE) & crowded[rows, owner]
+    ends = kinds == SpaceEdgeKind.SILHOUETTE
+    unclear |= ends & crowded[rows, owner]
+    unclear |= ends & (beside_other[rows, owner] > BOTH_SHARE * others[rows, owner])
+    unclear |= ends & both & (~steep | uneven)[rows, 1 - owner]
     reasons = np.full(len(owner), EdgeRejection.NONE, dtype=np.int32)
     reasons[unclear] = EdgeRejection.OCCLUSION_UNCLEAR
     reasons[~np.where(same, covered.any(axis=1), covered[rows, owner])] = EdgeRejection.NOT_COVERED
     reasons[~np.where(same, steep.any(axis=1), steep[rows, owner])] = EdgeRejection.GRAZING
     reasons[~(ranges[rows, owner] > 0.0).all(axis=1)] = EdgeRejection.GRAZING
-    reasons[~exist.any(axis=1)] = EdgeRejection.NO_PLANE
+    reasons[~exist.any(axis=1) | uneven[rows, owner]] = EdgeRejection.NO_PLANE
     normals, centroids = planes.normals[rows, owner], planes.centroids[rows, owner]
     union_normals, union_centroids, _ = _united(planes)
     normals[same], centroids[same] = union_normals[same], union_centroids[same]

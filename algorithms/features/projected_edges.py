@@ -120,7 +120,8 @@ def project_edges(
     reach[long] = options.gap_px + bands.spacings_px
     ends_before = crowded_sides(segments.centres, segments.directions, segments.extents, reach)[long]
     rays = _edge_rays(chosen, camera, pose)
-    owners = edge_owners(planes, normals, rays, centre, variances, ends_before, least_angle)
+    uneven = planes.uneven(centre, noise_std_m**2)
+    owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, least_angle)
     reasons[long] = owners.reasons
     kept = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
     if len(kept) == 0:

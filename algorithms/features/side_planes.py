@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.stats import chi2
 
 from algorithms.arrays import Array, Vector3
 from algorithms.features.edge_bands import EdgeBands
@@ -21,8 +22,12 @@ LEAST_INCIDENCE = float(np.sin(np.deg2rad(4.0)))
 """Surfaces seen flatter than this have no useful place along the ray."""
 COVERED = 0.6
 """Share of an edge along which its plane must be seen right beside it."""
-OWN_SHARE = 0.6
+OWN_SHARE = 0.75
 """Share of the points right beside an edge, on its plane's side, that must lie on the plane."""
+BOTH_SHARE = 0.3
+"""Share of the points right beside an edge, on the other side, that may lie on a plane which ends at the edge."""
+UNEVEN = 1.5
+"""Planes whose points scatter more than so many times what those of others let expect are made of several surfaces."""
 FRONT_SHARE = 0.1
 """Largest share of points right beside an edge that may lie in front of its plane: something else owns it then."""
 SIGNIFICANT = 3.0
@@ -69,6 +74,12 @@ class SidePlanes:
         """(n, 2) True where there is a plane."""
         return np.asarray(self.counts > 0.0)
 
+    def uneven(self, centre: Vector3, fallback_m2: float) -> Bool[Array, "n 2"]:
+        """Tell which planes scatter far more than expected (see `UNEVEN`), and certainly so (0.1 %)."""
+        squares, freedoms, expected = self._scatter(centre, fallback_m2)
+        limits = np.maximum(UNEVEN**2, chi2.ppf(0.999, np.maximum(freedoms, 1.0)) / np.maximum(freedoms, 1.0))
+        return np.asarray(squares > limits * np.maximum(freedoms, 1.0) * expected + NUMERICAL_STD_M**2 * self.counts)
+
     def variances(self, centre: Vector3, fallback_m2: float) -> Float64[Array, "n 2"]:
         """Give the variance of single points across each plane, steadied by the other planes [m²].
 
@@ -79,6 +90,11 @@ class SidePlanes:
         fallback_m2
             Variance of ranges where no plane has enough points.
         """
+        squares, freedoms, expected = self._scatter(centre, fallback_m2)
+        return np.asarray((squares + STEADY * expected) / (freedoms + STEADY) + NUMERICAL_STD_M**2)
+
+    def _scatter(self, centre: Vector3, fallback_m2: float) -> tuple[Array, Array, Array]:
+        """Give sums of squared residuals, their degrees of freedom, and the variance that other sides let expect."""
         squares = np.einsum("nsi,nsij,nsj->ns", self.normals, self.scatters, self.normals)
         freedoms = np.maximum(self.counts - 3.0, 0.0)
         rays = self.centroids - centre
@@ -88,9 +104,7 @@ class SidePlanes:
         typical = fallback_m2
         if telling.any():
             typical = float(np.median((squares / np.maximum(freedoms, 1.0) / shares)[telling]))
-        return np.asarray(
-            (np.maximum(squares, 0.0) + STEADY * typical * shares) / (freedoms + STEADY) + NUMERICAL_STD_M**2
-        )
+        return np.maximum(squares, 0.0), freedoms, typical * shares
 
 
 def side_planes(bands: EdgeBands, centre: Vector3, options: ProjectionOptions, noise_std_m: float) -> SidePlanes:

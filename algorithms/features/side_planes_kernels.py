@@ -283,8 +283,8 @@ def look_near_edges(  # noqa: C901, PLR0912 - one compiled loop
 ) -> tuple[Array, Array, Array, Array]:
     """Count what lies near the edges.
 
-    Returns (n, 2) the share of the edge along which each side's plane has points within two spacings beyond the gap;
-    (n, 2) how many points lie within one and a half spacings beyond the gap on each side; (n, 2, 2) for each side's
+    Returns (n, 2) the share of the edge along which each side's plane has points within one and a half spacings beyond
+    the gap; (n, 2) how many points lie within one and a quarter spacings beyond the gap; (n, 2, 2) for each side's
     plane (first index) how many of these lie on it, by side (second index); and (n, 2) how many, those in the gap
     included, lie in front of each side's plane, towards the camera, and not on the other side's plane. Normals of
     planes must point to the camera.
@@ -297,8 +297,8 @@ def look_near_edges(  # noqa: C901, PLR0912 - one compiled loop
     for k in range(n):
         length = last_px[k] - first_px[k]
         bins = int(min(max(length / max(3.0 * spacings[k], 2.0), 1.0), 64.0))
-        near = gap_px + 2.0 * spacings[k]
-        zone = gap_px + 1.5 * spacings[k]
+        near = gap_px + 1.5 * spacings[k]
+        zone = gap_px + 1.25 * spacings[k]
         hit = np.zeros((2, bins), dtype=np.bool_)
         for i in range(splits[k], splits[k + 1]):
             d = abs(across[i])
