@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.features.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines import StationPhoto, add_photo_lines, mount_covariance
 from algorithms.geometry.camera_mounts import CameraAxes
+from algorithms.geometry.lines import LineSource
 from algorithms.progress import NoProgress
 from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.photos import AxesName
@@ -21,7 +22,7 @@ from service.errors import UnreadableFileError
 from service.formats.photo import PhotoInfo, camera_document
 from service.ports import StepContext
 from service.settings import Settings
-from service.use_cases.edges_drawing import COLOR, lines_png
+from service.use_cases.edges_drawing import LINE_COLORS, lines_png
 from service.use_cases.feature_keys import feature_key, photos_identity
 from service.use_cases.plans import ExtractLinesPlan
 from service.use_cases.station_photos import pose_of_camera, read_station_photo
@@ -153,4 +154,4 @@ def test_lines_are_drawn_where_the_photo_shows_them() -> None:
     for column, row in np.rint(CAMERA.image_from_camera(SCAN_FROM_CAMERA.inv().apply(middles))).astype(int):
         near = picture[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3).astype(float)
         # antialiased: the line's colour within a part of its contrast
-        assert np.abs(near - np.array(COLOR)).sum(axis=1).min() < 150.0
+        assert np.abs(near - np.array(LINE_COLORS[LineSource.PHOTO_EDGE])).sum(axis=1).min() < 150.0
