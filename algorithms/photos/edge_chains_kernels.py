@@ -42,7 +42,9 @@ def _next_pixel(free: Array, gx: Array, gy: Array, i: int, j: int, sense: float)
 
 
 @njit(cache=True, nogil=True)
-def link_pixels(edges: Array, gx: Array, gy: Array, least: int) -> tuple[Array, Array, Array]:
+def link_pixels(  # noqa: C901 - one compiled loop
+    edges: Array, gx: Array, gy: Array, least: int
+) -> tuple[Array, Array, Array]:
     """Link edge pixels to chains of at least `least`: rows and columns one chain after the other, and the splits."""
     height, width = edges.shape
     free = edges.copy()

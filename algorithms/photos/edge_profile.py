@@ -207,15 +207,17 @@ def locate(
     kind = ARCTAN if localisation == "arctan" else GAUSSIAN
     places = (patches.centres, patches.normals, patches.half_lengths)
     reach, width = half_widths[patches.owners], widths[patches.owners]
-    arrays = (*places, reach, width)
     parts = [slice(None)]
     if len(width) > MANY_PATCHES:
         parts = [slice(0, len(width) // 2), slice(len(width) // 2, None)]
-    # the compiled sums release the interpreter lock: two threads are twice as fast, and each patch stands alone
+
+    def sums_of(part: slice) -> Array:
+        centres, normals, half_lengths = (place[part] for place in places)
+        return np.asarray(patch_sums(grey, centres, normals, half_lengths, reach[part], width[part], kind))
+
+    # the compiled sums release the interpreter lock, and each patch stands alone
     with ThreadPoolExecutor(max_workers=len(parts)) as threads:
-        sums = np.concatenate(
-            list(threads.map(lambda part: patch_sums(grey, *(array[part] for array in arrays), kind), parts))
-        )
+        sums = np.concatenate(list(threads.map(sums_of, parts)))
     solved = solve_patches(sums, patches.owners, NEIGHBOURS)
     edge_contrasts, widening = _whole_edges(sums_by_owner(sums, patches.owners, patches.edge_count))
     variances, nearby = solved[:, 1], solved[:, 5]
@@ -270,4 +272,4 @@ def clear_half_widths(grey: GreyImage, patches: Patches, noise: float, least: fl
         sure = 4.0 * noise / np.sqrt(np.maximum(count, 1.0))
         turned = present & (outwards < np.minimum((1.0 - TURNED_BACK) * reached, reached - sure))
         limits = np.where(turned.any(axis=1), np.minimum(limits, 0.5 * np.argmax(turned, axis=1) - 1.0), limits)
-    return np.maximum(limits, least)
+    return np.asarray(np.maximum(limits, least))

@@ -167,7 +167,7 @@ def side_sums(
 
 @njit(cache=True, nogil=True)
 def _levels(sums: Array) -> tuple[float, float]:
-    """Give the contrast b of I = a + b F from sums, and its variance for unit noise; 0, 0 where it is not determined."""
+    """Give the contrast b of I = a + b F from sums, and its variance for unit noise; 0, 0 if not determined."""
     determinant = sums[0] * sums[4] - sums[1] * sums[1]
     if determinant <= 1e-6 * sums[0] * sums[4]:
         return 0.0, 0.0

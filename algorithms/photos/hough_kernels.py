@@ -22,7 +22,7 @@ def cast_votes(
         for k in range(gradients[p, 0], gradients[p, 1] + 1):
             angle = k % len(cosines)
             r = columns[p] * cosines[angle] + rows[p] * sines[angle]
-            votes[angle, int(math.floor((r - least) / step_px + 0.5))] += 1
+            votes[angle, math.floor((r - least) / step_px + 0.5)] += 1
     return votes
 
 
@@ -48,7 +48,7 @@ def pick_peaks(votes: Array, cells: Array, least: int, angle_reach: int, distanc
             centre = j
             if a < 0 or a >= angles:
                 a = a % angles
-                centre = int(round(mirror - j))
+                centre = round(mirror - j)
             for b in range(max(0, centre - distance_reach), min(bins, centre + distance_reach + 1)):
                 taken[a, b] = True
     return out[:found]

@@ -172,7 +172,7 @@ def noise_variances(points: EdgePoints, owners: Indices, count: int) -> Scalars:
     # the median of chi-square lies below its mean (Wilson and Hilferty)
     variances = points.squares / freedoms / (1.0 - 2.0 / (9.0 * freedoms)) ** 3
     # a photo is rounded to whole grey levels
-    return np.maximum(group_medians(variances, owners, seen, count), 1.0 / 12.0)
+    return np.asarray(np.maximum(group_medians(variances, owners, seen, count), 1.0 / 12.0))
 
 
 def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -> LineFit:
@@ -245,9 +245,7 @@ def variance_factors(squares: Scalars, freedoms: Scalars) -> Scalars:
     )
 
 
-def neighbour_correlation(
-    normalised: Scalars, design: Float64[Array, "m 2"], owners: Indices, seen: Flags
-) -> float:
+def neighbour_correlation(normalised: Scalars, design: Float64[Array, "m 2"], owners: Indices, seen: Flags) -> float:
     """Estimate the correlation of edge points of neighbouring patches from all edges, from 0 to `LARGEST_CORRELATION`.
 
     From the residuals, in units of the standard deviation. The fit itself makes residuals of few points anticorrelated:

@@ -11,6 +11,7 @@ from algorithms.photos.edge_profile import (
     LEAST_WIDTH_PX,
     EdgePoints,
     clear_half_widths,
+    edge_function,
     locate,
 )
 from algorithms.photos.images import GreyImage, noise_std
@@ -43,7 +44,7 @@ GAUSSIAN_OF_ARCTAN = 0.85
 LARGEST_STEP_PX = 1.0
 LARGEST_OFFSET_STD_PX = 0.5
 LARGEST_UNEXPLAINED_STD_PX = 0.24
-"""Where more uncertainty is left that the photo's noise does not explain, there is texture, not a straight edge [px]."""
+"""Where more uncertainty is left that the noise does not explain, there is texture, not a straight edge [px]."""
 HOPELESS = 3.0
 """Before pieces are joined and followed so many times that much is allowed: longer lines are more certain."""
 LEAST_SIGNIFICANCE = 6.0
@@ -109,7 +110,7 @@ def _still_there(before: EdgeLines, after: EdgeLines, fit: LineFit) -> Flags:
 def _unexplained_std(fit: LineFit, noise: float) -> Scalars:
     """Give the standard deviation of the offsets less what the photo's noise explains, (n,) [px]."""
     unexplained = 1.0 - np.minimum(1.0, noise**2 / fit.grey_variances)
-    return np.sqrt(fit.covariances[:, 1, 1] * unexplained)
+    return np.asarray(np.sqrt(fit.covariances[:, 1, 1] * unexplained))
 
 
 def _settled(
@@ -169,6 +170,8 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
     count = len(lines)
     doubt = np.bincount(step.owners, points.contrast_variances, count) / np.bincount(step.owners, minlength=count) ** 2
     significance = points.edge_contrasts / np.sqrt(doubt * noise_variances(points, step.owners, count))
+    # an arctan reaches its levels far away only: of its contrast the part within the band is seen
+    reached = 2.0 * edge_function(lines.half_widths / lines.widths, options.localisation)[0]
     good = (
         (fit.point_counts >= 2)
         & (points.edge_contrasts >= options.min_contrast)
@@ -185,7 +188,7 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
         directions=chosen.directions,
         extents=chosen.extents,
         covariances=fit.covariances[good],
-        contrasts=points.edge_contrasts[good],
+        contrasts=(points.edge_contrasts * reached)[good],
         widths_px=scale * chosen.widths,
         point_counts=fit.point_counts[good],
         raw_ends=image_from_ideal(ends.reshape(-1, 2), camera).reshape(-1, 2, 2),

@@ -16,13 +16,15 @@ class EdgeOptions:
     """What counts as a straight edge in a photo."""
 
     detector: EdgeDetector = "edge-chains"
-    """Way to the first straight pieces: linked edge pixels cut where they bend, OpenCV's line segment detector, the Hough transform of the Canny edges (complete or probabilistic), or Schneider's half circles."""
+    """Way to the first straight pieces: linked edge pixels cut where they bend, OpenCV's line segment detector, the
+    Hough transform of the Canny edges (complete or probabilistic), or Schneider's half circles."""
     localisation: EdgeLocalisation = "gaussian"
     """Shape fitted to the grey values across the edge: arctan, Gaussian blur of a step, or equal areas."""
     smoothing_px: Annotated[float, Ge(0.0), Le(10.0)] = 1.0
-    """Standard deviation of the Gaussian that smooths the photo before edges are looked for; positions are measured in the unsmoothed photo [px]."""
+    """Standard deviation of the Gaussian that smooths the photo before edges are looked for; positions are measured in
+    the unsmoothed photo [px]."""
     high_threshold: Annotated[float, Gt(0.0)] | None = None
-    """Gradient magnitude (4.1) from which a pixel starts an edge [grey levels/px]; null derives it from the photo's noise."""
+    """Gradient magnitude (4.1) from which a pixel starts an edge [grey levels/px]; null derives it from the noise."""
     low_threshold: Annotated[float, Gt(0.0)] | None = None
     """Gradient magnitude (4.1) down to which an edge is followed [grey levels/px]; null takes half the high one."""
     min_length_px: Annotated[float, Ge(5.0)] = 20.0

@@ -9,7 +9,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def half_circle_pieces(edges: Array, radius: int) -> Array:
+def half_circle_pieces(edges: Array, radius: int) -> Array:  # noqa: C901 - one compiled loop
     """Reach from every edge pixel to the edge pixels on the half circle below it, (n, 4) int32 with x, y twice.
 
     The half circle starts to the right and ends before the left, so that every direction is met once. A piece counts
@@ -18,7 +18,7 @@ def half_circle_pieces(edges: Array, radius: int) -> Array:
     height, width = edges.shape
     out = np.empty((1024, 4), dtype=np.int32)
     found = 0
-    steps = int(math.ceil(math.pi * radius))
+    steps = math.ceil(math.pi * radius)
     for i in range(height):
         for j in range(width):
             if not edges[i, j]:
@@ -26,8 +26,8 @@ def half_circle_pieces(edges: Array, radius: int) -> Array:
             last_a, last_b = -1, -1
             for k in range(steps):
                 angle = math.pi * k / steps
-                a = i + int(round(radius * math.sin(angle)))
-                b = j + int(round(radius * math.cos(angle)))
+                a = i + round(radius * math.sin(angle))
+                b = j + round(radius * math.cos(angle))
                 if a >= height or b < 0 or b >= width or not edges[a, b] or (a == last_a and b == last_b):
                     continue
                 last_a, last_b = a, b
@@ -36,9 +36,9 @@ def half_circle_pieces(edges: Array, radius: int) -> Array:
                     y, x = i + (a - i) * s / radius, j + (b - j) * s / radius
                     near = False
                     for da in range(-1, 2):
-                        yy, xx = int(round(y)) + da, int(round(x))
+                        yy, xx = round(y) + da, round(x)
                         near = near or (0 <= yy < height and edges[yy, xx])
-                        yy, xx = int(round(y)), int(round(x)) + da
+                        yy, xx = round(y), round(x) + da
                         near = near or (0 <= xx < width and edges[yy, xx])
                     if not near:
                         joined = False
@@ -55,7 +55,7 @@ def half_circle_pieces(edges: Array, radius: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def grow_pieces(
+def grow_pieces(  # noqa: C901 - one compiled loop
     pieces: Array,
     shape: tuple[int, int],
     starts: Array,
@@ -104,11 +104,11 @@ def grow_pieces(
         steps = max(abs(x1 - x0), abs(y1 - y0))
         known = 0
         for k in range(steps + 1):
-            known += owned[int(round(y0 + (y1 - y0) * k / steps)), int(round(x0 + (x1 - x0) * k / steps))]
+            known += owned[round(y0 + (y1 - y0) * k / steps), round(x0 + (x1 - x0) * k / steps)]
         if 2 * known > steps:
             continue
         for k in range(steps + 1):
-            i, j = int(round(y0 + (y1 - y0) * k / steps)), int(round(x0 + (x1 - x0) * k / steps))
+            i, j = round(y0 + (y1 - y0) * k / steps), round(x0 + (x1 - x0) * k / steps)
             owned[max(0, i - 1) : i + 2, max(0, j - 1) : j + 2] = True
         out[found, 0], out[found, 1], out[found, 2], out[found, 3] = x0, y0, x1, y1
         found += 1

@@ -68,7 +68,9 @@ def track_lines(
     )
 
 
-def inside_photo(lines: EdgeLines, owners: Indices, positions: Scalars, grey: GreyImage, camera: Camera | None) -> Flags:
+def inside_photo(
+    lines: EdgeLines, owners: Indices, positions: Scalars, grey: GreyImage, camera: Camera | None
+) -> Flags:
     """Tell which places along lines lie in the photo."""
     ideal = lines.centres[owners] + positions[:, None] * lines.directions[owners]
     limit = np.array([grey.shape[1], grey.shape[0]]) - 1.5

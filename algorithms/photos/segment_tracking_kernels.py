@@ -9,7 +9,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def follow_lines(
+def follow_lines(  # noqa: C901, PLR0912 - one compiled loop
     edges: Array,
     gx: Array,
     gy: Array,
@@ -40,7 +40,7 @@ def follow_lines(
             hit = False
             if step < steps:
                 other = (r - step * c) / s if flat else (r - step * s) / c
-                nearest = int(math.floor(other + 0.5))
+                nearest = math.floor(other + 0.5)
                 for beside in range(-across, across + 1):
                     place = nearest + beside
                     i, j = (place, step) if flat else (step, place)

@@ -8,7 +8,6 @@ from jaxtyping import Float64
 from algorithms.arrays import Array, Flags, Indices, Scalars, Vectors2
 
 
-
 @dataclass(frozen=True, eq=False)
 class ImageSegments:
     """n straight edges of a photo, the longest first, in ideal (undistorted) pixels.
@@ -81,9 +80,7 @@ def no_segments() -> ImageSegments:
     """Give the edges of a photo without any."""
     pairs = np.zeros((0, 2))
     matrices = np.zeros((0, 2, 2))
-    return ImageSegments(
-        pairs, pairs, pairs, matrices, np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64), matrices
-    )
+    return ImageSegments(pairs, pairs, pairs, matrices, np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64), matrices)
 
 
 def longest_first(segments: ImageSegments) -> ImageSegments:
