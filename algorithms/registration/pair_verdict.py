@@ -136,12 +136,16 @@ def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fi
 def _misfit(
     problem: RegistrationProblem, fine: FineRegistration, surface_pose: RigidTransform
 ) -> tuple[float, float] | None:
-    """Give the worst shift [m] of a matched feature from where the surfaces have it, and its standard deviation [m].
+    """Give the worst shift [m] of a used feature from where the surfaces have it, and its standard deviation [m].
 
     None where all are within what standard deviations and noise allow.
     """
     target, pose = problem.target, fine.adjustment.pose_a_posteriori
-    points = np.vstack([target.lines.anchors[fine.lines[:, 0]], target.planes.centroids[fine.planes[:, 0]]])
+    lines, planes = (
+        pairs[report.states != CorrespondenceState.REMOVED, 0]
+        for pairs, report in ((fine.lines, fine.adjustment.lines), (fine.planes, fine.adjustment.planes))
+    )
+    points = np.vstack([target.lines.anchors[lines], target.planes.centroids[planes]])
     shifts = surface_pose.apply(pose.target_from_source.inv().apply(points)) - points
     stds = np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
     allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
