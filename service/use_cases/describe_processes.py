@@ -47,14 +47,16 @@ _OFFERED = (
         "register",
         "Register scans",
         "Finds how two or more terrestrial laser scans lie to each other from the straight lines, planes and cylinders "
-        "in them, without a first guess, and says how well each parameter is known or that it is not determined.",
+        "in them and the edges in photos taken with them, without a first guess, and says how well each parameter is "
+        "known or that it is not determined.",
         RegisterInputs,
         RegistrationDocument,
     ),
     OfferedProcess(
         "extract-lines",
-        "Extract lines from a scan",
-        "Finds straight 3-D lines (intersections of planes, axes of cylinders) in one scan, with covariance.",
+        "Extract lines from a scan and its photos",
+        "Finds straight 3-D lines of one station with covariance: intersections of planes and axes of cylinders in the "
+        "scan, and edges that only photos taken there show.",
         ExtractLinesInputs,
         LinesDocument,
     ),
