@@ -39,7 +39,9 @@ class EdgeCount(Document):
     """How many edges there are, and what they add up to."""
 
     edges: int
-    truncated: bool = Field(description="Whether shorter edges were left out because of `max_segments`.")
+    truncated: bool = Field(
+        description="Whether these are as many as `max_segments` allows: shorter ones may be left out."
+    )
     total_length_px: float
     median_offset_std_px: float | None = Field(description="Null: there are no edges.")
     median_angle_std_gon: float | None
