@@ -42,7 +42,7 @@ def straight_chains(image: EdgeImage, least_length_px: float) -> Pieces:
     return np.asarray(pieces[lengths >= 0.5 * least_length_px])
 
 
-def covered(pieces: Pieces, others: Pieces, shape: tuple[int, int]) -> Flags:
+def covered(pieces: Pieces, others: Float64[Array, "m 4"], shape: tuple[int, int]) -> Flags:
     """Tell which pieces run for the most part on others at least half as long, in a photo of `shape` rows, columns.
 
     Where noise has broken an edge of the full photo into many short pieces, the long one is wanted as well.

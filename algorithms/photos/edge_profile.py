@@ -160,9 +160,9 @@ class EdgePoints:
     """(m,) sum of the squared deviations of its grey values from the fitted profile."""
     freedoms: Scalars
     """(m,) their degrees of freedom."""
-    edge_contrasts: Scalars
+    edge_contrasts: Float64[Array, "edges"]
     """(n,) contrast of the whole edges [grey levels]."""
-    widening: Scalars
+    widening: Float64[Array, "edges"]
     """(n,) change of the edges' widths that the grey values ask for [px]."""
 
 

@@ -60,7 +60,7 @@ def noise_std(grey: GreyImage) -> float:
     return max(LEAST_NOISE, MEDIAN_TO_STD * float(np.median(values)))
 
 
-def halved(grey: GreyImage) -> GreyImage:
+def halved(grey: GreyImage) -> UInt8[Array, "half_h half_w"]:
     """Average blocks of 2 by 2 pixels: half the noise, the same contrast; odd last rows and columns are left out.
 
     The centre of pixel (i, j) of the half image is the point (2 i + 0.5, 2 j + 0.5) of the full one.

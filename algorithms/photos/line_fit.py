@@ -29,6 +29,9 @@ LEAST_FREEDOMS = 5.0
 MEDIAN_OF_SQUARE = 0.4549
 """Median of chi-square with one degree of freedom."""
 
+PerEdge = Float64[Array, "edges"]
+"""One number for each edge, beside arrays of all their edge points."""
+
 
 @dataclass(frozen=True, eq=False)
 class EdgeLines:
@@ -161,7 +164,7 @@ def patches_at(
     )
 
 
-def noise_variances(points: EdgePoints, owners: Indices, count: int) -> Scalars:
+def noise_variances(points: EdgePoints, owners: Indices, count: int) -> PerEdge:
     """Give the variance of single grey values about the fitted profiles of each edge, (n,).
 
     The median over its patches: where the edge ends or is crossed the grey values differ from the profile for other
@@ -216,7 +219,7 @@ def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -
 
 def _solve(
     positions: Scalars, across: Scalars, weights: Scalars, owners: Indices, count: int
-) -> tuple[Scalars, Scalars, Scalars, Array]:
+) -> tuple[PerEdge, PerEdge, PerEdge, Array]:
     """Solve for angle and offset of every line about its weighted centre (the pivot)."""
     total = np.maximum(np.bincount(owners, weights, count), 1e-300)
     pivots = np.bincount(owners, weights * positions, count) / total

@@ -41,7 +41,7 @@ def track_lines(
     gap_px: int,
     least_px: float,
     across_px: int = 1,
-) -> Float64[Array, "n 4"]:
+) -> Float64[Array, "pieces 4"]:
     """Follow lines x cos φ + y sin φ = r through the edge pixels and give the pieces that lie on them.
 
     Parameters
