@@ -37,6 +37,18 @@ class Overlap(Document):
     )
 
 
+class UnusedPhotoLine(Document):
+    """A line of a photo that does not carry the pose."""
+
+    line: str = Field(description="Station and line, such as S1/L12.")
+    photo: int = Field(description="Number of the station's photo that shows it, from 0.")
+    surface: str = Field(
+        description="crease, silhouette, surface-edge (both sides one surface: paint, a joint or a shadow) or "
+        "material-edge (the same, and the scan's intensity changes there: no shadow)"
+    )
+    state: str = Field(description="removed: by the tests; unmatched: no line of the other station fits it.")
+
+
 class PhotoLineCounts(Document):
     """What became of the lines that only photos show."""
 
@@ -45,6 +57,7 @@ class PhotoLineCounts(Document):
     matched: int = Field(description="Pairs of lines of which at least one comes from a photo.")
     used: int = Field(description="Of these, those in the adjustment.")
     removed: int = Field(description="Of these, those that the tests removed.")
+    unused: list[UnusedPhotoLine] = Field(description="Lines of photos that were removed or found no partner.")
 
 
 class Pair(Document):

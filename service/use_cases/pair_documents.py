@@ -1,13 +1,17 @@
 """What came out for two stations, as clients read it."""
 
+import numpy as np
+
 from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.arrays import Flags, Indices
+from algorithms.features.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.base import FineRegistration, PairResult
 from schemas.adjustment_figures import RankReport
-from schemas.registration_result import Coarse, Overlap, Pair, PhotoLineCounts
+from schemas.registration_result import Coarse, Overlap, Pair, PhotoLineCounts, UnusedPhotoLine
 from service.use_cases.adjustment_documents import (
     accuracy_document,
     adjustment_document,
@@ -19,6 +23,7 @@ from service.use_cases.adjustment_documents import (
 from service.use_cases.correspondence_documents import line_correspondences, outliers, plane_correspondences
 from service.use_cases.own_figures_documents import own_figures_document
 from service.use_cases.pose_documents import matrix_rows, pose_document
+from service.use_cases.run_lines_report import line_name
 
 
 def pair_document(
@@ -69,7 +74,12 @@ def pair_document(
 
 
 def photo_line_counts(
-    fine: FineRegistration | None, target: ScanFeatures, source: ScanFeatures
+    fine: FineRegistration | None,
+    target_features: ScanFeatures,
+    source_features: ScanFeatures,
+    *,
+    target: str,
+    source: str,
 ) -> PhotoLineCounts | None:
     """Count the lines of photos that were found, matched, used and removed; None without photos.
 
@@ -77,24 +87,49 @@ def photo_line_counts(
     ----------
     fine
         The adjustment; None when it did not come so far.
-    target, source
+    target_features, source_features
         Features of both stations.
+    target, source
+        Names of the stations.
     """
-    if target.photo_edges is None and source.photo_edges is None:
+    if target_features.photo_edges is None and source_features.photo_edges is None:
         return None
-    of_photos = [side.lines.sources == int(LineSource.PHOTO_EDGE) for side in (target, source)]
-    matched = removed = 0
+    pairs = np.empty((0, 2), dtype=np.int64) if fine is None else fine.lines
+    removed = np.zeros(0, dtype=bool)
     if fine is not None:
-        from_photo = of_photos[0][fine.lines[:, 0]] | of_photos[1][fine.lines[:, 1]]
-        states = fine.adjustment.lines.states[from_photo]
-        matched, removed = int(from_photo.sum()), int((states == int(CorrespondenceState.REMOVED)).sum())
+        removed = fine.adjustment.lines.states == int(CorrespondenceState.REMOVED)
+    of_photos = [side.lines.sources == int(LineSource.PHOTO_EDGE) for side in (target_features, source_features)]
+    from_photo = of_photos[0][pairs[:, 0]] | of_photos[1][pairs[:, 1]]
     return PhotoLineCounts(
         target_found=int(of_photos[0].sum()),
         source_found=int(of_photos[1].sum()),
-        matched=matched,
-        used=matched - removed,
-        removed=removed,
+        matched=int(from_photo.sum()),
+        used=int((from_photo & ~removed).sum()),
+        removed=int((from_photo & removed).sum()),
+        unused=[
+            *_unused(target, target_features, pairs[:, 0], removed),
+            *_unused(source, source_features, pairs[:, 1], removed),
+        ],
     )
+
+
+def _unused(station: str, features: ScanFeatures, matched: Indices, removed: Flags) -> list[UnusedPhotoLine]:
+    """List the lines of a station's photos that were removed or not matched."""
+    photos, edges = features.lines.photos, features.photo_edges
+    if photos is None or edges is None:
+        return []
+    states = np.full(len(features.lines), "unmatched", dtype=object)
+    states[matched] = np.where(removed, "removed", "used")
+    unused = np.flatnonzero((features.lines.sources == int(LineSource.PHOTO_EDGE)) & (states != "used"))
+    return [
+        UnusedPhotoLine(
+            line=f"{station}/{line_name(k)}",
+            photo=int(photos[k]),
+            surface=SpaceEdgeKind(int(edges.line_kinds[k])).label,
+            state=str(states[k]),
+        )
+        for k in unused.tolist()
+    ]
 
 
 def _coarse(coarse: CoarseRegistration) -> Coarse:

@@ -28,7 +28,9 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     document = pair_document(
         result, problem.target, target=target["name"], source=source["name"], timings_s=progress.finished()
     )
-    counts = photo_line_counts(result.fine, problem.target, problem.source)
+    counts = photo_line_counts(
+        result.fine, problem.target, problem.source, target=target["name"], source=source["name"]
+    )
     document = document.model_copy(update={"photo_lines": counts})
     key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
     context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
