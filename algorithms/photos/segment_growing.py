@@ -7,7 +7,7 @@ of a photo, because it takes long and sees only what is joined.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from algorithms.arrays import Array
 from algorithms.photos.canny import canny
@@ -19,10 +19,22 @@ from algorithms.photos.segment_growing_kernels import grow_pieces, half_circle_p
 
 RADIUS_PX = 6
 """Radius of the half circle: pixels define a direction to about 1/radius."""
+HALF_RING_PX = 0.71
+"""Pixels whose centres are closer to the circle than half a diagonal lie on it [px]."""
 SLOPE_TOLERANCE_RAD = float(np.deg2rad(20.0))
 """Slopes of pieces of this length agree to that: a pixel more or less at their end."""
 ACROSS_PX = 1.5
 """And their ends lie no further from the line so far [px]."""
+
+
+def half_circle(radius: int) -> Int64[Array, "n 2"]:
+    """Give the steps (x, y) to the pixels on a half circle below, from the right to before the left.
+
+    So every direction is met from one of two pixels only.
+    """
+    y, x = np.mgrid[0 : radius + 1, -radius : radius + 1]
+    on = (np.abs(np.hypot(x, y) - radius) < HALF_RING_PX) & ((y > 0) | (x > 0))
+    return np.column_stack([x[on], y[on]])
 
 
 def grow_segments(edges: Bool[Array, "h w"], least_px: float, max_gap_px: float) -> Float64[Array, "n 4"]:
@@ -33,7 +45,7 @@ def grow_segments(edges: Bool[Array, "h w"], least_px: float, max_gap_px: float)
     x and y of both ends of segments of at least `least_px`.
     """
     width = edges.shape[1]
-    pieces = half_circle_pieces(edges, RADIUS_PX)
+    pieces = half_circle_pieces(edges, half_circle(RADIUS_PX))
     pixels = pieces[:, 1].astype(np.int64) * width + pieces[:, 0]
     order = np.argsort(pixels, kind="stable")
     grown = grow_pieces(pieces, edges.shape, pixels[order], order, SLOPE_TOLERANCE_RAD, ACROSS_PX, least_px)

@@ -9,31 +9,27 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def half_circle_pieces(edges: Array, radius: int) -> Array:  # noqa: C901 - one compiled loop
-    """Reach from every edge pixel to the edge pixels on the half circle below it, (n, 4) int32 with x, y twice.
+def half_circle_pieces(edges: Array, half_circle: Array) -> Array:  # noqa: C901 - one compiled loop
+    """Reach from every edge pixel to the edge pixels on the half circle around it, (n, 4) int32 with x, y twice.
 
-    The half circle starts to the right and ends before the left, so that every direction is met once. A piece counts
-    where the pixels between both ends are edge pixels too, to one pixel beside.
+    `half_circle` holds the steps (x, y) to its pixels. A piece counts where the pixels between both ends are edge
+    pixels too, to one pixel beside.
     """
     height, width = edges.shape
     out = np.empty((1024, 4), dtype=np.int32)
     found = 0
-    steps = math.ceil(math.pi * radius)
     for i in range(height):
         for j in range(width):
             if not edges[i, j]:
                 continue
-            last_a, last_b = -1, -1
-            for k in range(steps):
-                angle = math.pi * k / steps
-                a = i + round(radius * math.sin(angle))
-                b = j + round(radius * math.cos(angle))
-                if a >= height or b < 0 or b >= width or not edges[a, b] or (a == last_a and b == last_b):
+            for k in range(len(half_circle)):
+                a, b = i + half_circle[k, 1], j + half_circle[k, 0]
+                if a >= height or b < 0 or b >= width or not edges[a, b]:
                     continue
-                last_a, last_b = a, b
+                steps = max(abs(a - i), abs(b - j))
                 joined = True
-                for s in range(1, radius):
-                    y, x = i + (a - i) * s / radius, j + (b - j) * s / radius
+                for s in range(1, steps):
+                    y, x = i + (a - i) * s / steps, j + (b - j) * s / steps
                     near = False
                     for da in range(-1, 2):
                         yy, xx = round(y) + da, round(x)
