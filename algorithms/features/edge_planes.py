@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
-from algorithms.arrays import Array, Bases, Flags, Labels, Matrices3, Points, Scalars
+from algorithms.arrays import Array, Bases, Flags, Labels, Matrices3, Points, Scalars, Vector3
 from algorithms.features.edge_bands import EdgeBands
 from algorithms.features.edge_owners import EdgeOwners
 from algorithms.features.patch_covariance import (
@@ -69,6 +69,7 @@ def adjust_edge_planes(
     owners: EdgeOwners,
     projecting: Points,
     intensity: Float32[Array, "points"] | None,
+    sensor_m: Vector3,
     options: ProjectionOptions,
 ) -> EdgePlanes:
     """Adjust the planes of edges from the means of patches, and tell bent surfaces and changes of material.
@@ -85,6 +86,8 @@ def adjust_edge_planes(
         (n, 3) normals of the projecting planes.
     intensity
         Of the scan's points.
+    sensor_m
+        (3,) where the scanner stood, or nearly so [m].
     """
     n = len(owners.normals)
     bases = _bases(owners.normals, projecting)
@@ -93,7 +96,7 @@ def adjust_edge_planes(
     sums = sum_patches(
         bands.points, bands.along, bands.across, bands.splits, bands.first_px, bands.last_px,
         options.gap_px, used, owners.sides, owners.normals, owners.centroids, bases,
-        rows, columns, _used_widths(bands, used, owners.sides) - options.gap_px,
+        rows, columns, _used_widths(bands, used, owners.sides) - options.gap_px, sensor_m,
     )  # fmt: skip
     good = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
     curved = np.zeros(n, dtype=bool)

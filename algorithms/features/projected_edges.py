@@ -127,7 +127,8 @@ def project_edges(
     if len(kept) == 0:
         return _nothing(reasons)
     progress.report(0.7, "lines in space")
-    adjusted = adjust_edge_planes(bands, planes.used, owners, normals, scan.intensity, options)
+    sensor = centre if scan.sensor_m is None else scan.sensor_m  # the camera sits close to the scanner
+    adjusted = adjust_edge_planes(bands, planes.used, owners, normals, scan.intensity, sensor, options)
     reasons[long[kept[adjusted.curved[kept]]]] = EdgeRejection.CURVED
     kept = kept[~adjusted.curved[kept]]
     ones = np.broadcast_to(centre, (len(kept), 3)).copy()

@@ -33,7 +33,7 @@ FRONT_SHARE = 0.1
 SIGNIFICANT = 3.0
 """Standard deviations of a depth step between both sides."""
 UNEVENNESS_M = 5e-4
-"""Depth steps below this are none."""
+"""Depth steps below this are none, and so much is no unevenness."""
 SAME_CHI_SQUARE = 21.1
 """Largest sum of squares, in variances of single points, by which one common plane may fit worse than two: the 0.01 %
 point of chi-square with three degrees of freedom."""
@@ -78,7 +78,7 @@ class SidePlanes:
         """Tell which planes scatter far more than expected (see `UNEVEN`), and certainly so (0.1 %)."""
         squares, freedoms, expected = self._scatter(centre, fallback_m2)
         limits = np.maximum(UNEVEN**2, chi2.ppf(0.999, np.maximum(freedoms, 1.0)) / np.maximum(freedoms, 1.0))
-        return np.asarray(squares > limits * np.maximum(freedoms, 1.0) * expected + NUMERICAL_STD_M**2 * self.counts)
+        return np.asarray(squares > limits * np.maximum(freedoms, 1.0) * (expected + UNEVENNESS_M**2))
 
     def variances(self, centre: Vector3, fallback_m2: float) -> Float64[Array, "n 2"]:
         """Give the variance of single points across each plane, steadied by the other planes [m²].

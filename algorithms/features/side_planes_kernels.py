@@ -134,7 +134,7 @@ def _leave_rims_out(  # noqa: C901 - one compiled loop
 
     Where another surface joins the plane, its first points lie within the limit, all on one side of it, and beams that
     hit both surfaces do too: they would tilt the plane. The row beside the edge has no neighbours on the other side.
-    Where less than half of the points would be left, all stay.
+    Where less than half of the points would be left, only impure cells go, or nothing.
     """
     s_high = d_high = 0.0
     for i in range(first, last):
@@ -150,28 +150,27 @@ def _leave_rims_out(  # noqa: C901 - one compiled loop
             if abs(_height(points, i, plane)) <= limit:
                 on_plane[row, column] += 1.0
     impure = on_plane < PURE * all_points
-    kept = 0
-    total = 0
-    for i in range(first, last):
-        d = sign * across[i] - gap
-        if not wanted[i - first] or abs(_height(points, i, plane)) > limit:
+    for reach in (1, 0):
+        kept = total = 0
+        for i in range(first, last):
+            d = sign * across[i] - gap
+            if wanted[i - first] and abs(_height(points, i, plane)) <= limit:
+                total += 1
+                kept += not _near_impure(impure, int(d / cell), int((along[i] - start) / cell), reach)
+        if kept < 0.5 * total:
             continue
-        total += 1
-        if not _near_impure(impure, int(d / cell), int((along[i] - start) / cell)):
-            kept += 1
-    if kept < 0.5 * total:
+        for i in range(first, last):
+            d = sign * across[i] - gap
+            if wanted[i - first] and _near_impure(impure, int(d / cell), int((along[i] - start) / cell), reach):
+                wanted[i - first] = False
         return
-    for i in range(first, last):
-        d = sign * across[i] - gap
-        if wanted[i - first] and _near_impure(impure, int(d / cell), int((along[i] - start) / cell)):
-            wanted[i - first] = False
 
 
 @njit(cache=True, nogil=True)
-def _near_impure(impure: Array, row: int, column: int) -> bool:
-    """Tell whether a cell or one of its eight neighbours is impure."""
-    for r in range(max(0, row - 1), min(impure.shape[0], row + 2)):
-        for c in range(max(0, column - 1), min(impure.shape[1], column + 2)):
+def _near_impure(impure: Array, row: int, column: int, reach: int) -> bool:
+    """Tell whether a cell or one up to `reach` beside it is impure."""
+    for r in range(max(0, row - reach), min(impure.shape[0], row + reach + 1)):
+        for c in range(max(0, column - reach), min(impure.shape[1], column + reach + 1)):
             if impure[r, c]:
                 return True
     return False
@@ -345,11 +344,13 @@ def sum_patches(
     rows: Array,
     columns: Array,
     widths_px: Array,
+    sensor: Array,
 ) -> Array:
     """Sum the used points of planes by patches, `columns` along the edge and `rows` across each side.
 
     `sides` (n, 2) tells which sides belong to the plane. Returns (n, 2 * most rows * most columns, 5): count, u, v, r,
-    r², in the plane's coordinates.
+    r², in the plane's coordinates. u and v are where the ray from the sensor meets the plane: the error of a range
+    moves the point along the plane as well, and would tilt narrow planes if its place were taken from the point.
     """
     n = splits.shape[0] - 1
     most = int(np.max(rows * columns)) if n else 0
@@ -361,12 +362,18 @@ def sum_patches(
             side = 0 if d > 0.0 else 1
             if not (used[i] and sides[k, side]):
                 continue
-            u = v = r = 0.0
+            u = v = r = u_ray = v_ray = r_ray = 0.0
             for a in range(3):
-                x = points[i, a] - centroids[k, a]
+                x, ray = points[i, a] - centroids[k, a], points[i, a] - sensor[a]
                 u += x * bases[k, a, 0]
                 v += x * bases[k, a, 1]
                 r += x * normals[k, a]
+                u_ray += ray * bases[k, a, 0]
+                v_ray += ray * bases[k, a, 1]
+                r_ray += ray * normals[k, a]
+            if abs(r_ray) > 1e-9:
+                u -= r / r_ray * u_ray
+                v -= r / r_ray * v_ray
             column = min(int((along[i] - first_px[k]) / length * columns[k]), columns[k] - 1)
             row = min(int((abs(d) - gap_px) / widths_px[k] * rows[k]), rows[k] - 1)
             s = out[k, (side * rows[k] + row) * columns[k] + column]
