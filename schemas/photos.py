@@ -10,7 +10,7 @@ from schemas.rigid_matrix import RigidMatrix
 
 AxesName: TypeAlias = Literal["right-down-forward", "right-up-backward", "forward-left-up"]
 """Values of `algorithms.geometry.camera_mounts.CameraAxes`, which would load scipy into the web process."""
-MAX_FOCAL_PX = 1e7
+LEAST_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e7
 MAX_COEFFICIENT = 1e6
 
 Pixels = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -23,12 +23,12 @@ class CameraRequest(RequestModel):
     model: Literal["brown"] = "brown"
     """The camera model."""
     width: int = Field(ge=1, le=65_536)
-    """Columns of the photo [px]."""
+    """Columns of the photo as it is stored, without the turn that its metadata may ask for [px]."""
     height: int = Field(ge=1, le=65_536)
-    """Rows of the photo [px]."""
-    fx: float = Field(gt=0.0, le=MAX_FOCAL_PX)
+    """Rows of the photo as it is stored [px]."""
+    fx: float = Field(ge=LEAST_FOCAL_PX, le=MAX_FOCAL_PX)
     """Focal length along the rows [px]."""
-    fy: float = Field(gt=0.0, le=MAX_FOCAL_PX)
+    fy: float = Field(ge=LEAST_FOCAL_PX, le=MAX_FOCAL_PX)
     """Focal length along the columns [px]."""
     cx: Pixels
     """Column of the principal point, 0 at the centre of the leftmost pixel [px]."""

@@ -97,3 +97,51 @@ def test_the_options_of_the_detection_are_described_with_bounds_and_units(client
     schema = client.get("/processes/detect-edges").json()["inputs"]["edges"]["schema"]["properties"]
     assert "[px]" in schema["min_length_px"]["description"]
     assert schema["min_length_px"]["minimum"] == 5.0
+
+
+@pytest.fixture
+def station(client: Client, photo: dict[str, Any]) -> dict[str, Any]:
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    return {
+        "name": "A",
+        "scan": {"file": client.upload("a.xyz")},
+        "photos": [{**photo, "camera": CAMERA, "scan_from_camera": pose}],
+    }
+
+
+def test_a_registration_takes_scans_and_photos(
+    client: Client, adapters: Adapters, station: dict[str, Any], photo: dict[str, Any]
+) -> None:
+    other = {"name": "B", "scan": {"file": client.upload("b.xyz")}}
+    answer = client.submit({"stations": [station, other], "photo_lines": {"edges": {"min_contrast": 9.0}}})
+    job = adapters.jobs.get(answer.json()["jobID"])
+    assert job is not None
+    assert job.file_ids == (station["scan"]["file"], photo["file"], other["scan"]["file"])
+    assert job.inputs["stations"][0]["photos"][0]["mount_std"] == {"rotation_gon": 0.02, "translation_m": 0.003}
+    assert job.inputs["photo_lines"]["edges"]["min_contrast"] == 9.0
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"index": 3}, "index"),
+        ({"camera": None}, "camera"),
+        ({"camera": {**CAMERA, "height": 640}}, "camera/height"),
+        ({"scan_from_camera": None}, "scan_from_camera"),
+        ({"scan_from_camera": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}, "scan_from_camera"),
+        ({"scan_from_camera": None, "cop_gon": 100.0}, "mount"),
+        ({"mount_std": {"rotation_gon": -0.1}}, "mount_std/rotation_gon"),
+        ({"camera_axes": "sideways"}, "camera_axes"),
+        ({"exposure": 1}, "exposure"),
+    ],
+)
+@pytest.mark.parametrize("process", ["register", "extract-lines"])
+def test_a_bad_field_of_a_photo_of_a_station_is_pointed_at(
+    client: Client, station: dict[str, Any], pointers: Pointers, process: str, change: dict[str, Any], pointer: str
+) -> None:
+    wrong = {**station, "photos": [{**station["photos"][0], **change}]}
+    inputs = {"station": wrong} if process == "extract-lines" else {"stations": [{**station, "name": "B"}, wrong]}
+    where = "/inputs/station" if process == "extract-lines" else "/inputs/stations/1"
+    found = pointers(client.submit(inputs, process))
+    # a matrix of the wrong size is wrong in several places
+    assert {each[: len(where) + len("/photos/0/") + len(pointer)] for each in found} == {f"{where}/photos/0/{pointer}"}
