@@ -29,34 +29,35 @@ def rectangles(
 ) -> EdgePhoto:
     """Render blurred, turned rectangles on a regular grid, brighter or darker than their ground, with white noise."""
     width, height = size
-    x, y = (a.ravel() for a in np.meshgrid(np.arange(float(width)), np.arange(float(height))))
-    ideal = np.column_stack([x, y])
-    if camera is not None:
-        ideal = camera.ideal_from_image(ideal)
-    values = np.full(len(x), 120.0)
+    values = np.full((height, width), 120.0)
     edges, contrasts = [], []
     std = np.hypot(blur, PIXEL_STD)
     cell = np.array([width, height]) / across
     for i in range(across):
         for j in range(across):
-            centre = (np.array([i, j]) + 0.5) * cell
-            if camera is not None:
-                centre = camera.ideal_from_image(centre[None])[0]
+            middle = (np.array([i, j]) + 0.5) * cell
+            centre = middle if camera is None else camera.ideal_from_image(middle[None])[0]
             a, b = rng.uniform(0.25, 0.33, 2) * cell.min()
             angle, step = rng.uniform(0.0, np.pi), rng.uniform(*contrast) * rng.choice([-1.0, 1.0])
             u, v = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-            near = np.max(np.abs(ideal - centre), axis=1) < np.hypot(a, b) + 6.0 * std
-            p, q = (ideal[near] - centre) @ u, (ideal[near] - centre) @ v
+            reach = 1.1 * np.hypot(a, b) + 6.0 * std
+            left, top = np.maximum(0, np.floor(middle - reach)).astype(int)
+            right, bottom = np.ceil(middle + reach).astype(int)
+            window = np.s_[top : min(bottom, height), left : min(right, width)]
+            ideal = np.stack(np.mgrid[window][::-1], axis=-1).astype(np.float64)
+            if camera is not None:
+                ideal = camera.ideal_from_image(ideal.reshape(-1, 2)).reshape(ideal.shape)
+            p, q = (ideal - centre) @ u, (ideal - centre) @ v
             inside = (ndtr((p + a) / std) - ndtr((p - a) / std)) * (ndtr((q + b) / std) - ndtr((q - b) / std))
-            values[near] += step * inside
+            values[window] += step * inside
             corners = [centre + s * a * u + t * b * v for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
             for k in range(4):
                 ends = (corners[k], corners[(k + 1) % 4])
                 # the normal (-d_y, d_x) of this order points into the rectangle
                 edges.append(np.concatenate(ends if step > 0.0 else ends[::-1]))
                 contrasts.append(abs(step))
-    image = values + rng.normal(0.0, noise, len(values)) if noise > 0.0 else values
-    grey = np.clip(np.rint(image), 0, 255).astype(np.uint8).reshape(height, width)
+    image = values + rng.normal(0.0, noise, values.shape) if noise > 0.0 else values
+    grey = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     return EdgePhoto(grey, np.array(edges), np.array(contrasts))
 
 

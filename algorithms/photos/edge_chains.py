@@ -17,6 +17,8 @@ from algorithms.photos.edge_chains_kernels import cut_chains, link_pixels, peak_
 from algorithms.photos.images import GreyImage, halved
 from algorithms.photos.options import EdgeOptions
 
+LEAST_PART = 0.7
+"""Pieces of at least this part of the least length are kept: they may be joined or go on."""
 WINDOW_PX = 8
 """Points a straight piece starts with."""
 TOLERANCE_PX = 1.0
@@ -39,7 +41,7 @@ def straight_chains(image: EdgeImage, least_length_px: float) -> Pieces:
     points = peak_positions(rows, columns, image.gx, image.gy)
     pieces = cut_chains(points, splits, WINDOW_PX, TOLERANCE_PX)
     lengths = np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1])
-    return np.asarray(pieces[lengths >= 0.5 * least_length_px])
+    return np.asarray(pieces[lengths >= LEAST_PART * least_length_px])
 
 
 def covered(pieces: Pieces, others: Float64[Array, "m 4"], shape: tuple[int, int]) -> Flags:

@@ -43,7 +43,7 @@ GAUSSIAN_OF_ARCTAN = 0.85
 """Standard deviation of the Gaussian whose slope is as wide at half height as an arctan's of width 1: 2 / 2.355."""
 LARGEST_STEP_PX = 1.0
 LARGEST_OFFSET_STD_PX = 0.5
-LARGEST_UNEXPLAINED_STD_PX = 0.24
+LARGEST_UNEXPLAINED_STD_PX = 0.26
 """Where more uncertainty is left that the noise does not explain, there is texture, not a straight edge [px]."""
 HOPELESS = 3.0
 """Before pieces are joined and followed so many times that much is allowed: longer lines are more certain."""

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from edge_images import rectangles
 
 from algorithms.errors import InvalidInputError
 from algorithms.photos import line_detectors
@@ -26,7 +27,6 @@ from algorithms.photos.line_merging import merge_collinear, without_doubles
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.segment_growing import grow_segments
 from algorithms.photos.segment_tracking import track_lines
-from edge_images import rectangles
 
 
 def step_image(angle_rad, contrast=80.0, size=61):
@@ -48,7 +48,9 @@ def test_strength_is_equation_4_1():
     assert edge_strength(gx, gy) == pytest.approx(np.sqrt((9.0 + 16.0) / 2.0))
 
 
-@pytest.mark.parametrize(("gx", "gy", "expected"), [(0, 0, 0), (0, 1, 0), (1, 1, 1), (-1, -1, 1), (1, 0, 2), (1, -1, 3)])
+@pytest.mark.parametrize(
+    ("gx", "gy", "expected"), [(0, 0, 0), (0, 1, 0), (1, 1, 1), (-1, -1, 1), (1, 0, 2), (1, -1, 3)]
+)
 def test_directions_fall_into_four_classes(gx, gy, expected):
     one = np.ones((1, 1), np.float32)
     assert direction_classes(gx * one, gy * one)[0, 0] == expected
