@@ -99,17 +99,13 @@ def test_short_and_faint_edges_are_left_out_on_request(photo):
     assert chosen.contrasts.min() >= 60.0
 
 
-@pytest.mark.parametrize(
-    "detector", ["edge-chains", "lsd", "canny-hough", "canny-hough-probabilistic", "segment-growing"]
-)
+@pytest.mark.parametrize("detector", get_args(EdgeDetector))
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300), (300, 1), (7, 7), (9, 9), (33, 40)])
 def test_blank_and_tiny_photos_have_no_edges(detector, shape):
     assert len(find(np.full(shape, 127, np.uint8), detector=detector)) == 0
 
 
-@pytest.mark.parametrize(
-    "detector", ["edge-chains", "lsd", "canny-hough", "canny-hough-probabilistic", "segment-growing"]
-)
+@pytest.mark.parametrize("detector", get_args(EdgeDetector))
 def test_photos_of_noise_only_have_hardly_any_edges(detector):
     grey = np.random.default_rng(2).integers(0, 255, (120, 150)).astype(np.uint8)
     assert len(find(grey, detector=detector)) <= 3
