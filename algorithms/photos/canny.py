@@ -1,6 +1,6 @@
 """Canny's edge detector, one function a step.
 
-Section 4.1.1 of the dissertation "Linienbasierte Registrierung": smoothing, Sobel operator, slope and strength of the
+Section 4.1.1 of M. Lichtenstein's dissertation (Aachen 2011): smoothing, Sobel operator, slope and strength of the
 edge in every pixel, thinning to one pixel, hysteresis. Gradients are in grey levels per pixel, so that thresholds have
 a meaning.
 """

@@ -1,4 +1,4 @@
-"""Straight edges of a photo: chapter 4.1 of the dissertation "Linienbasierte Registrierung" as one function."""
+"""Straight edges of a photo: chapter 4.1 of M. Lichtenstein's dissertation (Aachen 2011) as one function."""
 
 import numpy as np
 from jaxtyping import UInt8

@@ -1,6 +1,6 @@
 """Where an edge lies, to a small part of a pixel, from the grey values across it.
 
-Section 4.1.3 of the dissertation "Linienbasierte Registrierung" follows Schwermann et al. (2003): the grey values
+Section 4.1.3 of M. Lichtenstein's dissertation (Aachen 2011) follows Schwermann et al. (2003): the grey values
 across the edge are approximated by an arctan function, I(t) = a + b F((t - p) / w) with F(z) = arctan(z) / π; p is the
 place of the edge. A step blurred by a Gaussian, F the normal distribution less 1/2, is the other shape. The same two
 shapes serve for one profile (`fit_profile`, to look at) and for patches of pixels along an edge (`locate`).
@@ -29,8 +29,8 @@ from algorithms.photos.options import EdgeLocalisation
 
 MAX_ITERATIONS = 60
 SETTLED_PX = 1e-9
-LEAST_WIDTH_PX, LARGEST_WIDTH_PX = 0.3, 6.0
-"""The blur of an edge is looked for between these [px]."""
+LEAST_WIDTH_PX = 0.3
+"""The pixels alone blur an edge by so much, 1/√12 [px]."""
 UPPER = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
 """Order of the products in the sums of a patch."""
 LEAST_DETERMINANT = 1e-7

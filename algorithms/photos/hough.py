@@ -1,4 +1,4 @@
-"""Hough transform of edge pixels: section 4.1.2 of the dissertation "Linienbasierte Registrierung".
+"""Hough transform of edge pixels: section 4.1.2 of M. Lichtenstein's dissertation (Aachen 2011).
 
 Lines are written in Hesse's form x cos φ + y sin φ = r, equation (4.2), with 0 ≤ φ < 180° and r of either sign (the
 dissertation mirrors negative r to positive ones; the set of lines is the same).

@@ -5,18 +5,13 @@ from types import MappingProxyType
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
 
-from algorithms.arrays import Array
 from algorithms.errors import InvalidInputError
-from algorithms.photos.edge_chains import edge_chains
+from algorithms.photos.edge_chains import Pieces, edge_chains
 from algorithms.photos.hough import canny_hough, canny_hough_probabilistic
 from algorithms.photos.images import GreyImage
 from algorithms.photos.options import EdgeDetector, EdgeOptions
 from algorithms.photos.segment_growing import segment_growing
-
-Pieces = Float64[Array, "n 4"]
-"""n straight pieces, x and y of both ends in the photo as taken [px]."""
 
 
 def lsd(grey: GreyImage, options: EdgeOptions) -> Pieces:

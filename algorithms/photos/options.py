@@ -19,7 +19,8 @@ class EdgeOptions:
     """Way to the first straight pieces: linked edge pixels cut where they bend, OpenCV's line segment detector, the
     Hough transform of the Canny edges (complete or probabilistic), or Schneider's half circles."""
     localisation: EdgeLocalisation = "gaussian"
-    """Shape fitted to the grey values across the edge: arctan, Gaussian blur of a step, or equal areas."""
+    """How the edge is placed in the grey values across it: fit of a step blurred by a Gaussian (the most exact in our
+    measurements), fit of an arctan, or equal areas."""
     smoothing_px: Annotated[float, Ge(0.0), Le(10.0)] = 1.0
     """Standard deviation of the Gaussian that smooths the photo before edges are looked for; positions are measured in
     the unsmoothed photo [px]."""

@@ -1,4 +1,4 @@
-"""Straight pieces grown from half circles: section 4.1.4 of the dissertation "Linienbasierte Registrierung".
+"""Straight pieces grown from half circles: section 4.1.4 of M. Lichtenstein's dissertation (Aachen 2011).
 
 Schneider (2010): the binary image is searched from the top left to the bottom right; from each edge pixel further ones
 are looked for on a half circle of a given radius; pieces whose end is the start of the next and whose slopes agree

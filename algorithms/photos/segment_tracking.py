@@ -1,4 +1,4 @@
-"""Where a straight edge starts and ends: section 4.1.3 of the dissertation "Linienbasierte Registrierung".
+"""Where a straight edge starts and ends: section 4.1.3 of M. Lichtenstein's dissertation (Aachen 2011).
 
 The line is followed step by step and compared with the photo. `track_lines` compares it with the edge pixels of the
 binary image, as the dissertation does; `walk_along` with the grey values, once the line is known to a part of a pixel.
