@@ -134,7 +134,8 @@ def merge_lines(
         partner = _partners(records, new, all_mounts, options)
         for k in np.flatnonzero(partner >= 0):
             first, second = records.alone(int(partner[k])), new.alone(int(k))
-            notes.append(_contradiction(first, second))
+            if first.photos[0, 1] < 0:  # a mean of two photos already would depend on three mounts
+                notes.append(_contradiction(first, second))
             if options.combination == "weighted":
                 records.put(int(partner[k]), _weighted_mean(first, second))
             else:

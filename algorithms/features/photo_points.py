@@ -47,9 +47,6 @@ class PhotoPoints:
     """(2,) upper left corner of the first cell [px]."""
     cell_px: float
 
-    def __len__(self) -> int:
-        return len(self.points)
-
 
 def points_in_photo(
     points: Points, camera: Camera, scan_from_camera: RigidTransform, low: Corner, high: Corner

@@ -66,9 +66,6 @@ class SidePlanes:
     used: Bool[Array, "m"]
     """(m,) which points of the bands made the plane of their side."""
 
-    def __len__(self) -> int:
-        return len(self.normals)
-
     @property
     def exist(self) -> Bool[Array, "n 2"]:
         """(n, 2) True where there is a plane."""
@@ -95,7 +92,7 @@ class SidePlanes:
 
     def _scatter(self, centre: Vector3, fallback_m2: float) -> tuple[Array, Array, Array]:
         """Give sums of squared residuals, their degrees of freedom, and the variance that other sides let expect."""
-        squares = np.einsum("nsi,nsij,nsj->ns", self.normals, self.scatters, self.normals)
+        squares = np.maximum(np.einsum("nsi,nsij,nsj->ns", self.normals, self.scatters, self.normals), 0.0)
         freedoms = np.maximum(self.counts - 3.0, 0.0)
         rays = self.centroids - centre
         cosines = np.einsum("nsi,nsi->ns", rays, self.normals) / np.maximum(np.linalg.norm(rays, axis=2), 1e-9)
@@ -104,7 +101,7 @@ class SidePlanes:
         typical = fallback_m2
         if telling.any():
             typical = float(np.median((squares / np.maximum(freedoms, 1.0) / shares)[telling]))
-        return np.maximum(squares, 0.0), freedoms, typical * shares
+        return squares, freedoms, typical * shares
 
 
 def side_planes(bands: EdgeBands, centre: Vector3, options: ProjectionOptions, noise_std_m: float) -> SidePlanes:
