@@ -81,12 +81,13 @@ def edge_owners(
     both: Array = np.asarray(exist.all(axis=1))
     steep = _steep_enough(planes, projecting, rays, min_angle_rad)
     ranges, stds = _ranges(planes, rays, centre, variances_m2)
-    same = both & _one_plane(planes, variances_m2, ranges, rays)
+    covered = planes.covered >= COVERED
+    reach: Array = np.asarray(covered.all(axis=1))
+    same = both & reach & _one_plane(planes, variances_m2, ranges, rays)
     beside_other = planes.on_plane[:, [0, 1], [1, 0]]
     others = planes.beside[:, ::-1]
     continues: Array = exist & ~both[:, None] & (beside_other >= 3) & (beside_other >= OWN_SHARE * others)
     nearer, meets, crossing = _depth_order(ranges, stds, planes, rays)
-    covered = planes.covered >= COVERED
     usable = exist & ~uneven & steep & covered & (ranges > 0.0).all(axis=2)
     # offsets at the edge, across the line of sight, tell how well a side determines the line
     quality = np.where(usable, stds.max(axis=2), np.inf)
@@ -96,7 +97,7 @@ def edge_owners(
     sides[rows, owner] = True
     sides[same] = True
     kinds = np.where(same | continues.any(axis=1), SpaceEdgeKind.SURFACE_EDGE, SpaceEdgeKind.SILHOUETTE)
-    kinds = np.where(both & meets & ~same, SpaceEdgeKind.CREASE, kinds)
+    kinds = np.where(both & meets & reach & ~same, SpaceEdgeKind.CREASE, kinds)
     front, on = planes.in_front[rows, owner], planes.on_plane[rows, owner].sum(axis=1)
     own, all_own = planes.on_plane[rows, owner, owner], planes.beside[rows, owner]
     unclear = (front >= 2) & (front > FRONT_SHARE * (front + on))
@@ -107,7 +108,7 @@ def edge_owners(
     unclear |= ends & both & (~steep | uneven)[rows, 1 - owner]
     reasons = np.full(len(owner), EdgeRejection.NONE, dtype=np.int32)
     reasons[unclear] = EdgeRejection.OCCLUSION_UNCLEAR
-    reasons[~np.where(same, covered.any(axis=1), covered[rows, owner])] = EdgeRejection.NOT_COVERED
+    reasons[~covered[rows, owner]] = EdgeRejection.NOT_COVERED
     reasons[~np.where(same, steep.any(axis=1), steep[rows, owner])] = EdgeRejection.GRAZING
     reasons[~(ranges[rows, owner] > 0.0).all(axis=1)] = EdgeRejection.GRAZING
     reasons[~exist.any(axis=1) | uneven[rows, owner]] = EdgeRejection.NO_PLANE
