@@ -29,7 +29,8 @@ class DegenerateGeometryError(AlgorithmError):
     free_directions
         The null space in words, e.g. "translation along (0.00, 0.00, 1.00) of the target frame".
     null_space
-        Columns of (rotation vector [rad], translation [m]) that change no observation, shape (6, 6 - rank), or None; of a network all unknowns in their order.
+        Columns of (rotation vector [rad], translation [m]) that change no observation, shape (6, 6 - rank), or None;
+        of a network all unknowns in their order.
     advice
         What the user should add to make it determined.
     parameters

@@ -125,7 +125,16 @@ def test_the_options_as_used_stand_in_the_provenance() -> None:
 def test_every_listed_download_is_there_with_its_size() -> None:
     result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
     names = {artifact["name"] for artifact in result["artifacts"]}
-    assert {"poses.csv", "correspondences.csv", "lines.ply", "lines.dxf", "report.html", "result.json", "A.txt", "B.txt"} <= names
+    assert {
+        "poses.csv",
+        "correspondences.csv",
+        "lines.ply",
+        "lines.dxf",
+        "report.html",
+        "result.json",
+        "A.txt",
+        "B.txt",
+    } <= names
     for artifact in result["artifacts"]:
         assert blobs.local_path(f"jobs/j/artifacts/{artifact['name']}").stat().st_size == artifact["bytes"]
 
