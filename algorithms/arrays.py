@@ -17,7 +17,6 @@ Matrix4: TypeAlias = Float64[Array, "4 4"]
 Matrix6: TypeAlias = Float64[Array, "6 6"]
 Matrices3: TypeAlias = Float64[Array, "n 3 3"]
 Matrices4: TypeAlias = Float64[Array, "n 4 4"]
-Matrices6: TypeAlias = Float64[Array, "n 6 6"]
 Bases: TypeAlias = Float64[Array, "n 3 2"]
 """n orthonormal 3x2 bases, columns E1 and E2."""
 Matrix: TypeAlias = Float64[Array, "rows columns"]

@@ -12,7 +12,7 @@ from scipy import sparse
 from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.observations.linearised import Derivative, Equations, FeatureNoise
 from algorithms.adjustment.unknowns import Unknowns
-from algorithms.arrays import Array, Matrices3, Matrices6, Scalars
+from algorithms.arrays import Array, Scalars
 from algorithms.errors import InvalidInputError
 
 This = TypeVar("This", bound="Problem")
@@ -114,10 +114,10 @@ class Problem:
 
     observations: Sequence[Observation]
     """One or several entries of each type; blocks are numbered through in this order."""
-    plane_covariances: Mapping[int, Matrices3] = field(default_factory=dict)
+    plane_covariances: Mapping[int, Array] = field(default_factory=dict)
     """For each station the (p, 3, 3) covariances of the planes that its features depend on, (a1, a2, b) of
     `Planes.covariances`. Features of a station that is not named here are treated as independent."""
-    photo_covariances: Mapping[int, Matrices6] = field(default_factory=dict)
+    photo_covariances: Mapping[int, Array] = field(default_factory=dict)
     """For each station the (q, 6, 6) covariances of its photos' mounts (rotation vector, translation; MATH 2.5). All
     lines seen in a photo share its mount's error, which therefore does not vanish by averaging."""
     std_scales: Scalars | None = None
