@@ -11,6 +11,8 @@ from algorithms.scans.surface_index import EvidenceLimits, surface_index
 NOISES, LEAST_GATE_M = 6.0, 0.02
 """Surfaces this many standard deviations of the noise apart, and at least so far, are not the same: 5 cm are a piece of
 furniture that was moved, not noise."""
+WIDEST_GATE_M = 0.05
+"""With noise that asks for a wider gate nothing is gained over the search, and its pose stands."""
 AS_GOOD = 0.99
 """Share of the other pose's fitting surface with which a pose fits as well."""
 
@@ -33,10 +35,12 @@ def surface_pose_near(
     rival
         Best pose of the search.
     """
+    gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), LEAST_GATE_M)
+    if gate > WIDEST_GATE_M:
+        return rival
     indices = [
         surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
     ]
-    gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), LEAST_GATE_M)
     limits = EvidenceLimits(gate, np.radians(20.0), 2.5 * max(index.spacing_m for index in indices))
     rotations = np.array([p.rotation.as_matrix() for p in (pose, rival)])
     translations = np.array([p.translation for p in (pose, rival)], dtype=np.float64)
