@@ -133,7 +133,7 @@ def helmert_factors(solution: Solution, groups: Int64[Array, "blocks"], count: i
     """Give one round of Helmert's full form, S s² = Omega, for independent blocks (MATH 4.7).
 
     S_gh = tr(Q N_g Q N_h) for g != h, S_gg = n_g - 2 tr(Q N_g) + tr(Q N_g Q N_g). Its row sums are the redundancies, so
-    Foerstner's form, which the service uses, has the same fixed point.
+    Foerstner's form (`estimate_variance_components`) has the same fixed point.
 
     Parameters
     ----------

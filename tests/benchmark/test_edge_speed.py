@@ -14,7 +14,7 @@ SIZE = (3000, 2000)
 
 
 def measure(name, grey):
-    """Print wall and processor seconds of both detectors and give those of ours, the better of two runs."""
+    """Print wall and processor seconds of both detectors and give the ratio of processor times, the better of two runs."""
     find(grey[:300, :300].copy())
     ours, theirs = [], []
     for _ in range(2):
@@ -29,19 +29,18 @@ def measure(name, grey):
         f"\n{name}: {len(edges)} edges in {wall:.2f} s (processor {processor:.2f} s); opencv's detector without any "
         f"measurement {their_wall:.2f} s (processor {their_processor:.2f} s); ratio {processor / their_processor:.2f}"
     )
-    return wall, processor / their_processor
+    return processor / their_processor
 
 
-def test_a_rendered_photo_takes_less_than_two_seconds():
+def test_a_rendered_photo_takes_no_more_than_three_and_a_half_times_the_time_of_opencv():
     photo = rectangles(np.random.default_rng(1), size=SIZE, across=20, contrast=(15.0, 100.0))
-    wall, ratio = measure("rendered photo, 1600 edges", photo.image)
-    assert wall <= 2.0 or ratio <= 3.5
+    ratio = measure("rendered photo, 1600 edges", photo.image)
+    assert ratio <= 3.5
 
 
 @pytest.mark.skipif(not COURTYARD.exists(), reason="real photos are not here: ../shared/data/photo_hku_a")
-def test_photos_of_a_courtyard_take_less_than_two_seconds():
+def test_photos_of_a_courtyard_take_no_more_than_three_and_a_half_times_the_time_of_opencv():
     parts = [cv2.imread(str(p), cv2.IMREAD_GRAYSCALE) for p in sorted(COURTYARD.glob("*.png"))]
     rows = [np.hstack([parts[(i + j) % len(parts)] for j in range(3)]) for i in range(2)]
-    wall, ratio = measure("courtyard", np.ascontiguousarray(np.vstack(rows)[: SIZE[1], : SIZE[0]]))
-    # on a machine busy with other work the ratio of processor times says more than the seconds
-    assert wall <= 2.0 or ratio <= 3.5
+    ratio = measure("courtyard", np.ascontiguousarray(np.vstack(rows)[: SIZE[1], : SIZE[0]]))
+    assert ratio <= 3.5
