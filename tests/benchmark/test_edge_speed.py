@@ -14,7 +14,7 @@ SIZE = (3000, 2000)
 
 
 def measure(name, grey):
-    """Print wall and processor seconds of both detectors and give the ratio of processor times, the better of two runs."""
+    """Print seconds of both detectors and give the ratio of their processor times, the better of two runs."""
     find(grey[:300, :300].copy())
     ours, theirs = [], []
     for _ in range(2):
