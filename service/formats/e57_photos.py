@@ -1,4 +1,12 @@
-"""Images of ASTM E57 (E2807) files as photos: interior orientation, distortion, pose."""
+"""Images of ASTM E57 (E2807) files as photos: interior orientation, distortion, pose.
+
+Principal points of E57 count from the outer corner of the top left pixel, so that pixel centres lie at halves: libE57
+(Coordinate systems, libe57.org/bestCoordinates.html) has (0, 0) in the top left corner and one image plane for all
+representations; a panorama's Ximage = imageWidth / 2 - azimuth / pixelWidth runs from 0 to imageWidth over the full
+circle, which are the outer borders and not pixel centres. A pinhole image has Ximage = principalPointX - (x / z)
+focalLength / pixelWidth there, and six such images of 90 degrees close to a cube only with the principal point at
+imageWidth / 2. The extension for lens distortion names OpenCV's parameters, which count from the pixel's centre.
+"""
 
 import math
 from collections.abc import Iterator
@@ -26,6 +34,8 @@ UNSUPPORTED = {
 DISTORTION_URI = "http://www.libe57.org/E57_LEICA_Camera_Distortion.txt"
 """Extension with the parameters of OpenCV's camera model."""
 RATIONAL = ("K4", "K5", "K6")
+CENTRE_FROM_CORNER_PX = 0.5
+"""E57 counts from the corner of the first pixel, this project and OpenCV from its centre [px]."""
 
 
 @final
@@ -115,7 +125,7 @@ def _camera(node: Any, distortion: dict[str, float], width: int, height: int) ->
     focal_m = number_of(node["focalLength"])
     sizes_m = [number_of(node[side]) for side in ("pixelWidth", "pixelHeight")]
     fx, fy = (focal_m / size if size > 0.0 else math.nan for size in sizes_m)
-    cx, cy = (number_of(node[f"principalPoint{axis}"]) for axis in "XY")
+    cx, cy = (number_of(node[f"principalPoint{axis}"]) - CENTRE_FROM_CORNER_PX for axis in "XY")
     if distortion.get("FX", 0.0) > 0.0 and distortion.get("FY", 0.0) > 0.0:
         fx, fy, cx, cy = (distortion.get(key, 0.0) for key in ("FX", "FY", "CX", "CY"))
     if any(distortion.get(key, 0.0) for key in RATIONAL):

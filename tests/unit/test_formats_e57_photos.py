@@ -147,10 +147,22 @@ def test_an_image_projects_the_points_of_its_scan_as_e57_says(tmp_path: Path) ->
     assert info.camera is not None
     in_camera = np.random.default_rng(2).uniform([-2.0, -2.0, 4.0], [2.0, 2.0, 9.0], (10, 3))
     in_scan = info.scan_from_camera.apply(in_camera)
-    expected = as_e57_projects(SECOND.apply(in_scan), CAMERA)
+    # E57 counts from the corner of the top left pixel, the project from its centre
+    expected = as_e57_projects(SECOND.apply(in_scan), CAMERA) - 0.5
     assert info.scan == 1
     # micropixels: the same numbers, rounded differently
     np.testing.assert_allclose(info.camera.image_from_camera(in_camera), expected, atol=1e-6)
+
+
+def test_six_images_of_ninety_degrees_close_to_a_cube(tmp_path: Path) -> None:
+    # as cube faces are stored: the principal point in the middle of the image, half its width away
+    face = {"focalLength": 0.5, "pixelWidth": 1.0 / WIDTH, "pixelHeight": 1.0 / HEIGHT}
+    face |= {"principalPointX": WIDTH / 2, "principalPointY": HEIGHT / 2}
+    camera = only_photo(written(tmp_path / "a", [Picture(numbers=face)])).camera
+    assert camera is not None
+    left_and_right = camera.image_from_camera(np.array([[-1.0, -1.0, 1.0], [1.0, 1.0, 1.0]]))
+    # the outer borders of the first and the last pixel, exact but for rounding
+    np.testing.assert_allclose(left_and_right, [[-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5]], atol=1e-9)
 
 
 def test_the_only_scan_of_a_file_owns_images_that_name_none(tmp_path: Path) -> None:
