@@ -42,6 +42,10 @@ class ProjectedEdges:
     mount_jacobians: Float64[Array, "n 4 6"]
     """(n, 4, 6) derivatives of (a1, a2, b1, b2) by the errors of `scan_from_camera`: rotation vector on the left in
     scan axes [rad], translation [m]. They are common to all lines of the photo (MATH 2.5)."""
+    surface_covariances: Float64[Array, "n 4 4"]
+    """(n, 4, 4) the part of the lines' covariances that comes from the surfaces they were cut with; the rest comes from
+    the edges. Of rank two: a surface moves the line within its projecting plane. Whatever else was measured with the
+    scan's points beside the edge has errors in common with this part."""
     rejected_numbers: Int64[Array, "m"]
     """(m,) edges of the photo that gave no line, ascending."""
     rejected_reasons: Int32[Array, "m"]
@@ -58,6 +62,7 @@ class ProjectedEdges:
             self.kinds[which],
             self.plane_normals[which],
             self.mount_jacobians[which],
+            self.surface_covariances[which],
             self.rejected_numbers,
             self.rejected_reasons,
         )
@@ -132,7 +137,7 @@ def project_edges(
     reasons[long[kept[adjusted.curved[kept]]]] = EdgeRejection.CURVED
     kept = kept[~adjusted.curved[kept]]
     ones = np.broadcast_to(centre, (len(kept), 3)).copy()
-    lines, jacobians = _cut(
+    lines, jacobians, by_surface = _cut(
         chosen[kept], camera, pose, ones, normals[kept], bases[kept], by_edge[kept], adjusted.select(kept),
         options.systematic_px,
     )  # fmt: skip
@@ -151,6 +156,7 @@ def project_edges(
         kinds=adjusted.kinds[kept],
         plane_normals=adjusted.normals[kept],
         mount_jacobians=jacobians[good] @ by_pose[kept],
+        surface_covariances=by_surface[good],
         rejected_numbers=rejected.astype(np.int64),
         rejected_reasons=reasons[rejected],
     )
@@ -164,6 +170,7 @@ def _nothing(reasons: Labels) -> ProjectedEdges:
         np.empty(0, dtype=np.int32),
         np.empty((0, 3)),
         np.empty((0, 4, 6)),
+        np.empty((0, 4, 4)),
         np.arange(len(reasons), dtype=np.int64),
         reasons,
     )
@@ -187,8 +194,14 @@ def _cut(
     by_edge: Array,
     planes: EdgePlanes,
     systematic_px: float,
-) -> tuple[Lines, Float64[Array, "n 4 3"]]:
-    """Cut projecting planes with surfaces: lines, and their derivatives by the projecting planes' (a1, a2, b)."""
+) -> tuple[Lines, Float64[Array, "n 4 3"], Float64[Array, "n 4 4"]]:
+    """Cut projecting planes with surfaces.
+
+    Returns
+    -------
+    Lines, their derivatives by the projecting planes' (a1, a2, b), and the part of their covariances that comes from
+    the surfaces.
+    """
     points, directions = intersection_lines(normals, centres, planes.normals, planes.centroids)
     rays = _edge_rays(segments, camera, pose)
     heights = np.einsum("ni,ni->n", planes.normals, planes.centroids - centres)
@@ -210,7 +223,8 @@ def _cut(
         bases=line_bases,
         sources=np.full(len(segments), LineSource.PHOTO_EDGE, dtype=np.int32),
     )
-    return lines, np.ascontiguousarray(jacobians[:, :, :3])
+    by_surface = jacobians[:, :, 3:] @ planes.covariances @ np.swapaxes(jacobians[:, :, 3:], 1, 2)
+    return lines, np.ascontiguousarray(jacobians[:, :, :3]), by_surface
 
 
 def _edge_covariances(segments: ImageSegments, systematic_px: float) -> Float64[Array, "n 2 2"]:

@@ -27,7 +27,7 @@ def part_of(lines, by_mount):
     none = np.empty(0, dtype=np.int64)
     return ProjectedEdges(
         lines, np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int32), np.array([[0.0, 0.0, 1.0]]), by_mount[None],
-        none, none.astype(np.int32),
+        np.zeros((1, 4, 4)), none, none.astype(np.int32),
     )  # fmt: skip
 
 

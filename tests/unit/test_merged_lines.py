@@ -43,6 +43,7 @@ def photo(*lines, seed=2):
         np.full(n, SpaceEdgeKind.CREASE, dtype=np.int32),
         np.tile([-1.0, 0.0, 0.0], (n, 1)),
         rng.normal(size=(n, 4, 6)),
+        np.zeros((n, 4, 4)),
         np.empty(0, dtype=np.int64),
         np.empty(0, dtype=np.int32),
     )
