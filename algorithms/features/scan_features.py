@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from algorithms.arrays import Array, Labels, Points, Vector3
+from algorithms.features.mount_test import MountTest
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
@@ -68,3 +69,5 @@ class ScanFeatures:
     scan axes [rad], translation of the projection centre [m] (MATH 2.5)."""
     photo_edges: PhotoEdges | None = None
     """What the photos gave; None: the station has no photos."""
+    mount_test: MountTest | None = None
+    """Whether the photos fit the scan; None: the station has no photos."""
