@@ -41,6 +41,11 @@ PHOTO = {
     "remarks": [],
 }
 
+CAMERA = {"model": "brown", "width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
+POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+POSED = {**PHOTO, "camera": CAMERA, "scan_from_camera": POSE}
+"""A photo whose file has its camera and its pose."""
+
 
 class FakeSteps:
     """Take every upload for a scan or a photo, as its content says, unless that says that it is broken."""
@@ -64,6 +69,8 @@ class FakeSteps:
         if content.startswith(b"deadly"):
             raise ComputationFailedError("killed by signal 11")
         photos = [{**PHOTO, "index": index} for index in range(content.count(b"photo"))]
+        stored = content.count(b"posed")
+        photos += [{**POSED, "index": len(photos) + index, "scan": index} for index in range(stored)]
         count = content.count(b"scan") or int(not photos)
         scans = [{**SCAN, "index": index} for index in range(count)]
         return {"format": "XYZ", "kind": "scan" if scans else "photo", "scans": scans, "photos": photos}
