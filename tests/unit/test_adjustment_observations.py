@@ -9,12 +9,14 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.observations import Observation, PairObservation
+from algorithms.adjustment.observations.feature_tracks import FeatureTracks, TrackPart
 from algorithms.adjustment.observations.levelling import Levelling
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.observations.point_plane import PointPlane
 from algorithms.adjustment.observations.point_point import PointPoint
 from algorithms.adjustment.observations.polar import Polar, PolarComponent
+from algorithms.adjustment.observations.relative_poses import RelativePoses
 from algorithms.adjustment.pair_problem import PairProblem, by_station
 from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.solver import solve
@@ -142,6 +144,19 @@ def polar(rng: np.random.Generator, noise: float) -> Polar:
     return replace(exact, values=computed + noise * rng.normal(size=6))
 
 
+def feature_tracks(rng: np.random.Generator, noise: float) -> FeatureTracks:
+    differences = plane_plane(rng, noise)
+    part = TrackPart(differences, np.arange(4, dtype=np.int64), np.ones(4, dtype=np.int64))
+    stations = np.tile(np.array([0, 1], dtype=np.int64), (4, 1))
+    return FeatureTracks(stations, (part,), (differences.target.covariances, differences.source.covariances))
+
+
+def relative_poses(rng: np.random.Generator, noise: float) -> RelativePoses:
+    observed = RigidTransform.concatenate([changed_pose(noise * rng.normal(size=6)) for _ in range(4)])
+    zeros, ones = np.zeros(4, dtype=np.int64), np.ones(4, dtype=np.int64)
+    return RelativePoses(zeros, ones, observed, np.tile(np.eye(6), (4, 1, 1)))
+
+
 BASE = RigidTransform.from_components([2.0, 3.0, -1.0], Rotation.from_rotvec([-0.3, 0.5, 1.9]))
 NETWORK = Unknowns(
     RigidTransform.concatenate([BASE, BASE * POSE]),
@@ -157,9 +172,11 @@ FACTORIES: dict[type, tuple[Callable, Callable | None, Callable | None]] = {
     PointPlane: (point_plane, disturbed_planes, disturbed_points),
     Levelling: (levelling, disturbed_verticals, disturbed_verticals),
     Polar: (polar, None, None),
+    FeatureTracks: (feature_tracks, None, None),
+    RelativePoses: (relative_poses, None, None),
 }
 TYPES = get_args(PairObservation)
-ALL_TYPES = (*TYPES, Polar)
+ALL_TYPES = (*TYPES, Polar, FeatureTracks, RelativePoses)
 
 
 def difference_quotient(residuals: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:

@@ -1,0 +1,97 @@
+"""Poses of stations relative to each other as observations: the edges of a pose graph (MATH 1.4)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.adjustment.observations.linearised import Derivative, Equations, FeatureNoise
+from algorithms.adjustment.unknowns import UnknownKind, Unknowns
+from algorithms.arrays import Array, Indices, Points
+from algorithms.geometry.rotations import cross_matrices
+
+SMALL_ANGLE_RAD = 1e-4
+"""Below this the series of the Jacobian is exact to rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePoses:
+    """Registrations of two stations each, target from source, with their covariances (MATH 1.4)."""
+
+    targets: Indices
+    """(n,) numbers of the targets' poses."""
+    sources: Indices
+    """(n,) numbers of the sources' poses."""
+    observed: RigidTransform
+    """(n,) target from source."""
+    covariances: Float64[Array, "n 6 6"]
+    """(n, 6, 6) of (rotation vector on the left in target axes [rad], translation [m])."""
+
+    def __len__(self) -> int:
+        return len(self.targets)
+
+    def selected(self, which: Array) -> "RelativePoses":
+        """Keep some of the observations, by mask or numbers."""
+        return replace(
+            self,
+            targets=self.targets[which],
+            sources=self.sources[which],
+            observed=self.observed[which],
+            covariances=self.covariances[which],
+        )
+
+    def noises(self) -> tuple[FeatureNoise]:
+        """Say how the errors come about: each registration by itself."""
+        return (FeatureNoise.independent(self.covariances),)
+
+    def extent_m(self) -> float:
+        """Give the largest coordinate that takes part [m]."""
+        return float(np.abs(np.asarray(self.observed.translation)).max(initial=0.0))
+
+    def equations(self, unknowns: Unknowns) -> Equations:
+        """Compute r = (Log(R R_obsᵀ), t - t_obs) of R, t = target from source, and derivatives.
+
+        With w_r, dt_r of the relative pose as in `BetweenStations`: d Log(Exp(v)) = J⁻¹(v) w_r, J the left Jacobian of
+        rotations (Sola et al. 2018, A micro Lie theory, eq. 146), and the observed rotation enters with its transpose.
+        """
+        rotations, positions = unknowns.rotations, np.asarray(unknowns.poses.translation)
+        back = np.swapaxes(rotations[self.targets], 1, 2)
+        arms = positions[self.sources] - positions[self.targets]
+        relative = Rotation.from_matrix(back @ rotations[self.sources])
+        turns = (relative * self.observed.rotation.inv()).as_rotvec()
+        shifts = np.einsum("nij,nj->ni", back, arms) - np.asarray(self.observed.translation)
+        by_turn = inverse_left_jacobians(turns)
+        by_source = np.zeros((len(self), 6, 6))
+        by_source[:, :3, :3], by_source[:, 3:, 3:] = by_turn @ back, back
+        by_target = -by_source
+        by_target[:, 3:, :3] = back @ cross_matrices(arms)
+        by_observed = np.zeros((len(self), 6, 6))
+        by_observed[:, :3, :3] = -np.swapaxes(by_turn, 1, 2)
+        by_observed[:, 3:, 3:] = -np.eye(3)
+        return Equations(
+            np.hstack([turns, shifts]),
+            (
+                Derivative(UnknownKind.POSE, self.targets, by_target),
+                Derivative(UnknownKind.POSE, self.sources, by_source),
+            ),
+            (by_observed,),
+        )
+
+
+def inverse_left_jacobians(turns: Points) -> Float64[Array, "n 3 3"]:
+    """Give J⁻¹ with Log(Exp(w) Exp(v)) = v + J⁻¹(v) w for small w; the transpose is for a factor on the right.
+
+    J⁻¹(v) = I - S(v)/2 + (1/a² - (1 + cos a)/(2 a sin a)) S(v)², a = |v| (Sola et al. 2018, eq. 146).
+
+    Parameters
+    ----------
+    turns
+        (n, 3) rotation vectors v below a half turn [rad].
+    """
+    angles = np.linalg.norm(turns, axis=1)
+    safe = np.where(angles > SMALL_ANGLE_RAD, angles, 1.0)
+    exact = 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe))
+    second = np.where(angles > SMALL_ANGLE_RAD, exact, 1.0 / 12.0)
+    crossed = cross_matrices(turns)
+    return np.asarray(np.eye(3) - 0.5 * crossed + second[:, None, None] * (crossed @ crossed))
