@@ -192,16 +192,9 @@ class Problem:
         n, d = part.residuals.shape
         total = np.zeros((n, d, d))
         for noise, factor in zip(noises, part.noise_jacobians, strict=True):
-            own = noise.private
-            if noise.station in self.plane_covariances:
-                own = np.where(_depends_on_planes(noise)[:, None, None], 0.0, own)
-            if len(self.photo_covariances.get(noise.station, ())):
-                photos, by_mounts = _photos_of(noise)
-                seen = np.flatnonzero(photos[:, 0] >= 0)
-                by_mount = by_mounts[seen]
-                mounts = self.photo_covariances[noise.station][photos[seen, 0]]
-                own = own.copy()
-                own[seen] -= by_mount @ mounts @ np.swapaxes(by_mount, 1, 2)
+            own = _private(
+                noise, self.plane_covariances.get(noise.station), self.photo_covariances.get(noise.station, ())
+            )
             total += factor @ own @ np.swapaxes(factor, 1, 2)
         return total
 
@@ -222,13 +215,13 @@ def _by_shared(
                 continue
             numbers, derivatives = shared(noise)
             size = derivatives.shape[2] // numbers.shape[1]
-            used = np.flatnonzero((numbers >= 0).all(axis=1))
-            by_errors = jacobian[used] @ derivatives[used]
             for k in range(numbers.shape[1]):
+                used = np.flatnonzero(numbers[:, k] >= 0)
+                by_errors = jacobian[used] @ derivatives[used, :, size * k : size * (k + 1)]
                 places = numbers[used, k, None] * size + np.arange(size)
                 at_rows.append(np.repeat((first + used[:, None] * d + np.arange(d)).ravel(), size))
                 at_columns.append(np.repeat(places, d, axis=0).ravel())
-                values.append(by_errors[:, :, size * k : size * (k + 1)].ravel())
+                values.append(by_errors.ravel())
         first += n * d
     if not values:
         return sparse.csr_array((first, columns))
@@ -242,9 +235,33 @@ def _planes_of(noise: FeatureNoise) -> tuple[Array, Array]:
 
 def _photos_of(noise: FeatureNoise) -> tuple[Array, Array]:
     if noise.photo_numbers is None or noise.photo_jacobians is None:
-        n, k = noise.private.shape[:2]
+        n, k = noise.total.shape[:2]
         return np.full((n, 1), -1, dtype=np.int64), np.zeros((n, k, 6))
-    return noise.photo_numbers[:, None], noise.photo_jacobians
+    return noise.photo_numbers, noise.photo_jacobians
+
+
+def _private(noise: FeatureNoise, planes: Array | None, mounts: Sequence[Array] | Array) -> Array:
+    """Give the covariances (n, k, k) of what is not explained by planes and mounts of known covariance.
+
+    Taking a known part from the total leaves what remains of the total. Where all is known on which a feature depends,
+    its private covariance itself is taken, which rounding cannot make indefinite.
+    """
+    own = noise.total.copy()
+    all_known = np.ones(len(own), dtype=bool)
+    for (numbers, derivatives), covariances in ((_planes_of(noise), planes), (_photos_of(noise), mounts)):
+        size = derivatives.shape[2] // numbers.shape[1]
+        for k in range(numbers.shape[1]):
+            used = np.flatnonzero(numbers[:, k] >= 0)
+            if covariances is None or len(covariances) == 0:
+                all_known[used] = False
+                continue
+            by_errors = derivatives[used, :, size * k : size * (k + 1)]
+            own[used] -= by_errors @ covariances[numbers[used, k]] @ np.swapaxes(by_errors, 1, 2)
+    if noise.private is not None:
+        own[all_known] = noise.private[all_known]
+    elif planes is not None:
+        own[(noise.plane_numbers >= 0).all(axis=1)] = 0.0
+    return own
 
 
 def _roots(covariances: Array, of_what: str) -> sparse.csr_array:
@@ -260,10 +277,6 @@ def _roots(covariances: Array, of_what: str) -> sparse.csr_array:
 
 AnyProblem = TypeVar("AnyProblem", bound=Problem)
 """A problem or one of its special kinds, which stays what it is."""
-
-
-def _depends_on_planes(noise: FeatureNoise) -> Array:
-    return np.asarray((noise.plane_numbers >= 0).all(axis=1))
 
 
 def _jacobian(parts: Sequence[Equations], unknowns: Unknowns, m: int) -> sparse.csr_array:

@@ -43,10 +43,17 @@ class Lines:
     """(n, 4, 6) for intersections: (a1, a2, b1, b2) = G (plane i: a1, a2, b; plane j: a1, a2, b). Zero otherwise.
     Lines that share a plane are correlated through it."""
     photos: Labels | None = None
-    """(n,) number of the station's photo in which the line was seen, -1 for lines of the scan; None: no photos."""
+    """(n,) number of the station's photo that the line depends on, -1 for lines of the scan alone; None: no photos."""
     photo_jacobians: Array | None = None
     """(n, 4, 6): (a1, a2, b1, b2) from the error of that photo's mount (rotation vector on the left of the scan axes,
     translation), which all its lines share; zero for lines of the scan. The covariances contain it already."""
+    second_photos: Labels | None = None
+    """(n,) a second photo that merged lines depend on, -1 for none."""
+    second_photo_jacobians: Array | None = None
+    """(n, 4, 6) the same for that photo's mount."""
+    private_covariances: Matrices4 | None = None
+    """(n, 4, 4) what neither parent planes nor mounts explain of the covariances. None: nothing where a line has parent
+    planes, elsewhere all but the mounts' part."""
 
     def __len__(self) -> int:
         return len(self.anchors)
@@ -62,8 +69,17 @@ class Lines:
             self.sources[which],
             self.parents[which],
             self.parent_jacobians[which],
-            None if self.photos is None else self.photos[which],
-            None if self.photo_jacobians is None else self.photo_jacobians[which],
+            *(None if part is None else part[which] for part in self._optional),
+        )
+
+    @property
+    def _optional(self) -> tuple[Array | None, ...]:
+        return (
+            self.photos,
+            self.photo_jacobians,
+            self.second_photos,
+            self.second_photo_jacobians,
+            self.private_covariances,
         )
 
     @property

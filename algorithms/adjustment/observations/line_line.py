@@ -141,8 +141,14 @@ class LineLine(BetweenStations):
 def _noise(lines: Lines, station: int) -> FeatureNoise:
     has_planes = (lines.parents >= 0).all(axis=1) & (lines.parent_jacobians != 0.0).any(axis=(1, 2))
     numbers = np.where(has_planes[:, None], lines.parents, -1)
+    photos, by_mounts = None, None
+    if lines.photos is not None and lines.photo_jacobians is not None:
+        photos, by_mounts = lines.photos[:, None], lines.photo_jacobians
+        if lines.second_photos is not None and lines.second_photo_jacobians is not None:
+            photos = np.column_stack([photos, lines.second_photos])
+            by_mounts = np.concatenate([by_mounts, lines.second_photo_jacobians], axis=2)
     return FeatureNoise(
-        lines.covariances, numbers, lines.parent_jacobians, station, lines.photos, lines.photo_jacobians
+        lines.covariances, numbers, lines.parent_jacobians, station, photos, by_mounts, lines.private_covariances
     )
 
 

@@ -28,9 +28,11 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class FeatureNoise:
-    """How the errors of n features come about: private ones, or errors of planes they share with others (MATH 3.3)."""
+    """How the errors of n features come about: private ones, and errors of planes and photos shared with others
+    (MATH 3.3).
+    """
 
-    private: Array
+    total: Array
     """(n, k, k) covariance of each feature's error parameters, all causes together."""
     plane_numbers: Array
     """(n, j) numbers of the planes the feature depends on; -1 in all columns of a feature without planes."""
@@ -39,9 +41,12 @@ class FeatureNoise:
     station: int = -1
     """Station whose planes and photos are meant; -1 for features that share nothing."""
     photo_numbers: Array | None = None
-    """(n,) numbers of the photos in which the features were seen, -1 for the others; None for none at all."""
+    """(n, i) numbers of the photos on which the features depend, -1 where there is none; None for none at all."""
     photo_jacobians: Array | None = None
-    """(n, k, 6) error parameters from the error of a photo's mount (rotation vector, translation)."""
+    """(n, k, 6 i) error parameters from the errors of these photos' mounts (rotation vector, translation)."""
+    private: Array | None = None
+    """(n, k, k) what neither planes nor mounts explain of `total`. None: nothing where a feature has planes, elsewhere
+    all but the mounts' part."""
 
     @staticmethod
     def independent(covariances: Array) -> "FeatureNoise":
