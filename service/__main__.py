@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from service.client import RefusedError, UnreachableError
-from service.errors import ServiceError
+from service.errors import InvalidRequestError, ServiceError, to_problem
 from service.settings import Settings
 
 REGISTERED, NOT_REGISTERED, BAD_INPUT, SERVICE_FAULT = 0, 1, 2, 3
@@ -71,6 +71,14 @@ def register(
     scans: Annotated[
         list[Path], typer.Argument(help="Scan files (E57, PTX, PLY, PCD, LAS/LAZ, text).", exists=True, dir_okay=False)
     ],
+    photos: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON file that names the photos of each station with their cameras and poses (see README).",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
     url: Annotated[
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
     ] = None,
@@ -80,7 +88,7 @@ def register(
     from service.register_command import register_files
 
     console = Console()
-    _finish(lambda: register_files(scans, url, output, console))
+    _finish(lambda: register_files(scans, photos, url, output, console))
 
 
 @app.command(epilog=EXIT_CODES)
@@ -102,6 +110,8 @@ def _finish(work: Callable[[], bool]) -> None:
     except RefusedError as error:
         message = "\n".join([str(error), *getattr(error, "__notes__", [])])
         _fail(message, BAD_INPUT if error.status < 500 else SERVICE_FAULT)
+    except InvalidRequestError as error:
+        _fail(str(RefusedError(to_problem(error))), BAD_INPUT)
     except UnreachableError as error:
         _fail(str(error), SERVICE_FAULT)
     raise typer.Exit(code)

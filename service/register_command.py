@@ -15,23 +15,44 @@ from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.result_tables import print_result
 from service.settings import Settings
+from service.use_cases.read_photo_list import PhotoList, read_photo_list
+from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
 
 Document = dict[str, Any]
 
 
-def register_files(paths: Sequence[Path], url: str | None, output: Path | None, console: Console) -> bool:
+def register_files(
+    paths: Sequence[Path], photos: Path | None, url: str | None, output: Path | None, console: Console
+) -> bool:
     """Upload, register, print the parameters; tell whether all stations were registered.
+
+    Parameters
+    ----------
+    paths
+        Scan files.
+    photos
+        JSON file with inputs of `register` whose stations name photos; None for scans alone.
+    url
+        Address of a running service.
+    output
+        Where to write the result document.
+    console
+        Where to print.
 
     Raises
     ------
+    InvalidRequestError
+        The photos cannot be assigned to stations.
     RefusedError
         A file or the whole job was refused.
     UnreachableError
         No service answers.
     """
+    listed = PhotoList({}, []) if photos is None else read_photo_list(photos, paths)
     with chosen_service(url, console) as address, ServiceClient(address) as client:
-        files = upload_files(client, paths, console)
-        result = run_job(client, "register", {"stations": stations_of(files)}, console)
+        files = upload_files(client, [*paths, *listed.paths], console)
+        stations = stations_with_photos(listed, files[: len(paths)], files[len(paths) :])
+        result = run_job(client, "register", {**listed.inputs, "stations": stations}, console)
     if output is not None:
         output.write_text(json.dumps(result, indent=1), encoding="utf-8")
     print_result(console, result)
@@ -83,6 +104,23 @@ def run_job(client: ServiceClient, process_id: str, inputs: Document, console: C
     except KeyboardInterrupt:
         client.dismiss(job_id)
         raise
+
+
+def stations_with_photos(listed: PhotoList, scans: Sequence[Document], photos: Sequence[Document]) -> list[Document]:
+    """Make stations of uploaded scans, named after their files, with the photos that the list or the files have.
+
+    Raises
+    ------
+    InvalidRequestError
+        The list names a scan that is not there, or several of one name.
+    """
+    identifiers = {path: photo["id"] for path, photo in zip(listed.paths, photos, strict=True)}
+    names = [station["name"] for station in stations_of(scans)]
+    return stations_of_uploads(listed.stations(identifiers), _uploaded(scans), _uploaded(photos), names)
+
+
+def _uploaded(files: Sequence[Document]) -> list[UploadedFile]:
+    return [UploadedFile(file["id"], file["name"], file["scans"], file["photos"]) for file in files]
 
 
 def stations_of(files: Sequence[Document]) -> list[Document]:

@@ -48,6 +48,11 @@ def _agreement(pair: Document) -> Iterator[str]:
         yield (
             f"{used} lines agree within {1e3 * accuracy['max_offset_m']:.2f} mm and {accuracy['max_angle_gon']:.4f} gon"
         )
+    if photos := pair.get("photo_lines"):
+        yield (
+            f"lines of photos: {photos['target_found']} in {pair['target']}, {photos['source_found']} in "
+            f"{pair['source']}; {photos['matched']} matched, {photos['used']} used, {photos['removed']} removed"
+        )
     removed = [outlier for outlier in pair.get("outliers", []) if outlier["change"] == "removed"]
     for outlier in removed[:MOST_REMOVED]:
         yield f"removed {outlier['line']}: {outlier['why']}"
