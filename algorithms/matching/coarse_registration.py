@@ -9,7 +9,9 @@ from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
 from algorithms.matching.degeneracy import require_determining_geometry
+from algorithms.matching.feature_fit import feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
+from algorithms.matching.line_evidence import LineEvidence, LineWitness, refutes
 from algorithms.matching.line_pairs import line_pair_motions
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import plane_motions
@@ -22,6 +24,10 @@ MOST_ROTATIONS = 200
 SUPPORT_ANGLE_RAD = 0.035
 """Lines and planes support a pose within 2 degrees and `SUPPORT_DISTANCE_M`."""
 SUPPORT_DISTANCE_M = 0.15
+LEAST_RIVAL_RATIO = 0.25
+"""Poses that score below this share of the best matter to no verdict."""
+LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 1e-3, 1e-2
+"""Significance with which lines refute a pose that fits the surfaces as well, or that fits them worse anyhow."""
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose."""
 
@@ -43,7 +49,8 @@ class CoarseRegistration:
     overlap: float
     """Larger of both scans' shares that fit, 0..1."""
     runner_up: RigidTransform | None
-    """The best clearly different pose (more than 5 gon or 0.3 m away); None if there is none."""
+    """The best clearly different pose (more than 5 gon or 0.3 m away) that the lines do not refute; None if there is
+    none."""
     runner_up_score: float
     """Its score; 0 if there is none."""
     runner_up_support: int
@@ -56,6 +63,8 @@ class CoarseRegistration:
     """Whether the runner-up is nearly as good."""
     reasons: tuple[str, ...]
     """What makes the answer doubtful, in words with figures; empty when nothing does."""
+    remarks: tuple[str, ...] = ()
+    """What the reader should know although it makes nothing doubtful."""
 
 
 def match_features(
@@ -120,20 +129,25 @@ def match_features(
 def _described(
     target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses, options: MatchingOptions, *, free_space_known: bool
 ) -> CoarseRegistration:
-    """Count the supporting features and compare the best pose with the runner-up."""
-    pose, scores = ranked.poses[0], ranked.scores
-    second = len(ranked.poses) > 1
-    runner_up_score = float(scores.score[1]) if second else 0.0
-    best = float(scores.score[0])
-    ambiguous = second and runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
-    reasons = []
-    if ambiguous:
-        turn = np.degrees((ranked.poses[1].rotation * pose.rotation.inv()).magnitude()) / 0.9
-        centre = source.surface.points.mean(axis=0)
-        shift = float(np.linalg.norm(ranked.poses[1].apply(centre) - pose.apply(centre)))
+    """Count the supporting features and compare the best pose with the best other one that the lines do not refute."""
+    first, rivals, refuted = _weighed(target, source, ranked, options)
+    pose, scores = ranked.poses[first], ranked.scores
+    best = float(scores.score[first])
+    second = rivals[0] if rivals else None
+    runner_up_score = 0.0 if second is None else float(scores.score[second])
+    ambiguous = runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
+    reasons, remarks = [], []
+    if ambiguous and second is not None:
         reasons.append(
-            f"another pose, turned by {turn:.1f} gon and shifted by {shift:.2f} m, scores {runner_up_score:.2f} "
+            f"another pose, {_apart(source, pose, ranked.poses[second])}, scores {runner_up_score:.2f} "
             f"against {best:.2f}"
+        )
+    if refuted:
+        rival, evidence, other = refuted[0]
+        remarks.append(
+            f"another pose, {_apart(source, pose, ranked.poses[rival])}, fits the surfaces nearly as well (score "
+            f"{scores.score[rival]:.2f} against {best:.2f}) but not the lines: of those that tell the two apart "
+            f"{other.found} of {other.expected} are found again there, here {evidence.found} of {evidence.expected}"
         )
     if not free_space_known:
         reasons.append("the position of an instrument is unknown, so free space was not tested on that side")
@@ -141,17 +155,64 @@ def _described(
         target_from_source=pose,
         support=_supporters(target, source, pose),
         score=best,
-        support_share=float(scores.support[0]),
-        violation_share=float(scores.violation[0]),
-        overlap=float(scores.overlap[0]),
-        runner_up=ranked.poses[1] if second else None,
+        support_share=float(scores.support[first]),
+        violation_share=float(scores.violation[first]),
+        overlap=float(scores.overlap[first]),
+        runner_up=None if second is None else ranked.poses[second],
         runner_up_score=runner_up_score,
-        runner_up_support=_supporters(target, source, ranked.poses[1]) if second else 0,
+        runner_up_support=0 if second is None else _supporters(target, source, ranked.poses[second]),
         hypotheses_tested=ranked.tested,
         free_space_known=free_space_known,
         ambiguous=bool(ambiguous),
         reasons=tuple(reasons),
+        remarks=tuple(remarks),
     )
+
+
+def _weighed(
+    target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses, options: MatchingOptions
+) -> tuple[int, list[int], list[tuple[int, LineEvidence, LineEvidence]]]:
+    """Let the lines decide between poses that fit the surfaces alike.
+
+    Returns
+    -------
+    first
+        Number of the best pose: that of the best score, unless the lines refute it in favour of one nearly as good.
+    rivals
+        The others that the lines do not refute, the best first.
+    refuted
+        Those they refute although the surfaces do not: number, evidence of the best pose, evidence there.
+    """
+    scores = ranked.scores.score
+    close = [k for k in range(1, len(scores)) if scores[k] > LEAST_RIVAL_RATIO * scores[0]]
+    others = [k for k in range(1, len(scores)) if k not in close]
+    if not close:
+        return 0, others, []
+    witness = LineWitness(target, source)
+    fitted = {k: feature_pose_near(target, source, ranked.poses[k]) for k in (0, *close)}
+    first = 0
+    for k in close:
+        if scores[k] >= options.ambiguity_ratio * scores[0]:
+            here, there = witness.compare(fitted[first], fitted[k])
+            if refutes(there, here, alpha=LINES_ALONE_ALPHA):
+                first = k
+    rivals, refuted = [], []
+    for k in (0, *close):
+        if k != first:
+            here, there = witness.compare(fitted[first], fitted[k])
+            alone = scores[k] >= options.ambiguity_ratio * scores[first]
+            if refutes(here, there, alpha=LINES_ALONE_ALPHA if alone else LINES_TOO_ALPHA):
+                refuted.append((k, here, there))
+            else:
+                rivals.append(k)
+    return first, [*rivals, *others], refuted
+
+
+def _apart(source: ScanFeatures, pose: RigidTransform, other: RigidTransform) -> str:
+    """Say in words how far another pose is from the first."""
+    turn = np.degrees((other.rotation * pose.rotation.inv()).magnitude()) / 0.9
+    centre = source.surface.points.mean(axis=0)
+    return f"turned by {turn:.1f} gon and shifted by {np.linalg.norm(other.apply(centre) - pose.apply(centre)):.2f} m"
 
 
 def _supporters(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> int:

@@ -1,9 +1,11 @@
 """Which line is which line, and which plane is which, once the pose is roughly known."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, IndexPairs, Scalars
+from algorithms.arrays import Array, Flags, IndexPairs, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
 from algorithms.matching.line_pairs import DescribedLines, described_lines
@@ -17,6 +19,24 @@ MAX_RADIUS_DIFFERENCE = 0.1
 """Radii of one pipe agree within this share of the larger, or within a centimetre."""
 LEAST_COMMON_SHARE = 0.5
 """So much of the smaller piece must lie on the larger one: walls are not flat enough to compare different pieces."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearLines:
+    """k pairs of alike lines that lie on each other."""
+
+    pairs: IndexPairs
+    """(k, 2) numbers (target line, source line); a line may occur several times."""
+    angles_rad: Scalars
+    """(k,) angles between them [rad]."""
+    distances_m: Scalars
+    """(k,) distances in the middle of the common piece or of the gap [m]."""
+    overlaps_m: Scalars
+    """(k,) lengths of the common pieces, negative for a gap [m]."""
+
+    def __getitem__(self, which: Flags) -> "NearLines":
+        """Select pairs by a mask."""
+        return NearLines(self.pairs[which], self.angles_rad[which], self.distances_m[which], self.overlaps_m[which])
 
 
 def corresponding_lines(
@@ -46,12 +66,43 @@ def corresponding_lines(
     -------
     (k, 2) numbers (target line, source line), one-to-one, by rising target number.
     """
-    ours, theirs = described_lines(target), described_lines(source)
-    if len(ours.lines) == 0 or len(theirs.lines) == 0:
-        return np.empty((0, 2), dtype=np.int64)
+    near = lines_near(
+        described_lines(target),
+        described_lines(source),
+        target_from_source,
+        max_angle_rad=max_angle_rad,
+        max_distance_m=max_distance_m,
+    )
+    near = near[near.overlaps_m >= -MAX_GAP_M]
+    cost = np.full((len(target.lines), len(source.lines)), np.inf)
+    cost[near.pairs[:, 0], near.pairs[:, 1]] = (near.distances_m / max_distance_m) ** 2 + (
+        near.angles_rad / max_angle_rad
+    ) ** 2
+    return mutual_best(cost)
+
+
+def lines_near(
+    ours: DescribedLines,
+    theirs: DescribedLines,
+    target_from_source: RigidTransform,
+    *,
+    max_angle_rad: float,
+    max_distance_m: float,
+) -> NearLines:
+    """Find all pairs of lines that look alike and lie on each other in a pose; O(n m).
+
+    Parameters
+    ----------
+    ours, theirs
+        Lines of the target and of the source scan.
+    target_from_source
+        Pose [m].
+    max_angle_rad, max_distance_m
+        Largest angle, and largest distance in the middle of the common piece or of the gap.
+    """
     rotation = target_from_source.rotation.as_matrix()
     directions = theirs.lines.directions @ rotation.T
-    anchors = target_from_source.apply(theirs.lines.anchors)
+    anchors = target_from_source.apply(theirs.lines.anchors) if len(theirs.lines) else theirs.lines.anchors
     cosines = ours.lines.directions @ directions.T
     angles = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0))
     i, j = np.nonzero((angles <= max_angle_rad) & _alike(ours, theirs, rotation))
@@ -64,11 +115,9 @@ def corresponding_lines(
     offset = middle - anchors[j]
     across = offset - np.einsum("ij,ij->i", offset, directions[j])[:, None] * directions[j]
     distances = np.linalg.norm(across, axis=1)
-    usable = (distances <= max_distance_m) & (low - high <= MAX_GAP_M)
-    i, j, distances = i[usable], j[usable], distances[usable]
-    cost = np.full(angles.shape, np.inf)
-    cost[i, j] = (distances / max_distance_m) ** 2 + (angles[i, j] / max_angle_rad) ** 2
-    return mutual_best(cost)
+    near = distances <= max_distance_m
+    i, j = i[near], j[near]
+    return NearLines(np.column_stack([i, j]), angles[i, j], distances[near], (high - low)[near])
 
 
 def corresponding_planes(

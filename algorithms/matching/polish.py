@@ -1,10 +1,16 @@
 """Improve a pose by laying surface on surface (point to plane), so that correspondences can be found near it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Scalars
+from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
+
+LEAST_GAPS = 30
+LEAST_INFORMATION = 1e-3
+"""Freedoms on which the surfaces say less than this share of what they say on the best known one count as open."""
 
 
 def polished(
@@ -48,32 +54,84 @@ def polished(
     return pose
 
 
+@dataclass(frozen=True, eq=False)
+class SurfaceGaps:
+    """n distances between corresponding surface of two scans in a pose, in the target frame."""
+
+    positions: Points
+    """(n, 3) points of the source, or where the source touches a point of the target [m]."""
+    normals: Points
+    """(n, 3) unit directions in which the distances are measured."""
+    gaps_m: Scalars
+    """(n,) how far the source should move along them [m]."""
+    weights: Scalars
+    """(n,) weights that give every direction of normals the same say."""
+
+    def design(self, centre_m: Vector3) -> Array:
+        """Give the derivatives (n, 6) of the distances by rotation about a centre, and translation."""
+        return np.hstack([np.cross(self.positions - centre_m, self.normals), self.normals])
+
+
+def surface_gaps(
+    pose: RigidTransform, target: SurfaceIndex, source: SurfaceIndex, limits: EvidenceLimits, points: int
+) -> SurfaceGaps:
+    """Measure between corresponding surface, from each scan's points to the other's planes.
+
+    Parameters
+    ----------
+    pose
+        Target from source.
+    target, source
+        The two scans.
+    limits
+        What corresponds.
+    points
+        How many surface points of each scan to use.
+    """
+    match, here = corresponding(pose, source, target, limits, points)
+    back, there = corresponding(pose.inv(), target, source, limits, points)
+    moved = pose.apply(source.points[match])
+    other = pose.apply(source.points[there])
+    normals = np.vstack([target.normals[here], pose.rotation.apply(source.normals[there])])
+    return SurfaceGaps(
+        positions=np.vstack([moved, target.points[back]]),
+        normals=normals,
+        gaps_m=np.concatenate(
+            [
+                np.einsum("ij,ij->i", target.normals[here], target.points[here] - moved),
+                np.einsum("ij,ij->i", normals[len(here) :], target.points[back] - other),
+            ]
+        ),
+        weights=np.concatenate([source.weights[match], target.weights[back]]),
+    )
+
+
 def _step(
     pose: RigidTransform, target: SurfaceIndex, source: SurfaceIndex, limits: EvidenceLimits, points: int
 ) -> RigidTransform | None:
     """Solve one weighted point-to-plane step in the target frame with both scans' planes; None if too little fits."""
-    inverse = pose.inv()
-    match, here = corresponding(pose, source, target, limits, points)
-    back, there = corresponding(inverse, target, source, limits, points)
-    moved = pose.apply(source.points[match])
-    other = pose.apply(source.points[there])
-    positions = np.vstack([moved, target.points[back]])
-    normals = np.vstack([target.normals[here], pose.rotation.apply(source.normals[there])])
-    gaps = np.concatenate(
-        [
-            np.einsum("ij,ij->i", target.normals[here], target.points[here] - moved),
-            np.einsum("ij,ij->i", normals[len(here) :], other - target.points[back]) * -1.0,
-        ]
-    )
-    if len(gaps) < 30:
+    found = surface_gaps(pose, target, source, limits, points)
+    if len(found.gaps_m) < LEAST_GAPS:
         return None
-    weights = np.concatenate([source.weights[match], target.weights[back]])
-    weights = weights / (1.0 + (gaps / (0.3 * limits.max_distance_m)) ** 2)
-    centre = np.average(positions, axis=0, weights=weights)
-    size = max(float(np.sqrt(np.average(np.sum((positions - centre) ** 2, axis=1), weights=weights))), 1e-3)
-    design = np.hstack([np.cross(positions - centre, normals) / size, normals])
-    solution = _solve(design, gaps, weights)
-    rotation = Rotation.from_rotvec(solution[:3] / size)
+    return point_to_plane_step(found, 0.3 * limits.max_distance_m)
+
+
+def point_to_plane_step(found: SurfaceGaps, doubtful_m: float) -> RigidTransform:
+    """Solve for the small motion that closes gaps; what nothing fixes stays where it is.
+
+    Parameters
+    ----------
+    found
+        The gaps.
+    doubtful_m
+        A gap of this size counts half [m].
+    """
+    weights = found.weights / (1.0 + (found.gaps_m / doubtful_m) ** 2)
+    centre = np.average(found.positions, axis=0, weights=weights)
+    size = np.sqrt(np.average(np.sum((found.positions - centre) ** 2, axis=1), weights=weights))
+    scale = np.repeat([max(float(size), 1e-3), 1.0], 3)
+    solution = _solve(found.design(centre) / scale, found.gaps_m, weights) / scale
+    rotation = Rotation.from_rotvec(solution[:3])
     return RigidTransform.from_components(solution[3:] + centre - rotation.apply(centre), rotation)
 
 
@@ -81,7 +139,7 @@ def _solve(design: Array, right_side: Scalars, weights: Scalars) -> Array:
     """Solve the normal equations; freedoms that the surfaces do not fix stay where they are."""
     matrix = (design * weights[:, None]).T @ design
     values, vectors = np.linalg.eigh(matrix)
-    usable = values > 1e-3 * values[-1]
+    usable = values > LEAST_INFORMATION * values[-1]
     projected = vectors.T @ ((design * weights[:, None]).T @ right_side)
     return np.asarray(vectors[:, usable] @ (projected[usable] / values[usable]))
 

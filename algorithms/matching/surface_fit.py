@@ -1,10 +1,12 @@
-"""The pose that surfaces alone would choose near another one, without what lies apart."""
+"""The pose that surfaces alone would choose near another one, without what lies apart, and how well they know it."""
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.arrays import Matrix6
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.matching.polish import polished
+from algorithms.geometry.rotations import cross_matrix
+from algorithms.matching.polish import LEAST_GAPS, LEAST_INFORMATION, polished, surface_gaps
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses
 from algorithms.scans.surface_index import EvidenceLimits, surface_index
 
@@ -15,6 +17,11 @@ WIDEST_GATE_M = 0.05
 """With noise that asks for a wider gate nothing is gained over the search, and its pose stands."""
 AS_GOOD = 0.99
 """Share of the other pose's fitting surface with which a pose fits as well."""
+
+NEIGHBOURHOOD_M = 0.5
+"""Surface points within a cube of this edge share their errors."""
+OPEN_STD_M = 10.0
+"""Standard deviation of what the surfaces do not fix."""
 
 
 def surface_pose_near(
@@ -48,3 +55,48 @@ def surface_pose_near(
     if scores.support[0] < AS_GOOD * scores.support[1]:
         return rival
     return polished(pose, indices[0], indices[1], distances_m=(gate, 0.6 * gate), points=FINAL_POINTS)
+
+
+def surface_pose_covariance(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> Matrix6:
+    """Estimate how well the surfaces fix the pose in which they fit best, from their own misfits.
+
+    Along a flat facade only the reveals of its windows say where it is, and their thinned points are all wrong to the
+    same side: the misfits of one neighbourhood count as one (cluster-robust covariance N⁻¹ (Σ u uᵀ) N⁻¹ with
+    u = Σ p a g over the neighbourhood). What the surfaces leave open gets a variance of `OPEN_STD_M`².
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans; their thinned surfaces are used.
+    pose
+        Pose in which the surfaces fit best, target from source, between the reduced frames.
+
+    Returns
+    -------
+    (6, 6) covariance of rotation vector (left, target axes) and translation [rad, m], as of `PoseEstimate`.
+    """
+    indices = [
+        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
+    ]
+    gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), WIDEST_GATE_M)
+    limits = EvidenceLimits(gate, np.radians(20.0), 2.5 * max(index.spacing_m for index in indices))
+    found = surface_gaps(pose, indices[0], indices[1], limits, FINAL_POINTS)
+    if len(found.gaps_m) < LEAST_GAPS:
+        return np.eye(6) * OPEN_STD_M**2
+    centre = np.average(found.positions, axis=0, weights=found.weights)
+    size = max(float(np.linalg.norm(found.positions - centre, axis=1).mean()), 1e-3)
+    scale = np.repeat([size, 1.0], 3)
+    weighted = found.design(centre) / scale * found.weights[:, None]
+    values, vectors = np.linalg.eigh(weighted.T @ (found.design(centre) / scale))
+    cells = np.unique(np.floor(found.positions / NEIGHBOURHOOD_M).astype(np.int64), axis=0, return_inverse=True)[1]
+    sums = np.zeros((int(cells.max()) + 1, 6))
+    np.add.at(sums, cells.ravel(), weighted * found.gaps_m[:, None])
+    known = values > LEAST_INFORMATION * values[-1]
+    parts = (sums @ vectors)[:, known] / values[known]
+    scaled = vectors[:, known] @ (parts.T @ parts) @ vectors[:, known].T
+    scaled += vectors[:, ~known] @ vectors[:, ~known].T * OPEN_STD_M**2
+    at_centre = scaled / np.outer(scale, scale)
+    # where the centre goes to is w x (centre - t) + dt
+    to_translation = np.eye(6)
+    to_translation[3:, :3] = cross_matrix(centre - np.asarray(pose.translation))
+    return np.asarray(to_translation @ at_centre @ to_translation.T)

@@ -8,10 +8,12 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
+from algorithms.arrays import Array, Points
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
 from algorithms.matching.options import MatchingOptions
-from algorithms.matching.surface_fit import surface_pose_near
+from algorithms.matching.surface_fit import surface_pose_covariance, surface_pose_near
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
 
@@ -68,7 +70,7 @@ def status_of_pair(
     Status, and the reasons in words with figures.
     """
     adjustment = fine.adjustment
-    reasons = [*verdict.reasons, *_remarks(adjustment)]
+    reasons = [*verdict.reasons, *coarse.remarks, *_remarks(adjustment)]
     if verdict.status is AcceptanceStatus.REJECTED:
         return PairStatus.REJECTED, tuple(reasons)
     if adjustment.rank < 6:
@@ -112,8 +114,8 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
 def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
     """Compare with the pose in which all surfaces fit best: it rests on other data than the planes that were matched.
 
-    Compared is where the matched features come to lie; the surfaces' pose is known by itself to about the noise of
-    single points.
+    Compared is where the matched features come to lie. The surfaces' pose is known by itself to about the noise of
+    single points, and worse along what only few of them tell.
     """
     pose = fine.adjustment.pose_a_posteriori
     found = _misfit(problem, fine, coarse.target_from_source)
@@ -147,13 +149,19 @@ def _misfit(
     )
     points = np.vstack([target.lines.anchors[lines], target.planes.centroids[planes]])
     shifts = surface_pose.apply(pose.target_from_source.inv().apply(points)) - points
-    stds = np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
+    surfaces = PoseEstimate(surface_pose, surface_pose_covariance(target, problem.source, surface_pose))
+    stds = np.hypot(*(_position_stds(estimate, points) for estimate in (pose, surfaces)))
     allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
     excess = (np.abs(shifts) - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
     worst = int(np.argmax(excess))
     if excess[worst] <= 0.0:
         return None
     return float(np.linalg.norm(shifts[worst])), float(np.linalg.norm(stds[worst]))
+
+
+def _position_stds(pose: PoseEstimate, points: Points) -> Array:
+    """Give the standard deviations of where points come to lie, (n, 3) [m]; inf where undetermined."""
+    return np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
 
 
 def _remarks(adjustment: LineAdjustment) -> list[str]:
