@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Flags, IndexPairs, Indices, Scalars
 from algorithms.photos.line_fit import EdgeLines
+from algorithms.photos.line_merging_kernels import near_lines
 
 SAMPLE_PX = 10.0
 """Neighbours are looked for around points of the lines this far apart [px]."""
@@ -43,12 +43,11 @@ def neighbouring_pairs(lines: EdgeLines, distance_px: float) -> IndexPairs:
     rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = lines.extents[owners, 0] + rank * (lines.lengths / (counts - 1))[owners]
     points = lines.centres[owners] + along[:, None] * lines.directions[owners]
-    near = owners[cKDTree(points).query_pairs(max(distance_px, 0.6 * SAMPLE_PX), output_type="ndarray")]
-    near = near[near[:, 0] != near[:, 1]]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    near = near_lines(points, starts, max(distance_px, 0.6 * SAMPLE_PX))
     cosine = np.abs(np.sum(lines.directions[near[:, 0]] * lines.directions[near[:, 1]], axis=1))
     near = near[cosine > np.cos(LARGEST_DOUBLE_ANGLE_RAD)]
-    keys = np.unique(near.min(axis=1) * len(lines) + near.max(axis=1))
-    return np.column_stack([keys // len(lines), keys % len(lines)])
+    return np.asarray(near[np.lexsort((near[:, 1], near[:, 0]))])
 
 
 def _moments(lines: EdgeLines, chosen: Indices, origin: Array) -> tuple[Scalars, Array, Array]:
