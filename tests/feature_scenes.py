@@ -2,9 +2,26 @@
 
 import numpy as np
 
+from algorithms.geometry.cylinders import Cylinders
+from algorithms.geometry.lines import Lines
+from algorithms.geometry.planes import Planes
 from algorithms.scans.scan import Scan
 
 SENSOR = np.array([0.3, -0.2, 0.1])
+NO_PLANES = Planes(
+    normals=np.empty((0, 3)),
+    centroids=np.empty((0, 3)),
+    bases=np.empty((0, 3, 2)),
+    covariances=np.empty((0, 3, 3)),
+    noise_std_m=np.empty(0),
+    point_counts=np.empty(0, dtype=np.int64),
+    areas_m2=np.empty(0),
+    boundary=np.empty((0, 2)),
+    boundary_splits=np.zeros(1, dtype=np.int64),
+)
+NO_CYLINDERS = Cylinders(
+    Lines.empty(), np.empty(0), np.empty(0), np.empty(0, bool), np.empty(0), np.empty(0), np.empty(0, np.int64)
+)
 
 
 def rectangle(rng, corner, side_a, side_b, count, noise_m=0.0):

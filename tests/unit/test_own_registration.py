@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feature_scenes import NO_PLANES
 from line_scenes import LineScene, ObservedPair, axis_lines, generic_lines, observed_pair, pose_error
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -15,7 +16,6 @@ from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.line_pairs_geometry import LinePairs, line_pairs_of
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
-from algorithms.geometry.planes import Planes
 from algorithms.registration.base import RegistrationProblem
 from algorithms.registration.compat_matching import (
     CASES,
@@ -32,17 +32,6 @@ from algorithms.registration.lines_compat import PairVotingOptions
 from algorithms.registration.own_procedures import estimated
 
 OPTIONS = PairVotingOptions()
-NO_PLANES = Planes(
-    normals=np.empty((0, 3)),
-    centroids=np.empty((0, 3)),
-    bases=np.empty((0, 3, 2)),
-    covariances=np.empty((0, 3, 3)),
-    noise_std_m=np.empty(0),
-    point_counts=np.empty(0, dtype=np.int64),
-    areas_m2=np.empty(0),
-    boundary=np.empty((0, 2)),
-    boundary_splits=np.zeros(1, dtype=np.int64),
-)
 
 
 def features(lines: Lines, origin_m: np.ndarray | None = None) -> ScanFeatures:
