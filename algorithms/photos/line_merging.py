@@ -43,8 +43,7 @@ def neighbouring_pairs(lines: EdgeLines, distance_px: float) -> IndexPairs:
     rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = lines.extents[owners, 0] + rank * (lines.lengths / (counts - 1))[owners]
     points = lines.centres[owners] + along[:, None] * lines.directions[owners]
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    near = near_lines(points, starts, max(distance_px, 0.6 * SAMPLE_PX))
+    near = near_lines(points, owners, max(distance_px, 0.6 * SAMPLE_PX))
     cosine = np.abs(np.sum(lines.directions[near[:, 0]] * lines.directions[near[:, 1]], axis=1))
     near = near[cosine > np.cos(LARGEST_DOUBLE_ANGLE_RAD)]
     return np.asarray(near[np.lexsort((near[:, 1], near[:, 0]))])
