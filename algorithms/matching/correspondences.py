@@ -204,17 +204,26 @@ def _common_pieces(
         (n,) smaller side of the common box, 0 where there is none [m].
     """
     shares, depths = np.zeros(len(pairs)), np.zeros(len(pairs))
-    corners: dict[int, Array] = {}
-    for k, (i, j) in enumerate(pairs):
-        if int(j) not in corners:
-            local = theirs.boundary_of(int(j))
-            corners[int(j)] = target_from_source.apply(theirs.centroids[j] + local @ theirs.bases[j].T)
-        own = ours.boundary_of(int(i))
-        other = (corners[int(j)] - ours.centroids[i]) @ ours.bases[i]
-        if len(own) == 0 or len(other) == 0:
-            continue
-        common = np.minimum(own.max(axis=0), other.max(axis=0)) - np.maximum(own.min(axis=0), other.min(axis=0))
-        smaller = min(np.prod(np.ptp(own, axis=0)), np.prod(np.ptp(other, axis=0)))
-        depths[k] = max(common.min(), 0.0)
-        shares[k] = np.prod(np.maximum(common, 0.0)) / max(smaller, 1e-12)
+    own_counts, counts = np.diff(ours.boundary_splits), np.diff(theirs.boundary_splits)
+    usable = np.flatnonzero((own_counts[pairs[:, 0]] > 0) & (counts[pairs[:, 1]] > 0))
+    if len(usable) == 0:
+        return shares, depths
+    i, j = pairs[usable].T
+    owners = np.repeat(np.arange(len(theirs)), counts)
+    corners = theirs.centroids[owners] + np.einsum("nij,nj->ni", theirs.bases[owners], theirs.boundary)
+    corners = target_from_source.apply(corners)
+    # the corners of each pair's source plane in the axes of its target plane
+    starts = np.cumsum(counts[j]) - counts[j]
+    pair = np.repeat(np.arange(len(j)), counts[j])
+    which = np.arange(len(pair)) - starts[pair] + theirs.boundary_splits[j][pair]
+    other = np.einsum("nij,ni->nj", ours.bases[i][pair], corners[which] - ours.centroids[i][pair])
+    boxes = np.minimum.reduceat(other, starts), np.maximum.reduceat(other, starts)
+    filled = np.flatnonzero(own_counts)
+    own_low, own_high = np.zeros((len(ours), 2)), np.zeros((len(ours), 2))
+    own_low[filled] = np.minimum.reduceat(ours.boundary, ours.boundary_splits[filled])
+    own_high[filled] = np.maximum.reduceat(ours.boundary, ours.boundary_splits[filled])
+    common = np.minimum(own_high[i], boxes[1]) - np.maximum(own_low[i], boxes[0])
+    smaller = np.minimum(np.prod(own_high[i] - own_low[i], axis=1), np.prod(boxes[1] - boxes[0], axis=1))
+    depths[usable] = np.maximum(common.min(axis=1), 0.0)
+    shares[usable] = np.prod(np.maximum(common, 0.0), axis=1) / np.maximum(smaller, 1e-12)
     return shares, depths
