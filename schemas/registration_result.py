@@ -37,6 +37,17 @@ class Overlap(Document):
     )
 
 
+class LineCount(Document):
+    """What became of the lines that one station has from one source."""
+
+    station: str
+    source: str = Field(description="plane-intersection, cylinder-axis or photo-edge (lines that only photos show)")
+    found: int
+    matched: int = Field(description="Of these, those with a partner in the other station.")
+    used: int = Field(description="Of the matched ones, those in the adjustment.")
+    removed: int = Field(description="Of the matched ones, those that the tests removed.")
+
+
 class UnusedPhotoLine(Document):
     """A line of a photo that does not carry the pose."""
 
@@ -77,6 +88,9 @@ class Pair(Document):
     plane_correspondences: list[PlaneCorrespondence]
     outliers: list[Outlier]
     accuracy: Accuracy | None
+    line_counts: list[LineCount] = Field(
+        default=[], description="What became of the lines of both stations, by where they come from."
+    )
     photo_lines: PhotoLineCounts | None = Field(default=None, description="Null: neither station has photos.")
     own_figures: OwnFigures | None = Field(
         default=None, description="Of methods with an estimator of their own: what they say of themselves."

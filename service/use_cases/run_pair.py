@@ -15,6 +15,7 @@ from service.use_cases.run_features import SEED
 def register_pair(context: StepContext, arguments: Json) -> Json:
     """Register one pair and store its document; give key, status and counts."""
     from algorithms.registration.base import RegistrationProblem
+    from service.use_cases.line_counts import line_counts
     from service.use_cases.pair_documents import pair_document, photo_line_counts
     from service.use_cases.timed_progress import TimedProgress
 
@@ -28,10 +29,10 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     document = pair_document(
         result, problem.target, target=target["name"], source=source["name"], timings_s=progress.finished()
     )
-    counts = photo_line_counts(
-        result.fine, problem.target, problem.source, target=target["name"], source=source["name"]
-    )
-    document = document.model_copy(update={"photo_lines": counts})
+    sides = (result.fine, problem.target, problem.source)
+    names = {"target": target["name"], "source": source["name"]}
+    counts = {"line_counts": line_counts(*sides, **names), "photo_lines": photo_line_counts(*sides, **names)}
+    document = document.model_copy(update=counts)
     key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
     context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
     return {"pair": key, "status": document.status}

@@ -13,6 +13,7 @@ from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.registration.base import FineRegistration
 from schemas.registration_result import PhotoLineCounts
+from service.use_cases.line_counts import line_counts
 from service.use_cases.pair_documents import photo_line_counts
 from tests.unit.test_feature_store import some_features
 from tests.unit.test_pair_documents import MIXED, POSE, STD, noisy
@@ -36,7 +37,7 @@ def with_photo(lines: Lines) -> ScanFeatures:
 
 
 @pytest.fixture(scope="module")
-def counts() -> PhotoLineCounts:
+def pair() -> tuple[FineRegistration, ScanFeatures, ScanFeatures]:
     rng = np.random.default_rng(1)
     lines = lines_from_arrays(
         rng.uniform(-3, 3, size=(N, 3)),
@@ -50,9 +51,33 @@ def counts() -> PhotoLineCounts:
     adjustment = adjust_lines(target, source, pairs, POSE)
     pose = PoseEstimate(POSE, np.eye(6))
     fine = FineRegistration(pairs, np.empty((0, 2), dtype=np.int64), adjustment, pose, np.zeros(3))
-    found = photo_line_counts(fine, with_photo(target), with_photo(source), target="A", source="B")
+    return fine, with_photo(target), with_photo(source)
+
+
+@pytest.fixture(scope="module")
+def counts(pair: tuple[FineRegistration, ScanFeatures, ScanFeatures]) -> PhotoLineCounts:
+    found = photo_line_counts(*pair, target="A", source="B")
     assert found is not None
     return found
+
+
+def test_lines_of_every_source_are_counted_at_both_stations(
+    pair: tuple[FineRegistration, ScanFeatures, ScanFeatures],
+) -> None:
+    found = line_counts(*pair, target="A", source="B")
+    rows = [(each.station, each.source, each.found, each.matched, each.used, each.removed) for each in found]
+    of_station = [
+        ("plane-intersection", 4, 4, 4, 0),
+        ("cylinder-axis", 0, 0, 0, 0),
+        ("photo-edge", N - 4, N - 5, N - 6, 1),
+    ]
+    assert rows == [(station, *row) for station in "AB" for row in of_station]
+
+
+def test_without_photos_only_lines_of_scans_are_counted() -> None:
+    found = line_counts(None, some_features(), some_features(), target="A", source="B")
+    assert [each.source for each in found] == ["plane-intersection", "cylinder-axis"] * 2
+    assert sum(each.matched + each.used + each.removed for each in found) == 0
 
 
 def test_lines_of_photos_are_counted_by_what_became_of_them(counts: PhotoLineCounts) -> None:
