@@ -183,9 +183,9 @@ def observed_rooms(
     seen = rooms if source_rooms is None else source_rooms
     piping = LineScene(np.empty((0, 3)), np.empty((0, 3))) if pipes is None else pipes
     target_numbers, source_numbers = rng.permutation(len(rooms.normals)), rng.permutation(len(seen.normals))
-    target, target_planes = _observed(rooms, piping, pose, target_numbers, noise_m, rng)
+    target, target_planes = seen_from(rooms, piping, pose, target_numbers, noise_m, rng)
     source_piping = piping if source_pipes is None else source_pipes
-    source, source_planes = _observed(seen, source_piping, RigidTransform.identity(), source_numbers, noise_m, rng)
+    source, source_planes = seen_from(seen, source_piping, RigidTransform.identity(), source_numbers, noise_m, rng)
     matched = np.flatnonzero(rooms.matched)
     plane_pairs = np.stack([target_numbers[matched], source_numbers[matched]], axis=1).astype(np.int64)
     pairs = np.repeat(np.arange(len(target), dtype=np.int64)[:, None], 2, axis=1)
@@ -194,7 +194,7 @@ def observed_rooms(
     )
 
 
-def _observed(
+def seen_from(
     rooms: PlaneRooms,
     pipes: LineScene,
     pose: RigidTransform,

@@ -170,7 +170,7 @@ class GrossErrorSearch:
         system, parts = self._solution.system, []
         weights = system.split(self._diagonal_weights)
         for own, weighted, scale in zip(self._block_covariances, system.split(self._weighted), weights, strict=True):
-            parts.append(_quadratic_forms(own, weighted, scale))
+            parts.append(quadratic_forms(own, weighted, scale))
         return np.concatenate(parts, axis=1)
 
     @cached_property
@@ -197,7 +197,7 @@ class GrossErrorSearch:
             by_unknowns = np.einsum("kim,mu->kiu", designs, self._by_unknowns)
             own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
             scales = np.diagonal(weights, axis1=1, axis2=2)
-            tested = _quadratic_forms(own, designs @ self._weighted, scales)
+            tested = quadratic_forms(own, designs @ self._weighted, scales)
             found += [
                 _PlaneHypothesis(
                     (station, k), np.flatnonzero(members[k]), designs[i], own[i], scales[i], tested[:, i : i + 1]
@@ -257,8 +257,9 @@ def log_probability(statistics: Scalars, degrees: Scalars) -> Scalars:
     return np.where(degrees > 0, logs, 0.0)
 
 
-def _quadratic_forms(covariances: Array, vectors: Array, weights: Array) -> Array:
-    """Give uᵀ N⁺ u and rank N of n hypotheses, (2, n); what is controlled less than 1e-5 of its weight is left out."""
+def quadratic_forms(covariances: Array, vectors: Array, weights: Array) -> Array:
+    """Give uᵀ N⁺ u and rank N of n hypotheses, (2, n); what is controlled less than 1e-5 of its weight is left out
+    (MATH 4.4)."""
     scale = 1.0 / np.sqrt(np.maximum(weights, np.finfo(np.float64).tiny))
     values, turned = np.linalg.eigh(covariances * scale[:, :, None] * scale[:, None, :])
     along = np.einsum("nij,ni->nj", turned, vectors * scale)

@@ -21,7 +21,7 @@ from algorithms.arrays import Array, Indices
 
 @dataclass(frozen=True, eq=False)
 class TrackPart:
-    """Those differences of tracks that relate the same two stations."""
+    """Those differences of tracks that relate the same two stations (MATH 6.4)."""
 
     differences: LineLine | PlanePlane
     """From the first member's station (target) to another's (source)."""

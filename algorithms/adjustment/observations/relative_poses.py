@@ -1,4 +1,4 @@
-"""Poses of stations relative to each other as observations: the edges of a pose graph (MATH 1.4)."""
+"""Poses of stations relative to each other as observations: the edges of a pose graph (MATH 1.4, 6.5)."""
 
 from dataclasses import dataclass, replace
 
@@ -82,7 +82,7 @@ class RelativePoses:
 def inverse_left_jacobians(turns: Points) -> Float64[Array, "n 3 3"]:
     """Give J⁻¹ with Log(Exp(w) Exp(v)) = v + J⁻¹(v) w for small w; the transpose is for a factor on the right.
 
-    J⁻¹(v) = I - S(v)/2 + (1/a² - (1 + cos a)/(2 a sin a)) S(v)², a = |v| (Sola et al. 2018, eq. 146).
+    J⁻¹(v) = I - S(v)/2 + (1/a² - (1 + cos a)/(2 a sin a)) S(v)², a = |v| (MATH 6.5; Sola et al. 2018, eq. 146).
 
     Parameters
     ----------

@@ -1,0 +1,208 @@
+"""Find wrong registrations by loops: going round, every loop must end where it began (MATH 6.5).
+
+A loop of registrations whose closing error is larger than their covariances allow holds a wrong one. Which one, the
+other loops tell: the explanation with the fewest wrong registrations is taken that breaks every failing loop, where a
+passing loop with exactly one wrong registration would be a coincidence and counts like one more. Where several
+explanations are equally good, nobody can say which is true: none of the registrations they blame is used.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from scipy import stats
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.links import StationLink
+from algorithms.network.wrong_links import Blame, wrong_links
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+FLOOR_NOISES = 2.0
+"""Loops allow each registration an error of so many noises of single points besides its covariance: uneven walls."""
+
+MOST_VARIANCE_FACTOR = 9.0
+"""Covariances are at most so far from the truth: loops that miss by more hold a wrong registration."""
+
+CLOSURE_DEGREES = 6.0
+
+ALPHA = 0.001
+"""Probability that a loop of good registrations fails, where their covariances are right."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed way along registrations, and how well it closes."""
+
+    links: tuple[int, ...]
+    """Numbers of the registrations."""
+    stations: tuple[int, ...]
+    """Stations in order; the first follows the last again."""
+    turn_rad: float
+    """Closing error: angle [rad]."""
+    shift_m: float
+    """Closing error: shift of the features of the first link [m]."""
+    statistic: float
+    """T of the closing error, variance factor included; chi-square with 6 degrees of freedom."""
+    passed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class LoopVerdict:
+    """Which registrations are consistent with each other."""
+
+    loops: tuple[Loop, ...]
+    variance_factor: float
+    """By which covariances were enlarged: what most loops say, at least 1."""
+    critical: float
+    """Limit of T."""
+    rejected: dict[int, str]
+    """Registrations that are not used, with the reason; names of stations by `names` of `examine_loops`."""
+    uncontrolled: tuple[int, ...]
+    """Used registrations that lie in no loop of used ones: nothing checks them."""
+
+
+def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVerdict:
+    """Test all triangles, and the shortest loop of every registration that is in none (MATH 6.5).
+
+    The errors of the registrations of a loop count as independent. They share scans; what is shared mostly cancels in a
+    closing error, so the test is on the cautious side of calling a loop wrong. O(links x neighbours).
+
+    Parameters
+    ----------
+    links
+        Registrations.
+    names
+        Of the stations, for the reasons.
+    """
+    critical = float(stats.chi2.isf(ALPHA, CLOSURE_DEGREES))
+    ways = short_loops(links)
+    closings = [_closing(links, way) for way in ways]
+    factor = _variance_factor(np.array([closing.statistic for closing in closings]))
+    loops = tuple(
+        Loop(
+            way.links,
+            way.stations,
+            closing.turn_rad,
+            closing.shift_m,
+            closing.statistic / factor,
+            closing.statistic / factor <= critical,
+        )
+        for way, closing in zip(ways, closings, strict=True)
+    )
+    failing = [loop.links for loop in loops if not loop.passed]
+    blamed = wrong_links(failing, [loop.links for loop in loops if loop.passed])
+    rejected = {number: _reason(number, blame, links, loops, names) for number, blame in blamed.items()}
+    kept = [number for number in range(len(links)) if number not in rejected]
+    return LoopVerdict(loops, factor, critical, rejected, bridges(links, kept))
+
+
+def bridges(links: Sequence[StationLink], kept: Sequence[int]) -> tuple[int, ...]:
+    """Give those of the kept registrations without which the network would fall apart: no loop holds them."""
+    import networkx as nx
+
+    graph: nx.Graph[int] = nx.Graph()
+    parallel: dict[tuple[int, int], list[int]] = {}
+    for number in kept:
+        ends = (min(links[number].stations), max(links[number].stations))
+        parallel.setdefault(ends, []).append(number)
+        graph.add_edge(*ends)
+    edges = cast("list[tuple[int, int]]", list(nx.bridges(graph)))
+    found = [parallel[min(edge), max(edge)] for edge in edges]
+    return tuple(sorted(numbers[0] for numbers in found if len(numbers) == 1))
+
+
+@dataclass(frozen=True)
+class Way:
+    """A closed way, not yet tested."""
+
+    links: tuple[int, ...]
+    stations: tuple[int, ...]
+
+
+def short_loops(links: Sequence[StationLink]) -> list[Way]:
+    """Give all triangles, and for each registration in none the shortest loop through it; none twice."""
+    import networkx as nx
+
+    graph: nx.Graph[int] = nx.Graph()
+    ways: dict[frozenset[int], Way] = {}
+    for number, link in enumerate(links):
+        if graph.has_edge(*link.stations):  # a second registration of the same two stations
+            first = int(graph.edges[link.stations]["number"])
+            ways[frozenset((first, number))] = Way((first, number), link.stations)
+        else:
+            graph.add_edge(*link.stations, number=number)
+    edges = [(int(u), int(v), int(graph.edges[u, v]["number"])) for u, v in graph.edges]
+    for u, v, _ in edges:
+        for w in sorted(set(graph[u]) & set(graph[v])):
+            _add(ways, graph, sorted((u, v, w)))
+    in_triangle = {number for way in ways.values() for number in way.links if len(way.links) > 2}
+    for u, v, number in edges:
+        if number in in_triangle:
+            continue
+        graph.remove_edge(u, v)
+        around = nx.shortest_path(graph, v, u) if nx.has_path(graph, v, u) else []
+        graph.add_edge(u, v, number=number)
+        if around:
+            _add(ways, graph, around)
+    return list(ways.values())
+
+
+def _add(ways: dict[frozenset[int], Way], graph: "nx.Graph[int]", stations: Sequence[int]) -> None:
+    """Add a closed way unless it is known."""
+    around = [*stations[1:], stations[0]]
+    numbers = tuple(int(graph.edges[u, v]["number"]) for u, v in zip(stations, around, strict=True))
+    ways.setdefault(frozenset(numbers), Way(numbers, tuple(stations)))
+
+
+@dataclass(frozen=True)
+class _Closing:
+    turn_rad: float
+    shift_m: float
+    statistic: float
+
+
+def _closing(links: Sequence[StationLink], way: Way) -> _Closing:
+    """Go round and compare with the identity; the shift is that of the first link's features."""
+    round_trip = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
+    for station, number in zip(way.stations, way.links, strict=True):
+        round_trip = round_trip.after(links[number].with_floor(FLOOR_NOISES).from_station(station))
+    first = links[way.links[0]]
+    place = first.centroid_m if first.target == way.stations[0] else first.from_station(
+        way.stations[0]
+    ).target_from_source.apply(first.centroid_m)  # fmt: skip
+    turn = round_trip.rotation.as_rotvec()
+    shift = round_trip.target_from_source.apply(place) - place
+    centred = round_trip.moved_to_origins(-place, -place)  # the same motion about the features: well conditioned
+    error = np.concatenate([turn, shift])
+    statistic = float(error @ np.linalg.solve(centred.covariance, error))
+    return _Closing(float(np.linalg.norm(turn)), float(np.linalg.norm(shift)), statistic)
+
+
+def _variance_factor(statistics: np.ndarray) -> float:
+    """Say by how much covariances are too small: the median T over its expectation, within 1 and the limit."""
+    if len(statistics) == 0:
+        return 1.0
+    median = float(np.median(statistics)) / float(stats.chi2.median(CLOSURE_DEGREES))
+    return float(np.clip(median, 1.0, MOST_VARIANCE_FACTOR))
+
+
+def _reason(
+    number: int, blame: Blame, links: Sequence[StationLink], loops: Sequence[Loop], names: Sequence[str]
+) -> str:
+    failing = [loop for loop in loops if number in loop.links and not loop.passed]
+    worst = max(failing, key=lambda loop: loop.statistic) if failing else None
+    told = ""
+    if worst is not None:
+        way = " – ".join(names[station] for station in (*worst.stations, worst.stations[0]))
+        told = (
+            f"the loop {way} does not close by {np.degrees(worst.turn_rad) / 0.9:.2f} gon and "
+            f"{worst.shift_m:.3f} m ({len(failing)} such loop{'s' if len(failing) > 1 else ''})"
+        )
+    if blame.alternatives:
+        others = ", ".join(f"{names[links[k].target]} – {names[links[k].source]}" for k in sorted(blame.alternatives))
+        return f"{told}; whether this registration is wrong or {others}, no other loop tells"
+    return told

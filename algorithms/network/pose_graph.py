@@ -1,0 +1,90 @@
+"""Start values for many stations: a tree of registrations, then all of them together (MATH 1.4, 6.5)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.observations.relative_poses import RelativePoses
+from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.solver import Solution, solve
+from algorithms.adjustment.unknowns import Unknowns
+from algorithms.network.links import StationLink
+
+MAX_ITERATIONS = 30
+
+
+def connected_stations(links: Sequence[StationLink], base: int) -> list[int]:
+    """Give the stations that registrations connect to a base, in ascending order, the base among them."""
+    known, fresh = {base}, [base]
+    neighbours: dict[int, set[int]] = {}
+    for link in links:
+        neighbours.setdefault(link.target, set()).add(link.source)
+        neighbours.setdefault(link.source, set()).add(link.target)
+    while fresh:
+        more = neighbours.get(fresh.pop(), set()) - known
+        known |= more
+        fresh += more
+    return sorted(known)
+
+
+def tree_poses(links: Sequence[StationLink], base: int) -> dict[int, RigidTransform]:
+    """Chain registrations along the tree with the smallest sum of position variances.
+
+    Parameters
+    ----------
+    links
+        Registrations.
+    base
+        Station whose frame is used.
+
+    Returns
+    -------
+    Base from station of every connected station.
+    """
+    import networkx as nx  # half a second that only networks need
+
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_node(base)
+    for number, link in enumerate(links):
+        known = graph.get_edge_data(*link.stations)
+        if known is None or link.weakness_m2 < known["weight"]:
+            graph.add_edge(*link.stations, weight=link.weakness_m2, number=number)
+    tree = nx.minimum_spanning_tree(graph)
+    poses = {base: RigidTransform.identity()}
+    for parent, child in nx.bfs_edges(tree, base):
+        poses[child] = links[tree.edges[parent, child]["number"]].seen_from(parent, poses[parent])
+    return poses
+
+
+def adjust_pose_graph(links: Sequence[StationLink], stations: Sequence[int]) -> Solution:
+    """Adjust the poses of connected stations to all registrations between them (MATH 3.1, 6.5).
+
+    The registrations count as independent, which overlapping ones are not: good start values, and covariances that are
+    good where no two registrations share features.
+
+    Parameters
+    ----------
+    links
+        Registrations between these stations.
+    stations
+        Numbers of the stations; the first one is fixed and defines the frame. Their places in this list are the numbers
+        of the poses in the solution.
+    """
+    place = {station: k for k, station in enumerate(stations)}
+    start = tree_poses(links, stations[0])
+    observed = RelativePoses(
+        np.array([place[link.target] for link in links], dtype=np.int64),
+        np.array([place[link.source] for link in links], dtype=np.int64),
+        RigidTransform.concatenate([link.target_from_source.target_from_source for link in links]),
+        np.array([link.target_from_source.covariance for link in links]),
+    )
+    unknowns = unknowns_of([start[station] for station in stations])
+    return solve(Problem((observed,)), unknowns, np.zeros((unknowns.count, 0)), MAX_ITERATIONS)
+
+
+def unknowns_of(poses: Sequence[RigidTransform]) -> Unknowns:
+    """Give the unknowns of stations of which the first is fixed."""
+    fixed = np.zeros(len(poses), dtype=bool)
+    fixed[0] = True
+    return Unknowns(RigidTransform.concatenate(list(poses)), np.empty((0, 3)), fixed, np.zeros(0, dtype=bool))

@@ -1,0 +1,121 @@
+"""Wrong registrations are found by the loops they break, and never used."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from station_networks import StationNetwork, station_network
+
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.loop_closure import examine_loops, short_loops
+from algorithms.network.network_registration import register_network
+from algorithms.network.wrong_links import wrong_links
+
+QUARTER = np.pi / 2
+
+
+@pytest.fixture(scope="module")
+def network() -> StationNetwork:
+    return station_network(np.random.default_rng(21), 6)
+
+
+def rejected_pairs(network: StationNetwork) -> set[tuple[int, int]]:
+    return {network.links[k].stations for k in examine_loops(network.links, network.names).rejected}
+
+
+def test_good_registrations_are_all_kept(network: StationNetwork) -> None:
+    verdict = examine_loops(network.links, network.names)
+    assert verdict.rejected == {}
+    assert verdict.uncontrolled == ()
+    assert len(verdict.loops) == 20  # all triangles of six stations
+    assert verdict.variance_factor == 1.0
+
+
+@pytest.mark.parametrize("turn_and_shift", [(QUARTER, 0.0), (np.pi, 0.0), (0.0, 2.5), (0.03, 0.0), (0.0, 0.2)])
+def test_a_wrong_registration_is_rejected_and_no_other(
+    network: StationNetwork, turn_and_shift: tuple[float, float]
+) -> None:
+    assert rejected_pairs(network.with_wrong_link(1, 4, *turn_and_shift)) == {(1, 4)}
+
+
+def test_three_wrong_registrations_are_rejected_and_no_other(network: StationNetwork) -> None:
+    wrong = (
+        network.with_wrong_link(0, 1, QUARTER, 0.0).with_wrong_link(2, 3, 0.0, 5.0).with_wrong_link(1, 5, np.pi, 1.0)
+    )
+    assert rejected_pairs(wrong) == {(0, 1), (2, 3), (1, 5)}
+
+
+def test_what_is_rejected_does_not_touch_the_poses(network: StationNetwork) -> None:
+    wrong = network.with_wrong_link(1, 4, QUARTER, 0.0)
+    without = network.with_links(*(pair for pair in combinations(range(6), 2) if pair != (1, 4)))
+    first, second = (register_network(n.features, n.links, n.names) for n in (wrong, without))
+    for k in range(6):
+        np.testing.assert_array_equal(
+            first.poses[k].target_from_source.as_matrix(), second.poses[k].target_from_source.as_matrix()
+        )
+
+
+def test_the_reason_names_a_loop_and_how_much_it_misses(network: StationNetwork) -> None:
+    wrong = network.with_wrong_link(1, 4, QUARTER, 0.0)
+    (reason,) = examine_loops(wrong.links, wrong.names).rejected.values()
+    assert "does not close by 100." in reason
+    assert "S1" in reason
+    assert "S4" in reason
+
+
+def test_in_a_single_loop_nobody_can_say_which_registration_is_wrong(network: StationNetwork) -> None:
+    triangle = network.with_links((0, 1), (1, 2), (0, 2)).with_wrong_link(0, 1, QUARTER, 0.0)
+    verdict = examine_loops(triangle.links, triangle.names)
+    assert sorted(verdict.rejected) == [0, 1, 2]
+    assert all("no other loop tells" in reason for reason in verdict.rejected.values())
+
+
+def test_a_ring_without_triangles_is_tested_as_a_whole(network: StationNetwork) -> None:
+    ring = network.with_links(*((k, k + 1) for k in range(5)), (0, 5))
+    (loop,) = short_loops(ring.links)
+    assert len(loop.links) == 6
+    assert examine_loops(ring.links, ring.names).rejected == {}
+    assert len(examine_loops((wrong := ring.with_wrong_link(2, 3, 0.0, 1.0)).links, wrong.names).rejected) == 6
+
+
+def test_registrations_in_no_loop_are_uncontrolled_whatever_they_are(network: StationNetwork) -> None:
+    chain = network.with_links((0, 1), (1, 2), (0, 2), (2, 3), (3, 4)).with_wrong_link(3, 4, QUARTER, 0.0)
+    verdict = examine_loops(chain.links, chain.names)
+    assert verdict.rejected == {}
+    assert {chain.links[k].stations for k in verdict.uncontrolled} == {(2, 3), (3, 4)}
+
+
+def test_covariances_that_are_somewhat_too_small_reject_nothing(network: StationNetwork) -> None:
+    # poses as before, covariances nine times too small: what real walls do
+    links = [
+        replace(
+            link,
+            noise_m=0.0,
+            target_from_source=PoseEstimate(
+                link.target_from_source.target_from_source, link.target_from_source.covariance / 7.0
+            ),
+        )
+        for link in network.links
+    ]
+    verdict = examine_loops(links, network.names)
+    assert verdict.rejected == {}
+    assert 4.0 < verdict.variance_factor < 9.0
+
+
+def test_one_wrong_registration_explains_all_failing_loops() -> None:
+    assert set(wrong_links([(0, 1, 2), (0, 3, 4)], [(1, 5, 6)])) == {0}
+
+
+def test_a_passing_loop_acquits_its_registrations() -> None:
+    assert set(wrong_links([(0, 1, 2)], [(1, 5, 6), (2, 5, 7)])) == {0}
+
+
+def test_registrations_that_may_all_be_the_wrong_one_are_all_blamed_with_the_others() -> None:
+    blamed = wrong_links([(0, 1, 2)], [(2, 5, 7)])
+    assert set(blamed) == {0, 1}
+    assert blamed[0].alternatives == (1,)
+
+
+def test_separate_failures_are_explained_separately() -> None:
+    assert set(wrong_links([(0, 1), (0, 2), (7, 8), (7, 9)], [])) == {0, 7}
