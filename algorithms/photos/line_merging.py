@@ -25,25 +25,31 @@ def merge_collinear(lines: EdgeLines, max_gap_px: float) -> EdgeLines:
     Gaps of up to `max_gap_px` are bridged. Lines are joined in pairs, the longest first, round by round, so that of
     the pieces of a bent edge only those are joined that are straight together.
     """
+    known = 0
     for _ in range(MAX_ROUNDS):
-        first, second = _partners(lines, max_gap_px)
+        first, second = _partners(lines, max_gap_px, known)
         if len(first) == 0:
             break
         joined = _joined(lines, first, second)
         alone = np.ones(len(lines), dtype=bool)
         alone[first] = alone[second] = False
         lines = _together(lines[alone], joined)
+        # two lines that both were left alone do not fit each other: had they, one of them would have been joined
+        known = int(alone.sum())
     return lines
 
 
-def neighbouring_pairs(lines: EdgeLines, distance_px: float) -> IndexPairs:
-    """Give pairs (i, j), i < j, of nearly parallel lines of which some points are about `distance_px` apart or less."""
+def neighbouring_pairs(lines: EdgeLines, distance_px: float, known: int = 0) -> IndexPairs:
+    """Give pairs (i, j), i < j, of nearly parallel lines of which some points are about `distance_px` apart or less.
+
+    Pairs among the first `known` lines are left out.
+    """
     counts = np.maximum(1, np.ceil(lines.lengths / SAMPLE_PX).astype(np.int64)) + 1
     owners = np.repeat(np.arange(len(lines)), counts)
     rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = lines.extents[owners, 0] + rank * (lines.lengths / (counts - 1))[owners]
     points = lines.centres[owners] + along[:, None] * lines.directions[owners]
-    near = near_lines(points, owners, max(distance_px, 0.6 * SAMPLE_PX))
+    near = near_lines(points, owners, max(distance_px, 0.6 * SAMPLE_PX), known)
     cosine = np.abs(np.sum(lines.directions[near[:, 0]] * lines.directions[near[:, 1]], axis=1))
     near = near[cosine > np.cos(LARGEST_DOUBLE_ANGLE_RAD)]
     return np.asarray(near[np.lexsort((near[:, 1], near[:, 0]))])
@@ -87,12 +93,12 @@ def _ends(lines: EdgeLines, chosen: Indices) -> Array:
     )
 
 
-def _partners(lines: EdgeLines, max_gap_px: float) -> tuple[Indices, Indices]:
-    """Choose pairs to join, every line at most once, the longest first."""
+def _partners(lines: EdgeLines, max_gap_px: float, known: int) -> tuple[Indices, Indices]:
+    """Choose pairs to join, every line at most once, the longest first; none among the first `known` lines."""
     if len(lines) < 2:
         none = np.zeros(0, dtype=np.int64)
         return none, none
-    pairs = neighbouring_pairs(lines, max_gap_px + 1.0)
+    pairs = neighbouring_pairs(lines, max_gap_px + 1.0, known)
     first, second = pairs[:, 0], pairs[:, 1]
     cosine = np.sum(lines.directions[first] * lines.directions[second], axis=1)
     pairs = pairs[cosine > np.cos(LARGEST_ANGLE_RAD)]

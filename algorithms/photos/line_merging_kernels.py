@@ -32,29 +32,32 @@ def _sorted_into_cells(points: Array, cell: float) -> tuple[Array, Array, Array]
 
 
 @njit(cache=True, nogil=True)
-def _near_points(i: int, k: int, points: Array, owners: Array, reach: float, grid: tuple[Array, Array, Array]) -> Array:
-    """Give the lines after line i of which a point is at most `reach` from point k, with repetitions."""
+def _note_near_lines(
+    k: int, points: Array, owners: Array, reach: float, known: int, grid: tuple[Array, Array, Array], last: Array
+) -> int:
+    """Write the lines near point k that no earlier point of its line was near to `last[:, 1]`; give how many.
+
+    `last[:, 0]` holds for each line the line to which it was last found near. Of the lines from `known` on only those
+    after the point's own count.
+    """
     places, members, starts = grid
-    row, column = places[k, 0], places[k, 1]
-    out = np.empty(0, dtype=np.int64)
+    i, row, column = owners[k], places[k, 0], places[k, 1]
     found = 0
     for r in range(max(0, row - 1), min(len(starts), row + 2)):
-        first = starts[r, max(0, column - 1)]
-        last = starts[r, min(starts.shape[1] - 1, column + 2)]
-        for at in range(first, last):
+        for at in range(starts[r, max(0, column - 1)], starts[r, min(starts.shape[1] - 1, column + 2)]):
             j = owners[members[at]]
-            if j > i:
-                x, y = points[members[at], 0] - points[k, 0], points[members[at], 1] - points[k, 1]
-                if x * x + y * y <= reach * reach:
-                    if found == len(out):
-                        out = np.concatenate((out, np.empty(max(4, found), dtype=np.int64)))
-                    out[found] = j
-                    found += 1
-    return out[:found]
+            if (known <= j <= i) or last[j, 0] == i:
+                continue
+            x, y = points[members[at], 0] - points[k, 0], points[members[at], 1] - points[k, 1]
+            if x * x + y * y <= reach * reach:
+                last[j, 0] = i
+                last[found, 1] = j
+                found += 1
+    return found
 
 
 @njit(cache=True, nogil=True)
-def near_lines(points: Array, owners: Array, reach: float) -> Array:
+def near_lines(points: Array, owners: Array, reach: float, known: int) -> Array:
     """Give pairs (i, j), i < j, of lines of which some points are at most `reach` apart, each once, (p, 2).
 
     Parameters
@@ -65,20 +68,20 @@ def near_lines(points: Array, owners: Array, reach: float) -> Array:
         (m,) line of each.
     reach
         Largest distance [px].
+    known
+        Pairs among the first `known` lines are left out.
     """
     extent = max(points[:, 0].max() - points[:, 0].min(), points[:, 1].max() - points[:, 1].min())
     grid = _sorted_into_cells(points, max(reach, extent / MOST_CELLS_A_SIDE))
     out = np.empty((max(16, len(points)), 2), dtype=np.int64)
-    found = 0
-    seen_by = np.full(owners.max() + 1, -1, dtype=np.int64)
-    for k in range(len(points)):
-        i = owners[k]
-        for j in _near_points(i, k, points, owners, reach, grid):
-            if seen_by[j] == i:
-                continue
-            seen_by[j] = i
-            if found == len(out):
-                out = np.concatenate((out, np.empty_like(out)))
-            out[found, 0], out[found, 1] = i, j
-            found += 1
-    return out[:found]
+    count = 0
+    last = np.full((owners.max() + 1, 2), -1, dtype=np.int64)
+    for k in range(np.searchsorted(owners, known), len(points)):
+        found = _note_near_lines(k, points, owners, reach, known, grid, last)
+        if count + found > len(out):
+            out = np.concatenate((out, np.empty((len(out) + found, 2), dtype=np.int64)))
+        for f in range(found):
+            i, j = owners[k], last[f, 1]
+            out[count, 0], out[count, 1] = min(i, j), max(i, j)
+            count += 1
+    return out[:count]

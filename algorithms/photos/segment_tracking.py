@@ -97,8 +97,9 @@ def walk_along(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options
     rank = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     positions = lines.extents[owners, 0] - LONGEST_EXTENSION_PX + (rank + 0.5) * STEP_PX
     beyond = np.maximum(lines.extents[owners, 0] - positions, positions - lines.extents[owners, 1])
+    near = beyond < EXTENSION * lines.lengths[owners]
+    owners, rank, positions = owners[near], rank[near], positions[near]
     inside = inside_photo(lines, owners, positions, grey, camera)
-    inside &= beyond < EXTENSION * lines.lengths[owners]
     owners, rank, positions = owners[inside], rank[inside], positions[inside]
     placed = patches_at(lines, owners, positions, np.full(len(owners), STEP_PX), camera)
     points = locate(grey, placed.patches, lines.widths, lines.half_widths, "gaussian")

@@ -17,6 +17,8 @@ def test_pairs_on_the_grid_are_those_of_a_search_tree(seed: int, extent_px: floa
     reach = 9.0 if extent_px < 1e3 else 2e3
     pairs = owners[cKDTree(points).query_pairs(reach, output_type="ndarray")]
     expected = {(min(pair), max(pair)) for pair in pairs.tolist() if pair[0] != pair[1]}
-    found = near_lines(points, owners, reach).tolist()
-    assert len(found) == len(expected)
-    assert {tuple(pair) for pair in found} == expected
+    for known in (0, len(counts) // 3, len(counts)):
+        found = near_lines(points, owners, reach, known).tolist()
+        wanted = {pair for pair in expected if pair[1] >= known}
+        assert len(found) == len(wanted)
+        assert {tuple(pair) for pair in found} == wanted
