@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Matrix6
 from algorithms.features.merged_lines import merge_lines
+from algorithms.features.mount_contradictions import tested_mounts
 from algorithms.features.photo_line_options import PhotoLineOptions
 from algorithms.features.projected_edges import ProjectedEdges, project_edges
 from algorithms.features.projection_options import EdgeRejection, MergeOptions
@@ -18,8 +19,8 @@ from algorithms.photos.detector import detect_edges
 from algorithms.progress import Progress, ProgressSection
 from algorithms.scans.scan import Scan
 
-MERGING = MergeOptions(combination="best")
-"""A weighted mean of records depends on planes and mounts in more ways than `Lines` can tell an adjustment."""
+MERGING = MergeOptions(combination="weighted")
+"""Duplicates of scan and photos become one line that has the information of both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ def add_photo_lines(
     Returns
     -------
     The same features with the lines that only photos show after those of the scan, their covariances including the
-    mounts' errors, and what each photo gave.
+    mounts' errors, what each photo gave, and whether the photos fit the scan.
 
     Raises
     ------
@@ -110,4 +111,5 @@ def add_photo_lines(
             line_normals=merged.plane_normals,
             line_kinds=merged.kinds,
         ),
+        mount_test=tested_mounts(features.lines, features.planes.covariances, parts, mounts, MERGING),
     )

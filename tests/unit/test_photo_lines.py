@@ -82,11 +82,34 @@ def test_covariances_contain_the_error_of_the_mount() -> None:
     np.testing.assert_allclose(loose.covariances - tight.covariances, expected, rtol=1e-9, atol=1e-15)
 
 
-def test_what_two_photos_show_is_one_line_each_of_the_better_mounted_camera(two: ScanFeatures) -> None:
+def test_what_two_photos_show_is_one_line_each_which_depends_on_both(two: ScanFeatures) -> None:
     assert two.photo_edges is not None
     assert two.lines.photos is not None
+    assert two.lines.second_photos is not None
     assert two.photo_edges.merged_counts.tolist() == [0, 4]
-    assert two.lines.photos.tolist() == [-1, -1, 1, 1, 1, 1]
+    both = np.column_stack([two.lines.photos, two.lines.second_photos])
+    assert np.sort(both, axis=1).tolist() == [[-1, -1]] * 2 + [[0, 1]] * 4
+
+
+def test_merged_lines_are_as_certain_as_those_of_the_better_mounted_camera(
+    one: ScanFeatures, two: ScanFeatures
+) -> None:
+    sides = [
+        [nearest_side(a, d) for a, d in zip(f.lines.anchors[2:], f.lines.directions[2:], strict=True)]
+        for f in (one, two)
+    ]
+    assert sides[0] == sides[1]
+    ratios = two.lines.covariances[2:, [2, 3], [2, 3]].sum(axis=1) / one.lines.covariances[2:, [2, 3], [2, 3]].sum(
+        axis=1
+    )
+    # photo 1 of the two is the one; its anchors and weights differ a little
+    assert ratios.max() < 1.01
+
+
+def test_a_scan_of_a_bare_wall_has_nothing_to_test_the_mounts_by(two: ScanFeatures) -> None:
+    assert two.mount_test is not None
+    assert two.mount_test.degrees_of_freedom == 0
+    assert two.mount_test.in_words() is None
 
 
 def test_each_photo_keeps_the_covariance_of_its_mount(two: ScanFeatures) -> None:

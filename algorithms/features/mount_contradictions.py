@@ -1,0 +1,253 @@
+"""What a station tells of its cameras' mounts by itself: lines that both its scan and its photos show.
+
+Scan and camera stand together, so the lines that both see need no registration to be compared. With x₁ the scan's line,
+x₂ the photo's, and H the tilt and offset across the projecting plane, which no error of the surface beside the edge
+touches (`same_lines.across_surfaces`),
+
+    z = H (x₂ - x₁) = H M m + H (e₂ + rounding) - H G p,      m ~ (0, C_m)
+
+with the mount's error m, the edge's e₂ and the planes' p, which many lines share. In units of a loose prior L (m = L y)
+the lines determine the combinations Vᵀ y with eigenvalues λ > 1 of N = (M L)ᵀ Σ⁻¹ (M L); these have the estimate
+u = λ⁻¹ Vᵀ (M L)ᵀ Σ⁻¹ z with the covariance λ⁻¹, and T = uᵀ (λ⁻¹ + Vᵀ L⁻¹ C_m L⁻ᵀ V)⁻¹ u ~ χ².
+
+Which lines are the same must be found without trusting the stated mounts: pairs are taken up to the loose prior, and
+the mount that most of them support is found by hypotheses from two pairs each and reweighted iterations.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+
+from algorithms.arrays import Array, Matrices3, Matrix6
+from algorithms.features.mount_test import MountTest
+from algorithms.features.projected_edges import ProjectedEdges
+from algorithms.features.projection_options import MergeOptions
+from algorithms.features.same_lines import across_surfaces, near_pairs, rounding_covariances
+from algorithms.geometry.lines import Lines
+
+GON = np.pi / 200.0
+LOOSE_STD = np.array([0.2 * GON] * 3 + [0.02] * 3)
+"""Errors of mounts that are looked for [rad, m]: larger ones would have to be found by other means."""
+ALPHA = 0.001
+"""Probability that good mounts are called wrong."""
+OUTLIER = float(chi2.ppf(0.999, 2))
+"""Pairs that fit the mount worse show different lines."""
+SEEDS = 16
+"""Mounts are tried from pairs among so many of the most certain ones."""
+ROUNDS = 10
+"""Of reweighting; it has settled before."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """k pairs of a line of the scan and a line of one photo."""
+
+    first: Int64[Array, "k"]
+    """(k,) lines of the scan."""
+    second: Int64[Array, "k"]
+    """(k,) lines of the photo."""
+    values: Float64[Array, "k 2"]
+    """(k, 2) z."""
+    own: Float64[Array, "k 2 2"]
+    """(k, 2, 2) covariance of z without planes and mount."""
+    by_planes: Float64[Array, "k 2 6"]
+    """(k, 2, 6) derivatives by the two parent planes."""
+    by_mount: Float64[Array, "k 2 6"]
+    """(k, 2, 6)."""
+
+    def __getitem__(self, which: Array) -> "_Pairs":
+        return _Pairs(
+            self.first[which],
+            self.second[which],
+            self.values[which],
+            self.own[which],
+            self.by_planes[which],
+            self.by_mount[which],
+        )
+
+
+def tested_mounts(
+    cloud: Lines,
+    plane_covariances: Matrices3,
+    parts: Sequence[ProjectedEdges],
+    mounts: Sequence[Matrix6],
+    options: MergeOptions,
+) -> MountTest:
+    """Test whether the photos of a station show the lines of its scan where the stated mounts let expect them.
+
+    Parameters
+    ----------
+    cloud
+        Lines of the scan; those where two planes meet are compared.
+    plane_covariances
+        (p, 3, 3) of the planes that `Lines.parents` counts, (a1, a2, b).
+    parts
+        Lines of each photo.
+    mounts
+        (6, 6) covariance of each photo's mount.
+    options
+        How far lines may be from each other.
+    """
+    edges = np.flatnonzero((cloud.parents >= 0).all(axis=1))
+    found = [
+        _supported(_near(cloud, edges, part, options), cloud, plane_covariances, np.asarray(mount))
+        for part, mount in zip(parts, mounts, strict=True)
+    ]
+    q = len(parts)
+    each = [_estimate([pairs], cloud, plane_covariances, [mount]) for pairs, mount in zip(found, mounts, strict=True)]
+    all_together = _estimate(found, cloud, plane_covariances, mounts)
+    return MountTest(
+        statistic=all_together.statistic,
+        degrees_of_freedom=all_together.degrees,
+        critical=_limit(all_together.degrees),
+        variance_factor=all_together.variance_factor,
+        pair_counts=np.array([len(pairs.first) for pairs in found], dtype=np.int64),
+        statistics=np.array([one.statistic for one in each], dtype=np.float64),
+        degrees_of_freedom_each=np.array([one.degrees for one in each], dtype=np.int64),
+        criticals=np.array([_limit(one.degrees) for one in each], dtype=np.float64),
+        mount_errors=np.array([one.error for one in each], dtype=np.float64).reshape(q, 6),
+        error_covariances=np.array([one.covariance for one in each], dtype=np.float64).reshape(q, 6, 6),
+    )
+
+
+def _limit(degrees: int) -> float:
+    return float(chi2.ppf(1.0 - ALPHA, degrees)) if degrees else 0.0
+
+
+def _near(cloud: Lines, edges: Int64[Array, "e"], part: ProjectedEdges, options: MergeOptions) -> _Pairs:
+    """Collect the pairs that could be one line if the mount were as wrong as `LOOSE_STD` says."""
+    lines = part.lines
+    moved = part.mount_jacobians[:, 2:] * LOOSE_STD
+    reach = options.max_distance_m + np.sqrt(np.einsum("nij,nij->n", moved, moved))
+    near = near_pairs(cloud[edges], lines, options.max_angle_gon * GON, reach, options.min_overlap)
+    i, j = edges[near.first], near.second
+    across = across_surfaces(part.surface_covariances, 0.5 * lines.lengths)[j]
+    select = across @ np.linalg.inv(near.jacobians)
+    lengths = np.minimum(cloud.lengths[i], lines.lengths[j])
+    by_edge = across @ (lines.covariances - part.surface_covariances)[j] @ np.swapaxes(across, 1, 2)
+    rounding = rounding_covariances(lengths, near.places, options.rounding_std_m)
+    return _Pairs(
+        i,
+        j,
+        np.einsum("nij,nj->ni", select, near.differences),
+        by_edge + select @ rounding @ np.swapaxes(select, 1, 2),
+        -select @ cloud.parent_jacobians[i],
+        across @ part.mount_jacobians[j],
+    )
+
+
+def _alone(pairs: _Pairs, cloud: Lines, planes: Matrices3) -> Float64[Array, "k 2 2"]:
+    """Give the covariance (k, 2, 2) of each z by itself, without the mount's part."""
+    total = pairs.own.copy()
+    for slot in range(2):
+        derivatives = pairs.by_planes[:, :, 3 * slot : 3 * slot + 3]
+        total += derivatives @ planes[cloud.parents[pairs.first, slot]] @ np.swapaxes(derivatives, 1, 2)
+    return total
+
+
+def _supported(pairs: _Pairs, cloud: Lines, planes: Matrices3, mount: Matrix6) -> _Pairs:
+    """Find the mount's error that most pairs support, and keep the pairs that fit it, one for each line of the photo.
+
+    The measure is the sum over the photo's lines of min(T, limit), T of the best fitting partner, plus the squared
+    length of the error in units of the loose prior.
+    """
+    if len(pairs.first) == 0:
+        return pairs
+    weights = np.linalg.inv(_alone(pairs, cloud, planes))
+    prior = np.linalg.inv(np.diag(LOOSE_STD**2) + mount)
+
+    def misfits(error: Float64[Array, "6"]) -> Float64[Array, "k"]:
+        left = pairs.values - pairs.by_mount @ error
+        return np.asarray(np.einsum("ni,nij,nj->n", left, weights, left))
+
+    def measure(error: Float64[Array, "6"]) -> float:
+        best = np.full(int(pairs.second.max()) + 1, OUTLIER)
+        np.minimum.at(best, pairs.second, misfits(error))
+        return float(best.sum() + error @ prior @ error)
+
+    def fitted(shares: Float64[Array, "k"]) -> Float64[Array, "6"]:
+        weighted = shares[:, None, None] * np.swapaxes(pairs.by_mount, 1, 2) @ weights
+        right = np.einsum("nij,nj->i", weighted, pairs.values)
+        return np.asarray(np.linalg.solve((weighted @ pairs.by_mount).sum(axis=0) + prior, right))
+
+    hypotheses = [np.zeros(6)]
+    certain = np.argsort(-np.linalg.norm(weights, axis=(1, 2)), kind="stable")[:SEEDS]
+    for some in [*((k,) for k in certain), *combinations(certain, 2)]:
+        shares = np.zeros(len(pairs.first))
+        shares[list(some)] = 1.0
+        hypotheses.append(fitted(shares))
+    error = min(hypotheses, key=measure)
+    for _ in range(ROUNDS):
+        squares = misfits(error)
+        shares = np.where(_is_best(pairs, squares), 1.0 / (1.0 + squares / OUTLIER) ** 2, 0.0)
+        refined = fitted(shares)
+        if measure(refined) > measure(error):
+            break
+        error = refined
+    squares = misfits(error)
+    return pairs[np.flatnonzero(_is_best(pairs, squares) & (squares <= OUTLIER))]
+
+
+def _is_best(pairs: _Pairs, squares: Float64[Array, "k"]) -> Array:
+    """Tell which pairs fit best of all pairs of their photo line."""
+    order = np.lexsort((squares, pairs.second))
+    is_best = np.zeros(len(squares), dtype=bool)
+    is_best[order[np.unique(pairs.second[order], return_index=True)[1]]] = True
+    return is_best
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    statistic: float
+    degrees: int
+    variance_factor: float
+    error: Float64[Array, "six_q"]
+    covariance: Float64[Array, "six_q six_q"]
+
+
+def _estimate(found: Sequence[_Pairs], cloud: Lines, planes: Matrices3, mounts: Sequence[Matrix6]) -> _Estimate:
+    """Estimate the mounts' errors from all pairs together, and test whether they are as small as stated."""
+    loose = np.tile(LOOSE_STD, len(found))
+    if sum(len(pairs.first) for pairs in found) == 0:
+        return _Estimate(0.0, 0, 1.0, np.zeros(len(loose)), np.diag(loose**2))
+    values = np.concatenate([pairs.values.ravel() for pairs in found])
+    by_mounts = block_diag(*(pairs.by_mount.reshape(-1, 6) for pairs in found)) * loose
+    covariance = _joint_covariance(found, cloud, planes)
+    solved = np.linalg.solve(covariance, np.column_stack([values, by_mounts]))
+    eigenvalues, vectors = np.linalg.eigh(by_mounts.T @ solved[:, 1:])
+    determined = eigenvalues > 1.0
+    values_of, axes = eigenvalues[determined], vectors[:, determined]
+    estimate = axes.T @ (by_mounts.T @ solved[:, 0]) / values_of
+    omega = float(values @ solved[:, 0] - values_of @ estimate**2)
+    redundancy = len(values) - len(estimate)
+    factor = 1.0
+    if redundancy > 0 and omega > chi2.ppf(0.99, redundancy):
+        factor = omega / redundancy
+    stated = block_diag(*mounts) / np.outer(loose, loose)
+    spread = np.diag(factor / values_of) + axes.T @ stated @ axes
+    statistic = float(estimate @ np.linalg.solve(spread, estimate)) if len(estimate) else 0.0
+    open_axes = vectors[:, ~determined]
+    uncertain = (axes * (factor / values_of)) @ axes.T + open_axes @ open_axes.T
+    return _Estimate(statistic, len(estimate), factor, loose * (axes @ estimate), uncertain * np.outer(loose, loose))
+
+
+def _joint_covariance(found: Sequence[_Pairs], cloud: Lines, planes: Matrices3) -> Array:
+    """Give the covariance of all z together, without the mounts' parts: edges, rounding and shared planes."""
+    own = block_diag(*(block for pairs in found for block in pairs.own))
+    first = np.concatenate([pairs.first for pairs in found])
+    numbers, places = np.unique(cloud.parents[first], return_inverse=True)
+    places = places.reshape(-1, 2)
+    roots = np.linalg.cholesky(planes[numbers])
+    factor = np.zeros((len(first), 2, len(numbers), 3))
+    by_planes = np.concatenate([pairs.by_planes for pairs in found])
+    for slot in range(2):
+        factor[np.arange(len(first)), :, places[:, slot]] += (
+            by_planes[:, :, 3 * slot : 3 * slot + 3] @ roots[places[:, slot]]
+        )
+    flat = factor.reshape(2 * len(first), -1)
+    return np.asarray(own + flat @ flat.T)
