@@ -7,6 +7,7 @@ from pydantic import ConfigDict, Field
 from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDirection
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
+from schemas.network import Network
 from schemas.own_figures import OwnFigures
 from schemas.poses import Document, Pose, Row4
 
@@ -169,6 +170,7 @@ class RegistrationDocument(Document):
     status: str = Field(description="registered, partly-registered or not-registered")
     stations: list[Station]
     pairs: list[Pair]
+    network: Network | None = Field(default=None, description="Null: there are only two stations.")
     features: list[FeatureCount]
     comparison: list[ComparedParameter] | None
     comparison_summary: list[StationComparison] | None

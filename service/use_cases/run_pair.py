@@ -1,7 +1,8 @@
 """Register two scans by their features."""
 
+import shutil
 import time
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -10,6 +11,9 @@ from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
 from service.ports import Json, StepContext
 from service.use_cases.feature_store import load_features
 from service.use_cases.run_features import SEED
+
+if TYPE_CHECKING:
+    import algorithms.registration.base
 
 
 def register_pair(context: StepContext, arguments: Json) -> Json:
@@ -35,7 +39,35 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     document = document.model_copy(update=counts)
     key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
     context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
-    return {"pair": key, "status": document.status}
+    return {
+        "pair": key,
+        "status": document.status,
+        "target": target["name"],
+        "source": source["name"],
+        "link": _stored_link(context, arguments, result, problem),
+    }
+
+
+def _stored_link(
+    context: StepContext,
+    arguments: Json,
+    result: "algorithms.registration.base.PairResult",
+    problem: "algorithms.registration.base.RegistrationProblem",
+) -> str | None:
+    """Store what an accepted pair contributes to a network of stations; give its key."""
+    from algorithms.registration.base import PairStatus
+    from service.use_cases.link_store import link_of, save_link
+
+    if result.status is not PairStatus.ACCEPTED or result.fine is None:
+        return None
+    key = f"jobs/{arguments['job_id']}/links/{arguments['number']}.npz"
+    scratch = context.blobs.scratch()
+    try:
+        save_link(scratch / "link.npz", link_of(result.fine, problem.target, problem.source))
+        context.blobs.put_file(key, scratch / "link.npz")
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return key
 
 
 def method_of(request: Json) -> RegistrationMethod:

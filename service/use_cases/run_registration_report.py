@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
-from algorithms.network.spanning_tree import StationLink, chain_poses
 from schemas.comparison import ComparedParameter, StationComparison
+from schemas.network import Network
 from schemas.poses import Pose
 from schemas.registration_result import (
     Artifact,
@@ -31,6 +31,9 @@ from service.use_cases.run_features import SEED
 from service.use_cases.run_lines_report import input_files, software
 from service.use_cases.run_pair import method_of
 
+STATUSES = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
+"""Of pairs, the most promising first."""
+
 
 @dataclass(frozen=True)
 class StationPose:
@@ -43,10 +46,13 @@ class StationPose:
 def report_registration(context: StepContext, arguments: Json) -> Json:
     """Write the result document and the downloads of a job."""
     job_id, inputs = arguments["job_id"], arguments["inputs"]
-    pairs = [
+    stored = arguments.get("network")
+    network = None if stored is None else json.loads(context.blobs.local_path(stored).read_bytes())
+    found = [
         Pair.model_validate_json(context.blobs.local_path(output["pair"]).read_bytes()) for output in arguments["pairs"]
     ]
-    poses = _station_poses([station["name"] for station in inputs["stations"]], pairs)
+    pairs = _judged_by_loops(found, network)
+    poses = _station_poses([station["name"] for station in inputs["stations"]], pairs, network)
     stations = [pose.station for pose in poses]
     scans = {
         output["counts"]["station"]: ScanLines.of_features(load_features(context.blobs.local_path(output["features"])))
@@ -59,6 +65,7 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         status=_overall(len(stations), unregistered),
         stations=stations,
         pairs=pairs,
+        network=None if network is None else Network.model_validate(network["network"]),
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
         comparison=comparison,
         comparison_summary=summary,
@@ -81,39 +88,79 @@ def _overall(stations: int, unregistered: int) -> str:
     return "not-registered" if unregistered == stations - 1 else "partly-registered"
 
 
-def _station_poses(names: Sequence[str], pairs: Sequence[Pair]) -> list[StationPose]:
-    """Chain the accepted pairs; whoever they do not reach is unregistered, with the reason."""
-    accepted = [pair for pair in pairs if pair.status == "accepted" and pair.target_from_source is not None]
-    links = [
-        StationLink(pair.target, pair.source, _estimate(pair.target_from_source))
-        for pair in accepted
-        if pair.target_from_source is not None
-    ]
-    chained = chain_poses(names, links)
+def _station_poses(names: Sequence[str], pairs: Sequence[Pair], network: Json | None) -> list[StationPose]:
+    """Give the poses from the adjustment of all stations, of two stations that of their pair."""
+    known = _pair_poses(names, pairs) if network is None else _network_poses(names, network)
     fixed = Station(name=names[0], status="fixed", world_from_scan=fixed_pose_document(names[0]))
-    poses = [StationPose(fixed, chained[names[0]])]
+    poses = [StationPose(fixed, PoseEstimate(RigidTransform.identity(), np.zeros((6, 6))))]
     for name in names[1:]:
-        if name not in chained:
+        if name in known:
+            poses.append(known[name])
+        else:
             station = Station(name=name, status="unregistered", reason=_why_not(name, pairs), world_from_scan=None)
             poses.append(StationPose(station, None))
-            continue
-        direct = [p for p in accepted if {p.target, p.source} == {names[0], name} and p.target == names[0]]
-        own = direct[0].target_from_source if direct else None
-        is_direct = own is not None and np.array_equal(own.matrix, chained[name].target_from_source.as_matrix())
-        centroid = own.std_at_centroid_m.point_m if is_direct and own and own.std_at_centroid_m else None
-        document = pose_document(
-            chained[name],
-            target="world",
-            source=name,
-            centroid_m=None if centroid is None else np.array(centroid),
-            a_posteriori=bool(is_direct and own and own.covariance_sigma0 == "a-posteriori"),
-        )
-        poses.append(StationPose(Station(name=name, status="registered", world_from_scan=document), chained[name]))
     return poses
+
+
+def _pair_poses(names: Sequence[str], pairs: Sequence[Pair]) -> dict[str, StationPose]:
+    """Give the pose of the second of two stations from their pair."""
+    for pair in pairs:
+        own = pair.target_from_source
+        if pair.status != "accepted" or own is None or names[0] not in {pair.target, pair.source}:
+            continue
+        name, is_direct = (pair.source, True) if pair.target == names[0] else (pair.target, False)
+        estimate = _estimate(own) if is_direct else _estimate(own).inverse()
+        centroid = own.std_at_centroid_m.point_m if is_direct and own.std_at_centroid_m else None
+        return {name: _registered(name, estimate, centroid, a_posteriori=own.covariance_sigma0 == "a-posteriori")}
+    return {}
+
+
+def _network_poses(names: Sequence[str], network: Json) -> dict[str, StationPose]:
+    """Give the poses that the adjustment of all stations stored."""
+    return {
+        name: _registered(
+            name,
+            PoseEstimate(RigidTransform.from_matrix(np.array(pose["matrix"])), np.array(pose["covariance"])),
+            pose["centroid_m"],
+            a_posteriori=pose["a_posteriori"],
+        )
+        for name, pose in network["poses"].items()
+        if name != names[0]
+    }
+
+
+def _registered(
+    name: str, estimate: PoseEstimate, centroid_m: Sequence[float] | None, *, a_posteriori: bool
+) -> StationPose:
+    document = pose_document(
+        estimate,
+        target="world",
+        source=name,
+        centroid_m=None if centroid_m is None else np.array(centroid_m),
+        a_posteriori=a_posteriori,
+    )
+    return StationPose(Station(name=name, status="registered", world_from_scan=document), estimate)
 
 
 def _estimate(pose: Pose) -> PoseEstimate:
     return PoseEstimate(RigidTransform.from_matrix(np.array(pose.matrix)), np.array(pose.covariance))
+
+
+def _judged_by_loops(pairs: Sequence[Pair], network: Json | None) -> list[Pair]:
+    """Take back the acceptance of pairs that contradict others."""
+    if network is None:
+        return list(pairs)
+    rejected = {
+        (link["target"], link["source"]): link["reason"]
+        for link in network["network"]["links"]
+        if link["state"] == "rejected"
+    }
+    return [
+        pair
+        if (reason := rejected.get((pair.target, pair.source))) is None or pair.status != "accepted"
+        else pair.model_copy(update={"status": "rejected", "reasons": [reason, *pair.reasons]})
+        for pair in pairs
+    ]
 
 
 def _why_not(name: str, pairs: Sequence[Pair]) -> str:
@@ -121,10 +168,12 @@ def _why_not(name: str, pairs: Sequence[Pair]) -> str:
     if not tried:
         return "no pair with this station was tried"
     counts = ", ".join(f"{count} {status}" for status, count in Counter(pair.status for pair in tried).items())
-    linked = [pair for pair in tried if pair.status == "accepted"]
-    if linked:
+    if any(pair.status == "accepted" for pair in tried):
         return f"connected only to stations that are not connected to the first one ({counts})"
-    return f"no pair was accepted ({counts}); {tried[0].reasons[0] if tried[0].reasons else ''}".rstrip("; ")
+    nearest = min(tried, key=lambda pair: STATUSES.index(pair.status))
+    other = nearest.source if nearest.target == name else nearest.target
+    reason = f"; with {other}: {nearest.reasons[0]}" if nearest.reasons else ""
+    return f"no pair was accepted ({counts}){reason}"
 
 
 def _comparison(

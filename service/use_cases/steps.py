@@ -26,6 +26,18 @@ def _register_pair(context: StepContext, arguments: Json) -> Json:
     return register_pair(context, arguments)
 
 
+def _adjust_network(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_network import adjust_network
+
+    return adjust_network(context, arguments)
+
+
+def _choose_pairs(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_network_growth import choose_pairs
+
+    return choose_pairs(context, arguments)
+
+
 def _report_registration(context: StepContext, arguments: Json) -> Json:
     from service.use_cases.run_registration_report import report_registration
 
@@ -54,6 +66,8 @@ STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     "inspect-file": _inspect_file,
     "features": _features,
     "register-pair": _register_pair,
+    "choose-pairs": _choose_pairs,
+    "adjust-network": _adjust_network,
     "report-registration": _report_registration,
     "report-lines": _report_lines,
     "detect-edges": _detect_edges,

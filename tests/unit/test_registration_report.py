@@ -84,14 +84,6 @@ def report(pairs: list[Pair], names: list[str], **inputs: Any) -> tuple[dict[str
     return json.loads(blobs.local_path("jobs/j/result.json").read_text()), blobs
 
 
-def test_a_station_seen_only_by_its_neighbour_is_chained_and_knows_less() -> None:
-    result, _ = report([pair("A", "B", motion(1.0, 10.0)), pair("B", "C", motion(2.0, 20.0))], ["A", "B", "C"])
-    assert result["status"] == "registered"
-    near, far = (station["world_from_scan"] for station in result["stations"][1:])
-    np.testing.assert_allclose(far["matrix"], (motion(1.0, 10.0) * motion(2.0, 20.0)).as_matrix(), atol=1e-12)
-    assert far["std"]["tx_m"] > near["std"]["tx_m"]
-
-
 def test_a_station_without_accepted_pair_is_left_out_by_name_with_the_reason() -> None:
     pairs = [pair("A", "B", motion(1.0, 10.0)), pair("A", "C", motion(2.0, 20.0), "doubtful")]
     result, _ = report(pairs, ["A", "B", "C"])

@@ -1,0 +1,102 @@
+"""Adjust all stations of a `register` job at once."""
+
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from algorithms.arrays import Vector3
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.links import StationLink
+from algorithms.network.network_registration import NetworkRegistration, register_network
+from algorithms.network.track_observations import TrackKind
+from algorithms.network.tracks import StationFeatures
+from service.ports import Json, StepContext
+from service.use_cases.feature_store import load_features
+from service.use_cases.link_store import load_link
+from service.use_cases.network_documents import network_document
+from service.use_cases.run_pair import method_of
+
+
+def adjust_network(context: StepContext, arguments: Json) -> Json:
+    """Find the poses of all stations from the accepted pairs, and store them with the figures of the network."""
+    names: list[str] = arguments["names"]
+    links = stored_links(context, arguments["pairs"], names)
+    context.progress.report(0.0, "loading features")
+    features: dict[int, StationFeatures] = {}
+    origins: dict[int, Vector3] = {}
+    for number in sorted({0, *(station for link in links for station in link.stations)}):
+        loaded = load_features(context.blobs.local_path(arguments["features"][number]))
+        features[number], origins[number] = StationFeatures.of_features(loaded), loaded.origin_m
+    context.progress.report(0.3, "adjusting all stations")
+    result = register_network(features, links, names, method_of(arguments["method"]).adjustment)
+    document = {
+        "network": network_document(result, links, names).model_dump(by_alias=True),
+        "poses": _poses(result, features, origins, names),
+    }
+    key = f"jobs/{arguments['job_id']}/network.json"
+    context.blobs.write_bytes(key, json.dumps(document).encode())
+    return {"network": key}
+
+
+def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[str]) -> list[StationLink]:
+    """Load what accepted pairs left for the network.
+
+    Parameters
+    ----------
+    context
+        Of the step.
+    pairs
+        Outputs of the pairs.
+    names
+        Of all stations, in order.
+    """
+    place = {name: number for number, name in enumerate(names)}
+    return [
+        load_link(context.blobs.local_path(pair["link"]), place[pair["target"]], place[pair["source"]])
+        for pair in pairs
+        if pair["link"] is not None
+    ]
+
+
+def _poses(
+    result: NetworkRegistration,
+    features: Mapping[int, StationFeatures],
+    origins: Mapping[int, Vector3],
+    names: Sequence[str],
+) -> Json:
+    """Give the poses between full coordinates, covariances, and where the features of each station are."""
+    factor = 1.0 if result.joint is None else result.joint.variance_factor
+    poses = {}
+    for station, reduced in result.poses.items():
+        pose = reduced.moved_to_origins(origins[0], origins[station])
+        poses[names[station]] = {
+            "matrix": pose.target_from_source.as_matrix().tolist(),
+            "covariance": pose.covariance.tolist(),
+            "centroid_m": _centroid(station, reduced, result, features, origins[0]),
+            "a_posteriori": factor > 1.0,
+        }
+    return poses
+
+
+def _centroid(
+    station: int,
+    pose: PoseEstimate,
+    result: NetworkRegistration,
+    features: Mapping[int, StationFeatures],
+    origin_m: Vector3,
+) -> list[float] | None:
+    """Give the centroid of a station's features in the adjustment, in the full coordinates of the first station."""
+    if result.joint is None:
+        return None
+    planes, lines = features[station].planes.centroids, features[station].lines.anchors
+    points = [
+        (planes if track.kind is TrackKind.PLANE else lines)[number]
+        for track in result.joint.tracks
+        for seen_from, number in track.members
+        if seen_from == station
+    ]
+    if not points:
+        return None
+    centroid = pose.target_from_source.apply(np.mean(points, axis=0)) + origin_m
+    return [float(coordinate) for coordinate in centroid]
