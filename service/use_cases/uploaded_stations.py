@@ -37,9 +37,10 @@ def stations_of_uploads(
 ) -> list[Json]:
     """Give the stations of `register`: those listed, then one of every scan that none of them takes.
 
-    A listed station without `scan` takes the next scan that none names, a photo without `file` the next such photo. A
-    station without `photos` has those that the file of its scan stores with camera and pose; an empty list leaves them
-    out. Whatever else is wrong with a station is left for the validation of the request.
+    A listed station without `scan` has the scan after which it is named (`names`), or the next that none names; a photo
+    without `file` is the next that none names. A station without `photos` has those that the file of its scan stores
+    with camera and pose; an empty list leaves them out. Whatever else is wrong with a station is left for the
+    validation of the request.
 
     Parameters
     ----------
@@ -91,6 +92,10 @@ class _Search:
         files = {(file.id, scan["index"]): file for file in self.scan_files for scan in file.scans}
         defaults = dict(zip(files, names, strict=True))
         given = [self._place_of(station.get("scan"), pointer_to("stations", k)) for k, station in enumerate(stations)]
+        by_name = {name: place for place, name in defaults.items() if place not in given}
+        for k, station in enumerate(stations):
+            if given[k] is None and station.get("scan") is None and isinstance(station.get("name"), str):
+                given[k] = by_name.pop(station["name"], None)
         free = [place for place in files if place not in given]
         for k, station in enumerate(stations):
             if given[k] is None and station.get("scan") is None:

@@ -66,6 +66,14 @@ def test_scans_that_are_not_listed_are_stations_without_photos(client: Client, a
     ]
 
 
+def test_a_station_may_be_told_by_the_name_that_its_scan_gets(client: Client, adapters: Adapters) -> None:
+    stations = [{"name": "S2", "photos": [{"file": "a.jpg", **KNOWN}]}, {"name": "yard"}]
+    assert registered(client, adapters, form_of(stations, [*TWO, PHOTOS[0]])) == [
+        {"name": "S2", "scan": ("b.xyz", 0), "photos": [("a.jpg", 0)]},
+        {"name": "yard", "scan": ("a.xyz", 0), "photos": []},
+    ]
+
+
 def test_photos_in_the_file_of_a_scan_need_no_mention(client: Client, adapters: Adapters) -> None:
     # the first photo of the file has neither camera nor pose and is left out
     form = [("scan", ("both.e57", b"scan scan photo posed posed"))]
@@ -115,7 +123,8 @@ FIRST = "/options/stations/0"
         ([{"scan": "a.xyz"}], TWO, [f"{FIRST}/scan"]),
         ([{"scan": {"file": "a.xyz", "colour": 1}}], TWO, [f"{FIRST}/scan/colour"]),
         ([{"name": ""}], TWO, [f"{FIRST}/name"]),
-        ([{"name": "S2"}], TWO, ["/scan"]),
+        ([{"name": "S2"}] * 2, TWO, ["/options/stations/1/name"]),
+        ([{"name": "S2", "scan": {"file": "a.xyz"}}], TWO, ["/scan"]),
         (["S1"], TWO, ["/options/stations"]),
         ({}, TWO, ["/options/stations"]),
         (GOOD[:1], [*TWO, ("photo", ("a.jpg", b"1 2 3"))], ["/photo"]),
