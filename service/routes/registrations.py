@@ -28,9 +28,9 @@ OPTIONS = (
     "Inputs of the process `register`, all optional. `stations` is needed for photos sent beside the scans; it gives "
     f"files by the names under which they are sent, for example `{EXAMPLE}`. A station without `scan` is that of the "
     "scan whose name it bears (S1, S2, … in the order of the form) or of the next scan; a photo without `file` is the "
-    "next photo. A station without `photos` has those that its E57 file stores with camera and pose; an empty list "
-    "leaves them out. Scans not listed become stations of their own, after the listed ones; the first station gives "
-    "the common frame."
+    "next photo. A station without `photos` has those that its E57 file stores with camera and pose (up to 200); an "
+    "empty list leaves them out. Scans not listed become stations of their own, after the listed ones; the first "
+    "station gives the common frame."
 )
 
 router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any, TypeAlias
 
+from schemas.register_inputs import MAX_PHOTOS
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
@@ -165,14 +166,20 @@ class _Search:
 
 
 def _stored_photos(file: UploadedFile | None, index: int) -> list[Json]:
-    """List the photos that a file stores with camera and pose in the frame of one of its scans."""
-    if file is None:
-        return []
-    return [
-        {"file": file.id, "index": photo["index"]}
-        for photo in file.photos
-        if not photo.get("refused")
-        and photo.get("scan") == index
-        and photo.get("camera") is not None
-        and photo.get("scan_from_camera") is not None
-    ]
+    """List the photos that a file stores with camera and pose in the frame of one of its scans.
+
+    None if there are more than a station may have: that many were taken on the way, not from the scanner's station.
+    """
+    photos = (
+        [
+            {"file": file.id, "index": photo["index"]}
+            for photo in file.photos
+            if not photo.get("refused")
+            and photo.get("scan") == index
+            and photo.get("camera") is not None
+            and photo.get("scan_from_camera") is not None
+        ]
+        if file
+        else []
+    )
+    return photos if len(photos) <= MAX_PHOTOS else []

@@ -69,9 +69,9 @@ class FakeSteps:
         if content.startswith(b"deadly"):
             raise ComputationFailedError("killed by signal 11")
         photos = [{**PHOTO, "index": index} for index in range(content.count(b"photo"))]
-        stored = content.count(b"posed")
-        photos += [{**POSED, "index": len(photos) + index, "scan": index} for index in range(stored)]
         count = content.count(b"scan") or int(not photos)
+        posed = range(content.count(b"posed"))
+        photos += [{**POSED, "index": len(photos) + index, "scan": index % max(1, count)} for index in posed]
         scans = [{**SCAN, "index": index} for index in range(count)]
         return {"format": "XYZ", "kind": "scan" if scans else "photo", "scans": scans, "photos": photos}
 

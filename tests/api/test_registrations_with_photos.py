@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
+from schemas.register_inputs import MAX_PHOTOS
 from service.dependencies import Adapters
 from tests.api.conftest import CAMERA, POSE, Client
 
@@ -86,6 +87,11 @@ def test_photos_in_the_file_of_a_scan_can_be_left_out_or_chosen(client: Client, 
     stations = [{"photos": []}, {"scan": {"index": 1}, "photos": [{"file": "both.e57", "index": 0, **KNOWN}]}]
     found = registered(client, adapters, form_of(stations, form))
     assert [station["photos"] for station in found] == [[], [("both.e57", 0)]]
+
+
+def test_hundreds_of_photos_in_the_file_of_a_scan_are_used_only_if_listed(client: Client, adapters: Adapters) -> None:
+    many = b"scan " + b"posed " * (MAX_PHOTOS + 1)
+    assert registered(client, adapters, [("scan", ("way.e57", many)), TWO[0]])[0]["photos"] == []
 
 
 def test_a_photo_keeps_what_the_options_say_of_it(client: Client, adapters: Adapters) -> None:
