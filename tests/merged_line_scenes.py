@@ -4,7 +4,7 @@ The scan's planes are adjusted from points beside the edge and from others; the 
 that was adjusted from those beside the edge alone. So scan and photos have errors in common.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,12 @@ class DrawnStation:
 
 
 def drawn_station(
-    rng: np.random.Generator, photos: int, *, seen: bool = True, mount_std: tuple[float, float] = (2e-4, 1e-3)
+    rng: np.random.Generator,
+    photos: int,
+    *,
+    seen: bool = True,
+    mount_std: tuple[float, float] = (2e-4, 1e-3),
+    mount_error: np.ndarray | None = None,
 ) -> DrawnStation:
     """Draw an edge 5 to 15 m away, planes at 20 to 86 degrees, and everybody's errors; `seen`: the scan has it."""
     along = _unit(rng.normal(size=3))
@@ -65,8 +70,8 @@ def drawn_station(
         k = int(rng.integers(2))
         if abs(normals[k] @ _unit(place - centre)) < np.sin(0.3):
             k = 0  # the other surface contains the ray, nearly
-        mount_error = rng.multivariate_normal(np.zeros(6), mount)
-        parts.append(_photo(rng, place, along, centre, normals[k], near[k], errors_near[k], mount_error))
+        error = rng.multivariate_normal(np.zeros(6), mount) if mount_error is None else mount_error
+        parts.append(_photo(rng, place, along, centre, normals[k], near[k], errors_near[k], error))
     return DrawnStation(true, cloud if seen else cloud[:0], parts, [mount] * photos, planes)
 
 
@@ -118,3 +123,53 @@ def _plane_covariance(rng):
 
 def _unit(vector):
     return vector / np.linalg.norm(vector)
+
+
+@dataclass(frozen=True)
+class DrawnRoom:
+    """Many edges seen by a scan and one photo."""
+
+    cloud: Lines
+    part: ProjectedEdges
+    mount: np.ndarray
+    planes: np.ndarray
+    """(p, 3, 3)."""
+
+
+def drawn_room(
+    rng: np.random.Generator,
+    edges: int,
+    *,
+    mount_std: tuple[float, float] = (2e-4, 1e-3),
+    mount_error: np.ndarray | None = None,
+    wrong: int = 0,
+) -> DrawnRoom:
+    """Draw edges all around, each of two planes of its own, and one error of the camera's mount.
+
+    Of `wrong` further edges the photo shows something else, 20 to 40 mm beside.
+    """
+    mount = np.diag([mount_std[0] ** 2] * 3 + [mount_std[1] ** 2] * 3)
+    error = rng.multivariate_normal(np.zeros(6), mount) if mount_error is None else mount_error
+    stations = [drawn_station(rng, 1, mount_std=mount_std, mount_error=error) for _ in range(edges + wrong)]
+    clouds, parts = [station.cloud for station in stations], [station.parts[0] for station in stations]
+    for k in range(edges, edges + wrong):
+        beside = np.concatenate([np.zeros(2), rng.uniform(0.02, 0.04, 2) * rng.choice([-1.0, 1.0], 2)])[None]
+        parts[k] = replace(parts[k], lines=lines_moved(parts[k].lines, beside))
+    parents = np.arange(2 * len(stations), dtype=np.int64).reshape(-1, 2)
+    cloud = replace(_joined(clouds), parents=parents)
+    part = ProjectedEdges(
+        _joined([one.lines for one in parts]),
+        np.arange(len(parts), dtype=np.int64),
+        *(
+            np.concatenate([getattr(one, name) for one in parts])
+            for name in ("kinds", "plane_normals", "mount_jacobians", "surface_covariances")
+        ),
+        parts[0].rejected_numbers,
+        parts[0].rejected_reasons,
+    )
+    return DrawnRoom(cloud, part, mount, np.concatenate([station.planes for station in stations]))
+
+
+def _joined(many: list[Lines]) -> Lines:
+    names = ("anchors", "directions", "bases", "covariances", "extents", "sources", "parents", "parent_jacobians")
+    return Lines(*(np.concatenate([getattr(lines, name) for lines in many]) for name in names))

@@ -1,7 +1,7 @@
 """One line for what a scan and its photos, or two photos, show several times.
 
-What becomes of the information, with `weighted`: one record is the base, and keeps all it is made of: planes, mounts,
-own errors. The other one adds what it knows independently of the scan's points. A line of a photo is cut with a surface
+What becomes of the information: one record is the base, and keeps all it is made of: planes, mounts, own errors. The
+other one adds what it knows independently of the scan's points. A line of a photo is cut with a surface
 which the same points measure that made the scan's planes, or the other photo's surface; by how much these errors are
 common nobody can say. They move the line within its projecting plane only. So of a line of a photo tilt and offset
 across the projecting plane are taken, H x₂ with H C_surface Hᵀ = 0, as observation of the base x₁:
@@ -13,8 +13,6 @@ intersection (Julier, Uhlmann 2001: C₁ + C_shared,₁ (1/ω - 1) and so on), a
 record's shared part, hence no unknown correlation is left: planes as (I - K H) G, mounts as (I - K H) M₁ + K H M₂ and
 the private rest are exact, also towards all other lines that depend on them. Either record may be the base; the mean of
 smaller standard deviation is kept. So the result is never worse than the better one of both.
-
-With `best` that record survives as it is which would be the better base: the scan's, or of two photos the more certain.
 """
 
 from collections.abc import Sequence
@@ -128,8 +126,7 @@ def merge_lines(
         partner = _partners(records, new, all_mounts, options)
         for k in np.flatnonzero(partner >= 0):
             first, second = records.alone(int(partner[k])), new.alone(int(k))
-            merged = _mean if options.combination == "weighted" else _better
-            records.put(int(partner[k]), merged(first, second, all_mounts, options))
+            records.put(int(partner[k]), _mean(first, second, all_mounts, options))
         counts[number] = np.count_nonzero(partner >= 0)
         records = _together(records, new, np.flatnonzero(partner < 0))
     return MergedLines(
@@ -225,14 +222,6 @@ def _partners(
     order = same[np.argsort(-statistics[same], kind="stable")]
     partner[j[order]] = i[order]
     return partner
-
-
-def _better(first: _Records, second: _Records, mounts: Float64[Array, "q 6 6"], _: MergeOptions) -> _Records:
-    """Choose the record that survives as it is: the scan's, or of two photos the more certain one."""
-    if first.photos[0, 0] < 0:
-        return first
-    certain = [float(np.trace(r.total(mounts)[0, 2:, 2:])) for r in (first, second)]
-    return first if certain[0] <= certain[1] else second
 
 
 def _mean(first: _Records, second: _Records, mounts: Float64[Array, "q 6 6"], options: MergeOptions) -> _Records:

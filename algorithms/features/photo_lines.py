@@ -19,7 +19,7 @@ from algorithms.photos.detector import detect_edges
 from algorithms.progress import Progress, ProgressSection
 from algorithms.scans.scan import Scan
 
-MERGING = MergeOptions(combination="weighted")
+MERGING = MergeOptions()
 """Duplicates of scan and photos become one line that has the information of both."""
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, Lt
 
@@ -34,16 +34,10 @@ class ProjectionOptions:
     """Lines less certain across themselves at one of their ends are left out [m]."""
 
 
-LineCombination: TypeAlias = Literal["best", "weighted"]
-"""What becomes of several records of one line; see `algorithms.features.merged_lines`."""
-
-
 @dataclass(frozen=True)
 class MergeOptions:
     """When lines of photos and of the scan count as the same."""
 
-    combination: LineCombination = "best"
-    """The best record survives as it is, those of the scan before those of photos; or the weighted mean of both."""
     alpha: Annotated[float, Gt(0.0), Lt(1.0)] = 0.001
     """Probability that two records of one line are taken for two lines."""
     max_distance_m: Annotated[float, Gt(0.0), Le(1.0)] = 0.03

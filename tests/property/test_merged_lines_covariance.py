@@ -9,7 +9,7 @@ from algorithms.features.projection_options import MergeOptions
 from algorithms.geometry.line_differences import line_differences
 
 DRAWS = 200
-EXACT = MergeOptions(combination="weighted", alpha=1e-12, max_distance_m=1.0, rounding_std_m=0.0)
+EXACT = MergeOptions(alpha=1e-12, max_distance_m=1.0, rounding_std_m=0.0)
 CASES = {"scan and photo": (1, True), "scan and two photos": (2, True), "two photos": (2, False)}
 
 
@@ -111,7 +111,7 @@ def test_merged_lines_allow_for_rounded_edges() -> None:
     """Photo and planes may show the edge a millimetre apart: then the mean counts on it, and is on the safe side."""
     rng = np.random.default_rng(6)
     squares = []
-    rounded = MergeOptions(combination="weighted", alpha=1e-12, max_distance_m=1.0)
+    rounded = MergeOptions(alpha=1e-12, max_distance_m=1.0)
     for _ in range(DRAWS):
         station = drawn_station(rng, 1)
         squares.append(normalised(station, merged(station, rounded)))

@@ -14,8 +14,7 @@ from algorithms.geometry.lines import LineSource, lines_from_arrays
 STD = np.array([1e-4, 2e-4, 3e-4, 5e-4])
 """Of (a1, a2, b1, b2) [rad, m]."""
 MOUNT = np.diag([2e-4**2] * 3 + [1e-3**2] * 3)
-WEIGHTED = MergeOptions(combination="weighted", rounding_std_m=0.0)
-BEST = MergeOptions(combination="best")
+EXACT = MergeOptions(rounding_std_m=0.0)
 
 
 def upright(x=5.0, y=1.0, z=0.0, length=2.0, **fields):
@@ -51,17 +50,27 @@ def photo(*lines, seed=2, surface=None):
 
 
 def merged(cloud, *parts, options=None, mount=MOUNT):
-    return merge_lines(cloud, parts, [mount] * len(parts), options or BEST)
+    return merge_lines(cloud, parts, [mount] * len(parts), options or EXACT)
 
 
-def test_a_line_of_the_scan_survives_as_it_is():
+def test_a_line_without_partner_stays_as_it_is():
+    cloud = crease()
+    result = merged(cloud, photo(upright(y=3.0)))
+    assert len(result.lines) == 2
+    assert result.merged_counts.tolist() == [0]
+    for name in ("anchors", "directions", "covariances", "parents", "parent_jacobians"):
+        assert np.array_equal(getattr(result.lines, name)[:1], getattr(cloud, name))
+    assert result.lines.photos.tolist() == [-1, 0]
+
+
+def test_a_line_merged_with_one_of_the_scan_stays_one_of_the_scan():
     cloud = crease()
     result = merged(cloud, photo(upright(x=5.0002)))
     assert len(result.lines) == 1
     assert result.merged_counts.tolist() == [1]
-    for name in ("anchors", "directions", "covariances", "parents", "parent_jacobians"):
-        assert np.array_equal(getattr(result.lines, name), getattr(cloud, name))
-    assert result.lines.photos.tolist() == [-1]
+    assert np.array_equal(result.lines.parents, cloud.parents)
+    assert result.lines.sources.tolist() == [LineSource.PLANE_INTERSECTION]
+    assert result.kinds.tolist() == [-1]
 
 
 def test_a_line_far_off_for_its_standard_deviation_stays_by_itself():
@@ -86,13 +95,16 @@ def test_lines_of_one_photo_are_never_merged_with_each_other():
     assert len(result.lines) == 2
 
 
-def test_of_two_photos_the_more_certain_line_survives():
+def test_of_two_photos_the_one_with_the_better_surface_is_the_base():
+    surface = in_projecting_plane([1.0, 0.0])
     good, bad = upright(x=5.0001), upright()
-    bad = replace(bad, covariances=4.0 * bad.covariances)
-    result = merged(upright()[:0], photo(bad), photo(good, seed=2))
+    good, bad = (replace(line, covariances=line.covariances + k * surface) for line, k in ((good, 1.0), (bad, 400.0)))
+    parts = photo(bad, surface=400.0 * surface), photo(good, seed=2, surface=surface)
+    result = merged(upright()[:0], *parts, mount=1e-12 * MOUNT)
     assert len(result.lines) == 1
     assert result.lines.photos.tolist() == [1]
-    assert np.array_equal(result.lines.anchors, good.anchors)
+    assert result.lines.second_photos.tolist() == [0]
+    assert result.lines.covariances[0, 2, 2] == pytest.approx(good.covariances[0, 2, 2], rel=1e-6)
 
 
 def test_every_line_takes_the_partner_that_fits_best():
@@ -103,23 +115,23 @@ def test_every_line_takes_the_partner_that_fits_best():
             for n in ("anchors", "directions", "covariances", "extents")
         )
     )
-    result = merged(cloud, photo(upright(x=5.0041)), options=WEIGHTED)
+    result = merged(cloud, photo(upright(x=5.0041)))
     assert result.lines.photos.tolist() == [-1, 0]
 
 
 def test_the_weighted_mean_has_the_covariance_of_both():
-    result = merged(crease(), photo(upright(x=5.0002)), options=WEIGHTED, mount=1e-12 * MOUNT)
+    result = merged(crease(), photo(upright(x=5.0002)), mount=1e-12 * MOUNT)
     assert result.lines.covariances[0] == pytest.approx(0.5 * np.diag(STD**2), rel=1e-6)
 
 
 def test_the_weighted_mean_lies_between_both():
-    result = merged(crease(), photo(upright(x=5.0002)), options=WEIGHTED, mount=1e-12 * MOUNT)
+    result = merged(crease(), photo(upright(x=5.0002)), mount=1e-12 * MOUNT)
     assert result.lines.anchors[0] == pytest.approx([5.0001, 1.0, 0.0], abs=1e-9)
 
 
 def test_planes_and_mount_are_carried_through_the_weights():
     cloud, part = crease(), photo(upright(x=5.0002))
-    result = merged(cloud, part, options=WEIGHTED, mount=1e-12 * MOUNT)
+    result = merged(cloud, part, mount=1e-12 * MOUNT)
     # equal covariances: both weights are a half
     assert result.lines.parent_jacobians == pytest.approx(0.5 * cloud.parent_jacobians, rel=1e-6, abs=1e-9)
     assert result.lines.photo_jacobians == pytest.approx(0.5 * part.mount_jacobians, rel=1e-6, abs=1e-9)
@@ -129,7 +141,7 @@ def test_planes_and_mount_are_carried_through_the_weights():
 
 def test_the_weighted_mean_of_two_photos_depends_on_both_mounts():
     first, second = photo(upright(), seed=3), photo(upright(x=5.0002), seed=4)
-    lines = merged(upright()[:0], first, second, options=WEIGHTED, mount=1e-12 * MOUNT).lines
+    lines = merged(upright()[:0], first, second, mount=1e-12 * MOUNT).lines
     assert (lines.photos[0], lines.second_photos[0]) == (0, 1)
     assert lines.photo_jacobians == pytest.approx(0.5 * first.mount_jacobians, rel=1e-6, abs=1e-9)
     assert lines.second_photo_jacobians == pytest.approx(0.5 * second.mount_jacobians, rel=1e-6, abs=1e-9)
@@ -137,7 +149,7 @@ def test_the_weighted_mean_of_two_photos_depends_on_both_mounts():
 
 def test_a_third_photo_changes_nothing_any_more():
     parts = [photo(upright(x=5.0 + 1e-4 * k), seed=k) for k in range(3)]
-    two, three = (merged(upright()[:0], *parts[:n], options=WEIGHTED) for n in (2, 3))
+    two, three = (merged(upright()[:0], *parts[:n]) for n in (2, 3))
     assert len(three.lines) == 1
     assert np.array_equal(two.lines.anchors, three.lines.anchors)
 
@@ -151,7 +163,7 @@ def in_projecting_plane(across):
 def test_what_a_surface_says_of_a_line_of_the_scan_is_not_counted_twice():
     surface = in_projecting_plane([1.0, 0.0])
     cloud, part = crease(), photo(upright(x=5.0002, y=1.0003), surface=surface)
-    lines = merged(cloud, part, options=WEIGHTED, mount=1e-12 * MOUNT).lines
+    lines = merged(cloud, part, mount=1e-12 * MOUNT).lines
     moved, _ = line_differences(cloud, lines)
     # the basis of upright lines is (y, -x) or alike: only the second component, across the projecting plane, changes
     assert moved[0, [0, 2]] == pytest.approx([0.0, 0.0], abs=1e-12)
@@ -161,14 +173,14 @@ def test_what_a_surface_says_of_a_line_of_the_scan_is_not_counted_twice():
 
 def test_what_an_edge_says_of_a_line_of_the_scan_is_used():
     part = photo(upright(), surface=in_projecting_plane([1.0, 0.0]))
-    lines = merged(crease(), part, options=WEIGHTED, mount=1e-12 * MOUNT).lines
+    lines = merged(crease(), part, mount=1e-12 * MOUNT).lines
     assert lines.covariances[0, 1, 1] == pytest.approx(0.5 * STD[1] ** 2, rel=1e-6)
     assert lines.covariances[0, 3, 3] == pytest.approx(0.5 * STD[3] ** 2, rel=1e-6)
 
 
 def test_a_badly_known_mount_adds_next_to_nothing():
     cloud, part = crease(), photo(upright(x=5.001))
-    lines = merged(cloud, part, options=WEIGHTED, mount=1e8 * MOUNT).lines
+    lines = merged(cloud, part, mount=1e8 * MOUNT).lines
     assert lines.anchors[0] == pytest.approx(cloud.anchors[0], abs=1e-6)
     assert lines.covariances[0] == pytest.approx(cloud.covariances[0], rel=1e-3, abs=1e-12)
 
@@ -177,7 +189,7 @@ def test_two_pieces_in_one_photo_share_its_mount():
     pieces = photo(upright(z=-0.4), upright(z=0.4))
     pieces = replace(pieces, mount_jacobians=np.tile(np.eye(4, 6), (2, 1, 1)))
     mount = 1e4 * MOUNT
-    lines = merged(crease(), pieces, options=WEIGHTED, mount=mount).lines
+    lines = merged(crease(), pieces, mount=mount).lines
     assert lines.photos.tolist() == [0]
     assert lines.second_photos.tolist() == [-1]
     # what both have in common does not vanish by taking them together
@@ -189,12 +201,12 @@ def test_two_pieces_in_one_photo_share_its_mount():
 
 def test_axes_of_cylinders_are_not_merged_with_edges():
     axis = upright(sources=np.array([LineSource.CYLINDER_AXIS], dtype=np.int32), parents=np.array([[0, -1]]))
-    result = merged(axis, photo(upright()), options=WEIGHTED)
+    result = merged(axis, photo(upright()))
     assert len(result.lines) == 2
 
 
 def test_rounded_edges_keep_the_mean_near_the_scan():
-    rounded = MergeOptions(combination="weighted", rounding_std_m=0.005)
+    rounded = MergeOptions(rounding_std_m=0.005)
     cloud, part = crease(), photo(upright(x=5.004))
     lines = merged(cloud, part, options=rounded, mount=1e-12 * MOUNT).lines
     # 0.5 mm against 5 mm: the photo has a weight of a hundredth
@@ -204,7 +216,7 @@ def test_rounded_edges_keep_the_mean_near_the_scan():
 def test_merging_does_not_change_what_it_was_given():
     cloud, part = crease(), photo(upright(x=5.0002))
     before = cloud.anchors.copy(), part.lines.anchors.copy()
-    merged(cloud, part, options=WEIGHTED)
+    merged(cloud, part)
     assert np.array_equal(cloud.anchors, before[0])
     assert np.array_equal(part.lines.anchors, before[1])
 
