@@ -25,7 +25,7 @@ from jaxtyping import Float64, Int64
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
-from algorithms.arrays import Array, Matrices3, Matrices4, Matrix6
+from algorithms.arrays import Array, Matrix6
 from algorithms.features.mount_test import MountTest
 from algorithms.features.projected_edges import ProjectedEdges
 from algorithms.features.projection_options import MergeOptions
@@ -56,9 +56,9 @@ class _Scan:
     """What the scan says of its lines."""
 
     lines: Lines
-    planes: Matrices3
+    planes: Float64[Array, "p 3 3"]
     """(p, 3, 3) covariances."""
-    rounding: Matrices4
+    rounding: Float64[Array, "n 4 4"]
     """(n, 4, 4) of each line: how far the edge that photos show may lie from where planes meet."""
 
 
@@ -93,9 +93,9 @@ class _Pairs:
         )
 
 
-def tested_mounts(
+def check_mounts(
     cloud: Lines,
-    plane_covariances: Matrices3,
+    plane_covariances: Float64[Array, "p 3 3"],
     parts: Sequence[ProjectedEdges],
     mounts: Sequence[Matrix6],
     options: MergeOptions,

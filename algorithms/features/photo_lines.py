@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Matrix6
 from algorithms.features.merged_lines import merge_lines
-from algorithms.features.mount_contradictions import tested_mounts
+from algorithms.features.mount_contradictions import check_mounts
 from algorithms.features.photo_line_options import PhotoLineOptions
 from algorithms.features.projected_edges import ProjectedEdges, project_edges
 from algorithms.features.projection_options import EdgeRejection, MergeOptions
@@ -111,5 +111,5 @@ def add_photo_lines(
             line_normals=merged.plane_normals,
             line_kinds=merged.kinds,
         ),
-        mount_test=tested_mounts(features.lines, features.planes.covariances, parts, mounts, MERGING),
+        mount_test=check_mounts(features.lines, features.planes.covariances, parts, mounts, MERGING),
     )
