@@ -8,10 +8,10 @@ across the projecting plane are taken, H x₂ with H C_surface Hᵀ = 0, as obse
 
     x = x₁ + K H (x₂ - x₁),   K = (C₁ - C₁₂) Hᵀ S⁻¹,   S = H (C₁ + C₂ - C₁₂ - C₂₁) Hᵀ
 
-C includes the mounts' errors, C₁₂ is what both have from one mount. This is the end ω = 1 of split covariance
-intersection (Julier, Uhlmann 2001: C₁ + C_shared,₁ (1/ω - 1) and so on), at which nothing is taken from the second
-record's shared part, hence no unknown correlation is left: planes as (I - K H) G, mounts as (I - K H) M₁ + K H M₂ and
-the private rest are exact, also towards all other lines that depend on them. Either record may be the base; the mean of
+C includes the mounts' errors, C₁₂ is what both have from one mount (MATH 2.7). This is the end ω = 1 of split
+covariance intersection (Julier, Uhlmann 2001), which divides the shared part of x₁ by ω and that of x₂ by 1 - ω: the
+latter has no weight, no unknown correlation is left, and planes as (I - K H) G, mounts as (I - K H) M₁ + K H M₂ and the
+private rest are exact, also towards all other lines that depend on them. Either record may be the base; the mean of
 smaller standard deviation is kept. So the result is never worse than the better one of both.
 """
 

@@ -1,4 +1,4 @@
-"""What a station tells of its cameras' mounts by itself: lines that both its scan and its photos show.
+"""What a station tells of its cameras' mounts by itself: lines that both its scan and its photos show (MATH 2.8).
 
 Scan and camera stand together, so the lines that both see need no registration to be compared. With x₁ the scan's line,
 x₂ the photo's, and H the tilt and offset across the projecting plane, which no error of the surface beside the edge
