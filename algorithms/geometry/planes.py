@@ -1,5 +1,6 @@
 """Bounded planes with uncertainty."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,36 @@ class Planes:
     def boundary_of(self, k: int) -> Array:
         """Give the boundary polygon of plane k, (p, 2), in plane coordinates [m]."""
         return self.boundary[self.boundary_splits[k] : self.boundary_splits[k + 1]]
+
+    def without_boundaries(self, which: "Array | slice") -> "Planes":
+        """Select planes by an index array, mask or slice, and forget their boundaries."""
+        count = len(self.areas_m2[which])
+        return Planes(
+            self.normals[which],
+            self.centroids[which],
+            self.bases[which],
+            self.covariances[which],
+            self.noise_std_m[which],
+            self.point_counts[which],
+            self.areas_m2[which],
+            np.empty((0, 2)),
+            np.zeros(count + 1, dtype=np.int64),
+        )
+
+    @staticmethod
+    def joined(parts: "Sequence[Planes]") -> "Planes":
+        """Put planes of several frames one after the other, without boundaries; at least one part."""
+        return Planes(
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate([part.centroids for part in parts]),
+            np.concatenate([part.bases for part in parts]),
+            np.concatenate([part.covariances for part in parts]),
+            np.concatenate([part.noise_std_m for part in parts]),
+            np.concatenate([part.point_counts for part in parts]),
+            np.concatenate([part.areas_m2 for part in parts]),
+            np.empty((0, 2)),
+            np.zeros(sum(len(part) for part in parts) + 1, dtype=np.int64),
+        )
 
     @property
     def offsets(self) -> Array:

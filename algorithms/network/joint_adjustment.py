@@ -12,6 +12,7 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.observations import Observation
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.snooping import robust_variance_factor
@@ -21,7 +22,7 @@ from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.arrays import Matrix6
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.network.pose_graph import unknowns_of
-from algorithms.network.track_observations import Track, TrackGroup, TrackKind, grouped_observations, largest_first
+from algorithms.network.track_observations import Track, TrackGroup, TrackKind, TrackLayout, largest_first
 from algorithms.network.track_tests import TrackTests
 from algorithms.network.tracks import Member, StationFeatures, Tracks
 
@@ -65,7 +66,7 @@ class JointAdjustment:
 
     @property
     def observation_count(self) -> int:
-        """Differences that must vanish, components counted."""
+        """Differences that must vanish, components counted; six more for each mount of a photo."""
         return len(self.solution.system.residuals)
 
     def pose(self, station: int) -> RigidTransform:
@@ -147,11 +148,12 @@ class _Search:
         start: Mapping[int, RigidTransform],
         options: AdjustmentOptions,
     ) -> None:
-        self._features, self._tracks, self._options = features, tracks, options
+        self._tracks, self._options = tracks, options
         self._stations = tuple(stations)
-        self._place = {station: k for k, station in enumerate(stations)}
+        self._layout = TrackLayout(features, stations, tracks)
         base = start[stations[0]].inv()
-        self._unknowns: Unknowns = unknowns_of([base * start[station] for station in stations])
+        poses = [base * start[station] for station in stations]
+        self._unknowns: Unknowns = unknowns_of(poses, self._layout.mount_count)
         self.removed: set[tuple[int, Member]] = set()
         self._returned: set[tuple[int, Member]] = set()
         self._factor = 1.0
@@ -176,13 +178,14 @@ class _Search:
 
     def poses(self) -> dict[int, RigidTransform]:
         """Give the poses so far."""
-        return {station: self._unknowns.poses[k] for station, k in self._place.items()}
+        return {station: self._unknowns.poses[k] for k, station in enumerate(self._stations)}
 
     def solved(self, *, rough: bool) -> Solution:
         """Adjust what is used."""
-        groups = self._groups(self.active())
-        problem = Problem(tuple(group.observations for group in groups))
-        start = self._unknowns
+        observations: list[Observation] = [group.observations for group in self._groups(self.active())]
+        if self._layout.mount_count:
+            observations.append(self._layout.mount_observations())
+        problem, start = Problem(observations), self._unknowns
         nothing_held = np.zeros((start.count, 0))
         solution = solve(problem, start, nothing_held, self._options.max_iterations, rough=rough)
         self._unknowns = solution.unknowns
@@ -221,7 +224,7 @@ class _Search:
         return tuple(member for member in self._tracks[number].members if (number, member) not in self.removed)
 
     def _groups(self, tracks: Sequence[tuple[int, Track]]) -> list[TrackGroup]:
-        return grouped_observations([track for _, track in tracks], self._features, self._place)
+        return self._layout.grouped([track for _, track in tracks])
 
     def _critical(self, degrees: float) -> float:
         return float(stats.chi2.isf(self._options.alpha_single, degrees)) if degrees > 0 else np.inf

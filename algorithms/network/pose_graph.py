@@ -83,8 +83,9 @@ def adjust_pose_graph(links: Sequence[StationLink], stations: Sequence[int]) -> 
     return solve(Problem((observed,)), unknowns, np.zeros((unknowns.count, 0)), MAX_ITERATIONS)
 
 
-def unknowns_of(poses: Sequence[RigidTransform]) -> Unknowns:
-    """Give the unknowns of stations of which the first is fixed."""
+def unknowns_of(poses: Sequence[RigidTransform], mounts: int = 0) -> Unknowns:
+    """Give the unknowns of stations of which the first is fixed, followed by mounts of photos at the identity."""
+    poses = [*poses, *[RigidTransform.identity()] * mounts]
     fixed = np.zeros(len(poses), dtype=bool)
     fixed[0] = True
     return Unknowns(RigidTransform.concatenate(list(poses)), np.empty((0, 3)), fixed, np.zeros(0, dtype=bool))

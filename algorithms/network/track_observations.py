@@ -5,11 +5,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
-from algorithms.adjustment.observations.feature_tracks import FeatureTracks, TrackPart
+from algorithms.adjustment.observations.feature_tracks import FeatureTracks, MountShare
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.observations.relative_poses import RelativePoses
 from algorithms.arrays import Array
+from algorithms.geometry.lines import Lines, lines_from_arrays
+from algorithms.geometry.planes import Planes
 from algorithms.network.tracks import Member, StationFeatures
 
 
@@ -26,7 +30,7 @@ class Track:
 
     kind: TrackKind
     members: tuple[Member, ...]
-    """Of different stations."""
+    """Of different stations; the others are compared to the first one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,29 +42,94 @@ class TrackGroup:
     observations: FeatureTracks
 
 
-def grouped_observations(
-    tracks: Sequence[Track], features: Mapping[int, StationFeatures], place: Mapping[int, int]
-) -> list[TrackGroup]:
-    """Lay tracks out as observations, by kind and number of members.
-
-    The others are compared to the first member.
+class TrackLayout:
+    """The features of all stations of an adjustment, laid out so that tracks become observations.
 
     Parameters
     ----------
-    tracks
-        Each with two members or more.
     features
-        Of each station.
-    place
-        Number of each station's pose among the unknowns.
+        Of each station, in its reduced frame.
+    stations
+        In the order of their poses among the unknowns; the first one is fixed.
+    tracks
+        All that will be asked for, or more.
     """
-    sorted_in: dict[tuple[TrackKind, int], list[int]] = {}
-    for number, track in enumerate(tracks):
-        sorted_in.setdefault((track.kind, len(track.members)), []).append(number)
-    return [
-        TrackGroup(tuple(numbers), _observations(kind, [tracks[k].members for k in numbers], features, place))
-        for (kind, _), numbers in sorted(sorted_in.items())
-    ]
+
+    def __init__(
+        self, features: Mapping[int, StationFeatures], stations: Sequence[int], tracks: Sequence[Track]
+    ) -> None:
+        self._place = {station: k for k, station in enumerate(stations)}
+        self._planes = Planes.joined([features[station].planes for station in stations])
+        self._first_plane = _starts([len(features[station].planes) for station in stations])
+        self._first_line = _starts([len(features[station].lines) for station in stations])
+        mounts = _mounts_in(features, tracks)
+        self._mount_covariances = [features[station].photo_covariances[photo] for station, photo in mounts]
+        numbers = {mount: len(stations) + k for k, mount in enumerate(mounts)}
+        columns = [_line_columns(features[station], station, numbers) for station in stations]
+        anchors, directions, bases, covariances, extents, self._line_mounts, self._by_mounts = (
+            np.concatenate(parts) for parts in zip(*columns, strict=True)
+        )
+        self._lines = lines_from_arrays(anchors, directions, covariances, extents, bases=bases)
+
+    @property
+    def mount_count(self) -> int:
+        """Number of mounts of photos whose errors are unknowns; their poses come after those of the stations."""
+        return len(self._mount_covariances)
+
+    def mount_observations(self) -> RelativePoses:
+        """Observe each mount's error as zero, with the mount's covariance (MATH 2.5)."""
+        count = self.mount_count
+        return RelativePoses(
+            np.zeros(count, dtype=np.int64),
+            len(self._place) + np.arange(count, dtype=np.int64),
+            RigidTransform.identity(count),
+            np.array(self._mount_covariances),
+        )
+
+    def grouped(self, tracks: Sequence[Track]) -> list[TrackGroup]:
+        """Lay tracks out as observations, by kind and number of members.
+
+        Parameters
+        ----------
+        tracks
+            Each with two members or more.
+        """
+        sorted_in: dict[tuple[TrackKind, int], list[int]] = {}
+        for number, track in enumerate(tracks):
+            sorted_in.setdefault((track.kind, len(track.members)), []).append(number)
+        return [
+            TrackGroup(tuple(numbers), self._observations(kind, [tracks[k].members for k in numbers]))
+            for (kind, _), numbers in sorted(sorted_in.items())
+        ]
+
+    def _observations(self, kind: TrackKind, members: Sequence[tuple[Member, ...]]) -> FeatureTracks:
+        stations = np.array([[self._place[station] for station, _ in entry] for entry in members], dtype=np.int64)
+        first = self._first_plane if kind is TrackKind.PLANE else self._first_line
+        rows = first[stations] + np.array([[number for _, number in entry] for entry in members], dtype=np.int64)
+        k = rows.shape[1]
+        targets, sources = np.repeat(rows[:, 0], k - 1), rows[:, 1:].ravel()
+        pairs = np.repeat(np.arange(len(sources), dtype=np.int64)[:, None], 2, axis=1)
+        if kind is TrackKind.PLANE:
+            planes = PlanePlane(
+                self._planes.without_boundaries(targets), self._planes.without_boundaries(sources), pairs
+            )
+            return FeatureTracks(stations, planes, tuple(self._planes.covariances[rows[:, j]] for j in range(k)))
+        lines = LineLine(self._lines[targets], self._lines[sources], pairs)
+        return FeatureTracks(
+            stations, lines, tuple(self._lines.covariances[rows[:, j]] for j in range(k)), self._shares(rows)
+        )
+
+    def _shares(self, rows: Array) -> tuple[MountShare, ...]:
+        """Give what members share with the mounts of the photos that show them."""
+        shares = []
+        for member in range(rows.shape[1]):
+            for which in range(self._line_mounts.shape[1]):
+                mounts = self._line_mounts[rows[:, member], which]
+                if (mounts >= 0).any():
+                    # lines of no photo refer to the fixed station, with derivatives that are zero
+                    numbers = np.maximum(mounts, 0)
+                    shares.append(MountShare(member, numbers, self._by_mounts[rows[:, member], which]))
+        return tuple(shares)
 
 
 def largest_first(kind: TrackKind, members: Sequence[Member], features: Mapping[int, StationFeatures]) -> Track:
@@ -78,48 +147,49 @@ def largest_first(kind: TrackKind, members: Sequence[Member], features: Mapping[
     return Track(kind, tuple(sorted(members, key=lambda member: (-size(member), member))))
 
 
-def _observations(
-    kind: TrackKind,
-    members: Sequence[tuple[Member, ...]],
-    features: Mapping[int, StationFeatures],
-    place: Mapping[int, int],
-) -> FeatureTracks:
-    table = np.array(members, dtype=np.int64)  # (n, k, 2)
-    rows: dict[tuple[int, int], list[tuple[int, int, int, int]]] = {}
-    for track, entries in enumerate(members):
-        base, first = entries[0]
-        for slot, (station, number) in enumerate(entries[1:], start=1):
-            rows.setdefault((base, station), []).append((first, number, track, slot))
-    parts = []
-    for (base, station), entries_of_two in rows.items():
-        columns = np.array(entries_of_two, dtype=np.int64)
-        parts.append(
-            TrackPart(_differences(kind, features, base, station, columns[:, :2], place), columns[:, 2], columns[:, 3])
-        )
-    stations = np.vectorize(place.__getitem__, otypes=[np.int64])(table[:, :, 0])
-    covariances = tuple(_covariances(kind, features, table[:, slot]) for slot in range(table.shape[1]))
-    return FeatureTracks(stations, tuple(parts), covariances)
+def _starts(counts: Sequence[int]) -> Array:
+    return np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int64)
 
 
-def _differences(
-    kind: TrackKind,
-    features: Mapping[int, StationFeatures],
-    base: int,
-    station: int,
-    pairs: Array,
-    place: Mapping[int, int],
-) -> LineLine | PlanePlane:
-    ours, theirs = features[base], features[station]
-    if kind is TrackKind.PLANE:
-        return PlanePlane(ours.planes, theirs.planes, pairs, place[base], place[station])
-    return LineLine(ours.lines, theirs.lines, pairs, place[base], place[station])
+def _mounts_in(features: Mapping[int, StationFeatures], tracks: Sequence[Track]) -> list[tuple[int, int]]:
+    """Give station and photo of all mounts that lines of tracks depend on."""
+    found: set[tuple[int, int]] = set()
+    for track in tracks:
+        if track.kind is TrackKind.LINE:
+            for station, number in track.members:
+                lines = features[station].lines
+                found |= {
+                    (station, int(photos[number]))
+                    for photos in (lines.photos, lines.second_photos)
+                    if photos is not None and photos[number] >= 0
+                }
+    return sorted(found)
 
 
-def _covariances(kind: TrackKind, features: Mapping[int, StationFeatures], members: Array) -> Array:
-    """Give (n, 3, 3) or (n, 4, 4) of one feature of each track."""
-    return np.array(
-        [
-            (features[s].planes if kind is TrackKind.PLANE else features[s].lines).covariances[k]
-            for s, k in members.tolist()
-        ]
-    )
+def _line_columns(
+    features: StationFeatures, station: int, mounts: Mapping[tuple[int, int], int]
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Give a station's lines column by column, the mounts they depend on (n, 2), and how (n, 2, 4, 6).
+
+    The covariances come without the part of those mounts.
+    """
+    lines: Lines = features.lines
+    count = len(lines)
+    numbers, by_mounts = np.full((count, 2), -1, dtype=np.int64), np.zeros((count, 2, 4, 6))
+    covariances = lines.covariances.copy()
+    for which, (photos, jacobians) in enumerate(
+        ((lines.photos, lines.photo_jacobians), (lines.second_photos, lines.second_photo_jacobians))
+    ):
+        if photos is None or jacobians is None:
+            continue
+        for photo in np.unique(photos[photos >= 0]).tolist():
+            number = mounts.get((station, photo))
+            if number is None:
+                continue
+            shown = photos == photo
+            numbers[shown, which] = number
+            by_mount = jacobians[shown]
+            by_mounts[shown, which] = by_mount
+            mount = features.photo_covariances[photo]
+            covariances[shown] -= by_mount @ mount @ np.swapaxes(by_mount, 1, 2)
+    return lines.anchors, lines.directions, lines.bases, covariances, lines.extents, numbers, by_mounts

@@ -1,12 +1,14 @@
 """Which features of many stations are one plane or line of the building (MATH 6.4)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float64
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.arrays import Array
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.geometry.planes import Planes
@@ -25,11 +27,13 @@ class StationFeatures:
 
     planes: Planes
     lines: Lines
+    photo_covariances: Float64[Array, "photos 6 6"] = field(default_factory=lambda: np.zeros((0, 6, 6)))
+    """(q, 6, 6) of the mount of each photo that `Lines.photos` counts (MATH 2.5)."""
 
     @staticmethod
     def of_features(features: ScanFeatures) -> "StationFeatures":
         """Keep planes and lines and forget the rest."""
-        return StationFeatures(features.planes, features.lines)
+        return StationFeatures(features.planes, features.lines, features.photo_covariances)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.observations import Observation, PairObservation
-from algorithms.adjustment.observations.feature_tracks import FeatureTracks, TrackPart
+from algorithms.adjustment.observations.feature_tracks import FeatureTracks
 from algorithms.adjustment.observations.levelling import Levelling
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
@@ -146,9 +146,8 @@ def polar(rng: np.random.Generator, noise: float) -> Polar:
 
 def feature_tracks(rng: np.random.Generator, noise: float) -> FeatureTracks:
     differences = plane_plane(rng, noise)
-    part = TrackPart(differences, np.arange(4, dtype=np.int64), np.ones(4, dtype=np.int64))
     stations = np.tile(np.array([0, 1], dtype=np.int64), (4, 1))
-    return FeatureTracks(stations, (part,), (differences.target.covariances, differences.source.covariances))
+    return FeatureTracks(stations, differences, (differences.target.covariances, differences.source.covariances))
 
 
 def relative_poses(rng: np.random.Generator, noise: float) -> RelativePoses:

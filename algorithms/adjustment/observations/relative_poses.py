@@ -7,6 +7,7 @@ from jaxtyping import Float64
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.observations.linearised import Derivative, Equations, FeatureNoise
+from algorithms.adjustment.observations.relative_motion import RelativeMotions
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.arrays import Array, Indices, Points
 from algorithms.geometry.rotations import cross_matrices
@@ -52,20 +53,17 @@ class RelativePoses:
     def equations(self, unknowns: Unknowns) -> Equations:
         """Compute r = (Log(R R_obsᵀ), t - t_obs) of R, t = target from source, and derivatives.
 
-        With w_r, dt_r of the relative pose as in `BetweenStations`: d Log(Exp(v)) = J⁻¹(v) w_r, J the left Jacobian of
+        With w_r, dt_r of the relative pose as in `RelativeMotions`: d Log(Exp(v)) = J⁻¹(v) w_r, J the left Jacobian of
         rotations (Sola et al. 2018, A micro Lie theory, eq. 146), and the observed rotation enters with its transpose.
         """
-        rotations, positions = unknowns.rotations, np.asarray(unknowns.poses.translation)
-        back = np.swapaxes(rotations[self.targets], 1, 2)
-        arms = positions[self.sources] - positions[self.targets]
-        relative = Rotation.from_matrix(back @ rotations[self.sources])
-        turns = (relative * self.observed.rotation.inv()).as_rotvec()
-        shifts = np.einsum("nij,nj->ni", back, arms) - np.asarray(self.observed.translation)
+        motions = RelativeMotions.between(unknowns, self.targets, self.sources)
+        turns = (Rotation.from_matrix(motions.rotations) * self.observed.rotation.inv()).as_rotvec()
+        shifts = motions.translations - np.asarray(self.observed.translation)
         by_turn = inverse_left_jacobians(turns)
-        by_source = np.zeros((len(self), 6, 6))
-        by_source[:, :3, :3], by_source[:, 3:, 3:] = by_turn @ back, back
-        by_target = -by_source
-        by_target[:, 3:, :3] = back @ cross_matrices(arms)
+        nothing, unit = np.zeros_like(by_turn), np.broadcast_to(np.eye(3), by_turn.shape)
+        by_target, by_source = motions.derivatives(
+            np.concatenate([by_turn, nothing], axis=1), np.concatenate([nothing, unit], axis=1)
+        )
         by_observed = np.zeros((len(self), 6, 6))
         by_observed[:, :3, :3] = -np.swapaxes(by_turn, 1, 2)
         by_observed[:, 3:, 3:] = -np.eye(3)
