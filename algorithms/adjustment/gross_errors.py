@@ -1,10 +1,11 @@
-"""What may be wrong: one correspondence, or a plane with everything that depends on it (MATH 4.4; Baarda 1968).
+"""What may be wrong: a correspondence, a plane or the mount of a camera with all that depends on it (MATH 4.4; Baarda).
 
 A hypothesis adds its own unknowns to the adjustment, r = J x + G d + noise. How far the weighted sum of squared
 residuals would drop, T = uᵀ N⁺ u with u = Gᵀ P v and N = Gᵀ P Qvv P G, is chi-square distributed with rank N degrees of
 freedom while there is no error. For a single correspondence G selects its components; for a plane it holds the
 derivatives of all residuals by the plane's errors: a door that was opened moves its plane and every edge of it at once,
-and single tests would put the blame on neighbours.
+and single tests would put the blame on neighbours. For the mount of a camera it holds the derivatives by its six
+errors: a photo whose pose on the scanner is not what was stated moves all its lines.
 """
 
 from dataclasses import dataclass, replace
@@ -30,6 +31,9 @@ SMALLEST_PROBABILITY = 1e-280
 Plane: TypeAlias = tuple[int, int]
 """Station and number of a plane."""
 
+Photo: TypeAlias = tuple[int, int]
+"""Station and number of a photo."""
+
 
 @dataclass(frozen=True)
 class Partner:
@@ -43,7 +47,7 @@ class Partner:
 
 @dataclass(frozen=True, eq=False)
 class GrossErrorTests:
-    """Tests of all hypotheses: the n correspondences first, then planes (MATH 4.4)."""
+    """Tests of all hypotheses: the n correspondences first, then planes, then mounts of photos (MATH 4.4)."""
 
     statistics: Scalars
     """(n,) T."""
@@ -54,7 +58,9 @@ class GrossErrorTests:
     blocks: tuple[Array, ...]
     """Correspondences that each hypothesis is about, in the numbering of the adjustment."""
     planes: tuple[Plane | None, ...]
-    """The plane, or None for a single correspondence."""
+    """The plane, or None for a single correspondence or a mount."""
+    photos: tuple[Photo | None, ...]
+    """The photo whose mount may be wrong, or None for a single correspondence or a plane."""
 
     def with_variance(self, factor: float) -> "GrossErrorTests":
         """Give the tests for covariances multiplied by a variance factor."""
@@ -73,18 +79,41 @@ class GrossErrorSearch:
         self._block_of_row = system.block_of_row
         self._block_count = sum(n for n, _ in system.shapes)
 
+    @property
+    def global_statistic(self) -> tuple[float, int]:
+        """Omega and the redundancy of the solution (MATH 4.1)."""
+        return self._solution.omega, self._solution.redundancy
+
     def tests(self) -> GrossErrorTests:
-        """Test every correspondence by itself and every plane that several depend on."""
+        """Test every correspondence by itself, every plane that several depend on, and the mount of every photo."""
         count = self._block_count
         single = [self._of_blocks()]
         blocks = list(np.arange(count, dtype=np.int64)[:, None])
         planes: list[Plane | None] = [None] * count
         for hypothesis in self._plane_hypotheses:
-            planes.append(hypothesis.plane)
+            planes.append(hypothesis.which)
+            blocks.append(hypothesis.members)
+            single.append(hypothesis.tested)
+        photos: list[Photo | None] = [None] * len(planes)
+        for hypothesis in self._photo_hypotheses:
+            planes.append(None)
+            photos.append(hypothesis.which)
             blocks.append(hypothesis.members)
             single.append(hypothesis.tested)
         statistics, degrees = np.concatenate(single, axis=1)
-        return GrossErrorTests(statistics, degrees, log_probability(statistics, degrees), tuple(blocks), tuple(planes))
+        log_p = log_probability(statistics, degrees)
+        return GrossErrorTests(statistics, degrees, log_p, tuple(blocks), tuple(planes), tuple(photos))
+
+    def of_mount(self, hypothesis: int) -> tuple[Array, Array]:
+        """Give u (6,) and its covariance N (6, 6) of the hypothesis that a mount is wrong (MATH 4.4).
+
+        Parameters
+        ----------
+        hypothesis
+            Number in `tests()`, of a mount. Its errors count in units of the root of the mount's covariance.
+        """
+        photo = self._photo_hypotheses[hypothesis - self._block_count - len(self._plane_hypotheses)]
+        return photo.design @ self._weighted, photo.own
 
     def inseparable(self, hypothesis: int) -> tuple[Partner, ...]:
         """Give what may be wrong instead: other hypotheses whose tests are correlated by more than 0.9 (MATH 4.5).
@@ -118,7 +147,7 @@ class GrossErrorSearch:
             [k for k in range(len(together)) if k != block], [float(r) for r in np.delete(together, block)]
         )
 
-    def _inseparable_planes(self, plane: "_PlaneHypothesis") -> tuple[Partner, ...]:
+    def _inseparable_planes(self, plane: "_SharedHypothesis") -> tuple[Partner, ...]:
         crossed = plane.design @ self._weights
         by_unknowns = plane.design @ self._by_unknowns @ self._solution.cofactors @ self._by_unknowns.T
         mine = _whitened(plane.own[None], plane.weights[None])[0]
@@ -174,7 +203,7 @@ class GrossErrorSearch:
         return np.concatenate(parts, axis=1)
 
     @cached_property
-    def _plane_hypotheses(self) -> list["_PlaneHypothesis"]:
+    def _plane_hypotheses(self) -> list["_SharedHypothesis"]:
         """Planes that several correspondences depend on.
 
         Of two planes with the same dependents (a matched pair) one stands for both: their derivatives span the same.
@@ -182,51 +211,80 @@ class GrossErrorSearch:
         seen: set[bytes] = set()
         found = []
         for station, derivatives in self._solution.system.plane_jacobians.items():
-            members = self._dependents_of(derivatives)
+            members = self._dependents_of(derivatives, 3)
             new = []
             for k in np.flatnonzero(members.sum(axis=1) >= FEWEST_OF_PLANE).tolist():
                 if members[k].tobytes() not in seen:
                     seen.add(members[k].tobytes())
                     new.append(k)
-            if not new:
-                continue
-            columns = (3 * np.array(new)[:, None] + np.arange(3)).ravel()
-            designs = derivatives.tocsc()[:, columns].toarray().T.reshape(len(new), 3, -1)  # Gᵀ
-            weighted_designs = (designs.reshape(len(columns), -1) @ self._weights).reshape(designs.shape)
-            weights = np.einsum("kim,kjm->kij", weighted_designs, designs)
-            by_unknowns = np.einsum("kim,mu->kiu", designs, self._by_unknowns)
-            own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
-            scales = np.diagonal(weights, axis1=1, axis2=2)
-            tested = quadratic_forms(own, designs @ self._weighted, scales)
-            found += [
-                _PlaneHypothesis(
-                    (station, k), np.flatnonzero(members[k]), designs[i], own[i], scales[i], tested[:, i : i + 1]
-                )
-                for i, k in enumerate(new)
-            ]
+            found += self._shared(station, derivatives, members, new)
         return found
 
-    def _dependents_of(self, derivatives: sparse.csr_array) -> Array:
-        """Give (p, blocks) which correspondences depend on each plane."""
+    @cached_property
+    def _photo_hypotheses(self) -> list["_SharedHypothesis"]:
+        """Photos that several correspondences depend on, in units of the roots of their mounts' covariances."""
+        found = []
+        for station, factor in self._solution.system.photo_factors.items():
+            members = self._dependents_of(factor, 6)
+            several = np.flatnonzero(members.sum(axis=1) >= FEWEST_OF_PLANE).tolist()
+            found += self._shared(station, factor, members, several)
+        return found
+
+    def _shared(
+        self, station: int, derivatives: sparse.csr_array, members: Array, chosen: list[int]
+    ) -> list["_SharedHypothesis"]:
+        """Test the chosen ones of a station's p objects that correspondences share.
+
+        Parameters
+        ----------
+        station
+            Its number.
+        derivatives
+            (m, p s) of all residuals by the s errors of each object.
+        members
+            (p, blocks) which correspondences depend on each.
+        chosen
+            Numbers of objects.
+        """
+        if not chosen:
+            return []
+        size = derivatives.shape[1] // len(members)
+        columns = (size * np.array(chosen)[:, None] + np.arange(size)).ravel()
+        designs = derivatives.tocsc()[:, columns].toarray().T.reshape(len(chosen), size, -1)  # Gᵀ
+        weighted_designs = (designs.reshape(len(columns), -1) @ self._weights).reshape(designs.shape)
+        weights = np.einsum("kim,kjm->kij", weighted_designs, designs)
+        by_unknowns = np.einsum("kim,mu->kiu", designs, self._by_unknowns)
+        own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
+        scales = np.diagonal(weights, axis1=1, axis2=2)
+        tested = quadratic_forms(own, designs @ self._weighted, scales)
+        return [
+            _SharedHypothesis(
+                (station, k), np.flatnonzero(members[k]), designs[i], own[i], scales[i], tested[:, i : i + 1]
+            )
+            for i, k in enumerate(chosen)
+        ]
+
+    def _dependents_of(self, derivatives: sparse.csr_array, size: int) -> Array:
+        """Give (p, blocks) which correspondences depend on each of p objects with `size` errors."""
         entries = sparse.coo_array(derivatives)
-        members = np.zeros((derivatives.shape[1] // 3, self._block_count), dtype=bool)
-        members[entries.coords[1] // 3, self._block_of_row[entries.coords[0]]] = True
+        members = np.zeros((derivatives.shape[1] // size, self._block_count), dtype=bool)
+        members[entries.coords[1] // size, self._block_of_row[entries.coords[0]]] = True
         return members
 
 
 @dataclass(frozen=True, eq=False)
-class _PlaneHypothesis:
-    """A plane and what the tests need of it."""
+class _SharedHypothesis:
+    """A plane or photo with s errors, and what the tests need of it."""
 
-    plane: Plane
+    which: Plane | Photo
     members: Array
     """Correspondences that depend on it."""
     design: Array
-    """(3, m) Gᵀ."""
+    """(s, m) Gᵀ."""
     own: Array
-    """(3, 3) N, the covariance of u."""
+    """(s, s) N, the covariance of u."""
     weights: Array
-    """(3,) diagonal of Gᵀ P G, to which control is relative."""
+    """(s,) diagonal of Gᵀ P G, to which control is relative."""
     tested: Array
     """(2, 1) T and degrees of freedom."""
 
@@ -259,7 +317,8 @@ def log_probability(statistics: Scalars, degrees: Scalars) -> Scalars:
 
 def quadratic_forms(covariances: Array, vectors: Array, weights: Array) -> Array:
     """Give uᵀ N⁺ u and rank N of n hypotheses, (2, n); what is controlled less than 1e-5 of its weight is left out
-    (MATH 4.4)."""
+    (MATH 4.4).
+    """
     scale = 1.0 / np.sqrt(np.maximum(weights, np.finfo(np.float64).tiny))
     values, turned = np.linalg.eigh(covariances * scale[:, :, None] * scale[:, None, :])
     along = np.einsum("nij,ni->nj", turned, vectors * scale)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.external_reliability import component_effects
+from algorithms.adjustment.mount_errors import MountError, with_less_trust
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.options import AdjustmentOptions
@@ -77,6 +78,8 @@ class LineAdjustment:
     planes: PlaneReport
     removals: tuple[Removal, ...]
     """Removed and reinstated correspondences in order."""
+    mount_errors: tuple[MountError, ...]
+    """Mounts of photos that contradict what else is seen and are trusted less than stated, in order."""
     principal_motions: tuple[PrincipalMotion, ...]
     """The determined motions, worst first, with a-priori standard deviations (MATH 5.1)."""
     doubted_count: int
@@ -190,6 +193,7 @@ def adjust_lines(
     )
     adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
     result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust, doubted)
+    problem = with_less_trust(problem, result.mounts)
     solution, used = result.solution, problem.selected(result.used)
     rank = rank_of(used, solution, origins)
     reduced_pose = PoseEstimate(solution.pose, solution.cofactors, rank.null_space)
@@ -223,6 +227,7 @@ def adjust_lines(
         lines=replace(of_lines, middles_m=of_lines.middles_m + origins.target_m),
         planes=of_planes,
         removals=removals_in_words(problem, reduced, result, options.alpha_single),
+        mount_errors=result.mounts,
         principal_motions=principal_motions(reduced_pose, frame.centroid, frame.radius_m),
         doubted_count=0 if doubted is None else int(doubted.sum()),
         centroid_m=frame.centroid + origins.target_m,

@@ -35,7 +35,7 @@ class LinearSystem:
     """For each station whose planes are shared: (m, 3p) derivatives by their errors (a1, a2, b)."""
     plane_roots: Mapping[int, sparse.csr_array]
     """For each of these stations: (3p, 3p) Cholesky factors of the planes' covariances."""
-    photo_factors: tuple[sparse.csr_array, ...] = ()
+    photo_factors: Mapping[int, sparse.csr_array] = field(default_factory=dict)
     """For each station with photos: (m, 6q) factor F whose F Fᵀ is the covariance that comes through their mounts."""
 
     def selected(self, keep: Array) -> "LinearSystem":
@@ -48,7 +48,7 @@ class LinearSystem:
             tuple(blocks[piece] for blocks, piece in zip(self.private_covariances, pieces, strict=True)),
             {station: derivatives[rows] for station, derivatives in self.plane_jacobians.items()},
             self.plane_roots,
-            tuple(factor[rows] for factor in self.photo_factors),
+            {station: factor[rows] for station, factor in self.photo_factors.items()},
         )
 
     @property
@@ -65,7 +65,7 @@ class LinearSystem:
         for station, derivatives in self.plane_jacobians.items():
             factor = derivatives @ self.plane_roots[station]
             joint += (factor @ factor.T).toarray()
-        for factor in self.photo_factors:
+        for factor in self.photo_factors.values():
             joint += (factor @ factor.T).toarray()
         for places, blocks in zip(self._rows_of_blocks, self.private_covariances, strict=True):
             joint[places[:, :, None], places[:, None, :]] += blocks
@@ -120,6 +120,9 @@ class Problem:
     photo_covariances: Mapping[int, Array] = field(default_factory=dict)
     """For each station the (q, 6, 6) covariances of its photos' mounts (rotation vector, translation; MATH 2.5). All
     lines seen in a photo share its mount's error, which therefore does not vanish by averaging."""
+    photo_additions: Mapping[int, Array] = field(default_factory=dict)
+    """For each of these stations (q, 6, 6) what mounts turned out to be worse than stated, which the covariances of
+    features do not contain: added to the covariance that their lines share."""
     std_scales: Scalars | None = None
     """(number of blocks,) factors on all standard deviations of a block (groups, robust weights); None: all 1."""
 
@@ -158,18 +161,18 @@ class Problem:
             station: _by_shared(parts, noises, station, 3 * len(covariances), _planes_of)
             for station, covariances in self.plane_covariances.items()
         }
-        by_photos = [
-            _by_shared(parts, noises, station, 6 * len(covariances), _photos_of) @ self._photo_roots[station]
+        by_photos = {
+            station: _by_shared(parts, noises, station, 6 * len(covariances), _photos_of) @ self._photo_roots[station]
             for station, covariances in self.photo_covariances.items()
             if len(covariances)
-        ]
+        }
         if self.std_scales is not None:
             pieces = np.split(self.std_scales, np.cumsum([len(part) for part in self.observations])[:-1])
             alone = [np.square(piece)[:, None, None] * c for piece, c in zip(pieces, alone, strict=True)]
             by_row = np.concatenate([np.repeat(piece, c.shape[1]) for piece, c in zip(pieces, alone, strict=True)])
             by_planes = {k: sparse.csr_array(by_row[:, None] * derivatives) for k, derivatives in by_planes.items()}
-            by_photos = [sparse.csr_array(by_row[:, None] * factor) for factor in by_photos]
-        return LinearSystem(residuals, jacobian, tuple(alone), by_planes, self._plane_roots, tuple(by_photos))
+            by_photos = {k: sparse.csr_array(by_row[:, None] * factor) for k, factor in by_photos.items()}
+        return LinearSystem(residuals, jacobian, tuple(alone), by_planes, self._plane_roots, by_photos)
 
     @cached_property
     def _noises(self) -> list[tuple[FeatureNoise, ...]]:
@@ -182,7 +185,7 @@ class Problem:
     @cached_property
     def _photo_roots(self) -> dict[int, sparse.csr_array]:
         return {
-            station: _roots(covariances, "a mount")
+            station: _roots(covariances + self.photo_additions.get(station, 0.0), "a mount")
             for station, covariances in self.photo_covariances.items()
             if len(covariances)
         }

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import stats
 
 from algorithms.adjustment.critical_values import b_method_limit
-from algorithms.adjustment.gross_errors import GrossErrorSearch, Partner, Plane
+from algorithms.adjustment.gross_errors import GrossErrorSearch, GrossErrorTests, Partner, Plane
+from algorithms.adjustment.mount_errors import MountError, may_be_trusted_less, mount_errors, with_less_trust
 from algorithms.adjustment.problem import AnyProblem, LinearSystem, Problem
 from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
@@ -78,6 +79,8 @@ class SnoopingResult:
     variance_factor: float
     """What single tests allow for, at least 1."""
     steps: tuple[SnoopingStep, ...]
+    mounts: tuple[MountError, ...] = ()
+    """Mounts of photos that contradict what else is seen; the solution trusts them less (`with_less_trust`)."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,8 @@ def adjust_and_snoop(
 ) -> SnoopingResult:
     """Adjust, remove the worst object while one fails, re-test what is out and put back the good (MATH 4.5).
 
-    An object is a correspondence, or a plane with all that depends on it (`gross_errors`).
+    An object is a correspondence, or a plane with all that depends on it (`gross_errors`). Where the mount of a photo
+    is the worst, nothing is removed: its lines still know where they are to each other, so the mount is trusted less.
 
     Parameters
     ----------
@@ -153,6 +157,7 @@ def _snooped(
     reinstated = np.zeros(n, dtype=bool)
     fewest = max(int(used.sum()) - int(rules.max_removed_share * used.sum()), FEWEST_BLOCKS)
     steps: list[SnoopingStep] = []
+    mounts: list[MountError] = []
     values, adjustments = start, 0
     while True:
         system = problem.linearised(values)
@@ -160,7 +165,14 @@ def _snooped(
         solution = adjust(part, values, of_part, True)
         adjustments += 1
         values = solution.unknowns
-        removed = _worst(solution, np.flatnonzero(used), reinstated, rules, factor, int(used.sum()) - fewest)
+        search = GrossErrorSearch(solution)
+        found = search.tests().with_variance(factor)
+        wrong = _wrong_mounts(problem, search, found, rules, mounts)
+        if wrong:
+            mounts.extend(wrong)
+            problem = with_less_trust(problem, wrong)
+            continue
+        removed = _worst(search, found, np.flatnonzero(used), reinstated, rules, int(used.sum()) - fewest)
         if removed:
             steps.extend(replace(step, step=adjustments) for step in removed)
             used[[step.block for step in removed]] = False
@@ -177,7 +189,7 @@ def _snooped(
         solution = adjusted(part, values, adjust)
         tests = _all_tests(problem, used, solution).with_variance(factor)
         steps.extend(_never_used(adjustments, used, steps, tests, rules))
-        return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps))
+        return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps), tuple(mounts))
 
 
 def _never_used(
@@ -236,29 +248,58 @@ def _all_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
     return BlockTests(*merged)
 
 
+def _wrong_mounts(
+    problem: AnyProblem,
+    search: GrossErrorSearch,
+    tests: GrossErrorTests,
+    rules: SnoopingRules,
+    known: list[MountError],
+) -> tuple[MountError, ...]:
+    """Give the mounts that are the least probable of all hypotheses and fail their test.
+
+    Those that are `known` several times already have been trusted less often enough.
+    """
+    if rules.max_removed_share <= 0.0:
+        return ()
+    for k in np.argsort(tests.log_p, kind="stable").tolist():
+        photo, critical = tests.photos[k], rules.limit(float(tests.degrees[k]))
+        if photo is None:
+            if tests.statistics[k] > critical:
+                return ()
+            continue
+        if tests.statistics[k] > critical and may_be_trusted_less(photo, known):
+            return mount_errors(problem, search, tests, k, rules.limit)
+    return ()
+
+
 def _worst(
-    solution: Solution, numbers: Array, reinstated: Flags, rules: SnoopingRules, factor: float, allowance: int
+    search: GrossErrorSearch,
+    tests: GrossErrorTests,
+    numbers: Array,
+    reinstated: Flags,
+    rules: SnoopingRules,
+    allowance: int,
 ) -> list[SnoopingStep]:
     """Find the least probable hypothesis that fails its test, and give a step for each correspondence it rejects.
 
     Parameters
     ----------
-    solution
+    search, tests
         Of the used correspondences.
     numbers
         Their numbers among all.
     reinstated
         (number of blocks,) True for those that came back: they stay, so that the search ends.
-    rules, factor
-        Level, and what variance the tests allow for.
+    rules
+        Level.
     allowance
         So many may still be removed.
     """
-    search = GrossErrorSearch(solution)
-    tests = search.tests().with_variance(factor)
     for k in np.argsort(tests.log_p, kind="stable").tolist():
         members, critical = numbers[tests.blocks[k]], rules.limit(float(tests.degrees[k]))
-        if tests.statistics[k] <= critical or len(members) > allowance or reinstated[members].any():
+        if tests.photos[k] is not None or len(members) > allowance or reinstated[members].any():
+            continue
+        if tests.statistics[k] <= critical:
             continue
         plane = tests.planes[k]
         partners = tuple(replace(partner, block=int(numbers[partner.block])) for partner in search.inseparable(k))
