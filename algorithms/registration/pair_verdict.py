@@ -172,6 +172,7 @@ def _remarks(adjustment: LineAdjustment) -> list[str]:
             f"the residuals are {adjustment.sigma0:.1f} times what the scans' own noise explains (uneven surfaces, or "
             "objects that moved); the standard deviations are enlarged accordingly"
         )
+    remarks += [mount.in_words() for mount in adjustment.mount_errors]
     scale = np.sqrt(adjustment.variance_factor)
     remarks += [
         f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak
