@@ -129,6 +129,7 @@ def _unit(vector):
 class DrawnRoom:
     """Many edges seen by a scan and one photo."""
 
+    true: Lines
     cloud: Lines
     part: ProjectedEdges
     mount: np.ndarray
@@ -167,7 +168,13 @@ def drawn_room(
         parts[0].rejected_numbers,
         parts[0].rejected_reasons,
     )
-    return DrawnRoom(cloud, part, mount, np.concatenate([station.planes for station in stations]))
+    return DrawnRoom(
+        _joined([station.true for station in stations]),
+        cloud,
+        part,
+        mount,
+        np.concatenate([station.planes for station in stations]),
+    )
 
 
 def _joined(many: list[Lines]) -> Lines:
