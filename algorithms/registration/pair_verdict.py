@@ -70,7 +70,7 @@ def status_of_pair(
     Status, and the reasons in words with figures.
     """
     adjustment = fine.adjustment
-    reasons = [*verdict.reasons, *coarse.remarks, *_remarks(adjustment)]
+    reasons = [*verdict.reasons, *coarse.remarks, *_mount_remarks(problem), *_remarks(adjustment)]
     if verdict.status is AcceptanceStatus.REJECTED:
         return PairStatus.REJECTED, tuple(reasons)
     if adjustment.rank < 6:
@@ -162,6 +162,16 @@ def _misfit(
 def _position_stds(pose: PoseEstimate, points: Points) -> Array:
     """Give the standard deviations of where points come to lie, (n, 3) [m]; inf where undetermined."""
     return np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
+
+
+def _mount_remarks(problem: RegistrationProblem) -> list[str]:
+    """Say which station's photos do not fit its own scan."""
+    remarks = []
+    for features, side in ((problem.target, "target"), (problem.source, "source")):
+        words = None if features.mount_test is None else features.mount_test.in_words()
+        if words is not None:
+            remarks.append(f"{side}: {words}")
+    return remarks
 
 
 def _remarks(adjustment: LineAdjustment) -> list[str]:
