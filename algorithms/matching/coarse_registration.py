@@ -1,5 +1,6 @@
 """Find the pose of one scan in another without a first guess."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,14 @@ from algorithms.matching.correspondences import corresponding_lines, correspondi
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.feature_fit import feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
-from algorithms.matching.line_evidence import LineEvidence, LineWitness, refutes
+from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.line_pairs import line_pair_motions
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import plane_motions
+from algorithms.matching.self_likeness import Contradiction, is_possible_alternative
 from algorithms.matching.votes import joined, vote_motions
 from algorithms.progress import NoProgress, Progress
-from algorithms.scans.surface_index import surface_index
+from algorithms.scans.surface_index import SurfaceIndex, surface_index
 
 VOTE_RADIUS_RAD = 0.07
 MOST_ROTATIONS = 200
@@ -60,7 +62,7 @@ class CoarseRegistration:
     free_space_known: bool
     """Whether the instrument's position is known for both scans; else nothing was tested for violation on that side."""
     ambiguous: bool
-    """Whether the runner-up is nearly as good."""
+    """Whether the runner-up is nearly as good, or possible by a symmetry of the building."""
     reasons: tuple[str, ...]
     """What makes the answer doubtful, in words with figures; empty when nothing does."""
     remarks: tuple[str, ...] = ()
@@ -120,34 +122,60 @@ def match_features(
     ranked = rank_hypotheses(hypotheses, indices[0], indices[1], noise_m=max(target.noise_std_m, source.noise_std_m))
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
-    known = all(index.knows_free_space for index in indices)
-    result = _described(target, source, ranked, options, free_space_known=known)
+    result = _described(target, source, ranked, indices, options)
     tell.report(1.0, "pose found")
     return result
 
 
+@dataclass(frozen=True, eq=False)
+class _Weighed:
+    """Poses in the order that surfaces and lines together give them."""
+
+    first: int
+    """Number of the best pose: that of the best score, unless the lines refute it in favour of one nearly as good."""
+    rivals: list[int]
+    """The others that the lines do not refute, the best first."""
+    refuted: list[tuple[int, LineEvidence, LineEvidence]]
+    """Those they refute although the surfaces do not: number, evidence of the best pose, evidence there."""
+    symmetric: list[int]
+    """Rivals that a symmetry of the building makes possible, the one with most surface first."""
+
+
 def _described(
-    target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses, options: MatchingOptions, *, free_space_known: bool
+    target: ScanFeatures,
+    source: ScanFeatures,
+    ranked: RankedPoses,
+    indices: Sequence[SurfaceIndex],
+    options: MatchingOptions,
 ) -> CoarseRegistration:
     """Count the supporting features and compare the best pose with the best other one that the lines do not refute."""
-    first, rivals, refuted = _weighed(target, source, ranked, options)
-    pose, scores = ranked.poses[first], ranked.scores
-    best = float(scores.score[first])
-    second = rivals[0] if rivals else None
+    weighed = _weighed(target, source, ranked, indices, options)
+    pose, scores = ranked.poses[weighed.first], ranked.scores
+    best = float(scores.score[weighed.first])
+    second = next(iter([*weighed.symmetric, *weighed.rivals]), None)
     runner_up_score = 0.0 if second is None else float(scores.score[second])
-    ambiguous = runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
+    close = runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
+    free_space_known = all(index.knows_free_space for index in indices)
     reasons, remarks = [], []
-    if ambiguous and second is not None:
+    if weighed.symmetric:
+        other = weighed.symmetric[0]
+        count = len(weighed.symmetric)
+        reasons.append(
+            f"the building looks like itself elsewhere: another pose, {_apart(source, pose, ranked.poses[other])}, "
+            f"lays {scores.support[other]:.0%} of the surface on surface and only {scores.violation[other]:.1%} stands "
+            f"where the other scan looked through{f' ({count - 1} more such poses)' if count > 1 else ''}"
+        )
+    elif close and second is not None:
         reasons.append(
             f"another pose, {_apart(source, pose, ranked.poses[second])}, scores {runner_up_score:.2f} "
             f"against {best:.2f}"
         )
-    if refuted:
-        rival, evidence, other = refuted[0]
+    if weighed.refuted:
+        rival, here, there = weighed.refuted[0]
         remarks.append(
             f"another pose, {_apart(source, pose, ranked.poses[rival])}, fits the surfaces nearly as well (score "
             f"{scores.score[rival]:.2f} against {best:.2f}) but not the lines: of those that tell the two apart "
-            f"{other.found} of {other.expected} are found again there, here {evidence.found} of {evidence.expected}"
+            f"{there.found} of {there.expected} are found again there, here {here.found} of {here.expected}"
         )
     if not free_space_known:
         reasons.append("the position of an instrument is unknown, so free space was not tested on that side")
@@ -155,57 +183,66 @@ def _described(
         target_from_source=pose,
         support=_supporters(target, source, pose),
         score=best,
-        support_share=float(scores.support[first]),
-        violation_share=float(scores.violation[first]),
-        overlap=float(scores.overlap[first]),
+        support_share=float(scores.support[weighed.first]),
+        violation_share=float(scores.violation[weighed.first]),
+        overlap=float(scores.overlap[weighed.first]),
         runner_up=None if second is None else ranked.poses[second],
         runner_up_score=runner_up_score,
         runner_up_support=0 if second is None else _supporters(target, source, ranked.poses[second]),
         hypotheses_tested=ranked.tested,
         free_space_known=free_space_known,
-        ambiguous=bool(ambiguous),
+        ambiguous=bool(close or weighed.symmetric),
         reasons=tuple(reasons),
         remarks=tuple(remarks),
     )
 
 
 def _weighed(
-    target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses, options: MatchingOptions
-) -> tuple[int, list[int], list[tuple[int, LineEvidence, LineEvidence]]]:
-    """Let the lines decide between poses that fit the surfaces alike.
-
-    Returns
-    -------
-    first
-        Number of the best pose: that of the best score, unless the lines refute it in favour of one nearly as good.
-    rivals
-        The others that the lines do not refute, the best first.
-    refuted
-        Those they refute although the surfaces do not: number, evidence of the best pose, evidence there.
-    """
-    scores = ranked.scores.score
-    close = [k for k in range(1, len(scores)) if scores[k] > LEAST_RIVAL_RATIO * scores[0]]
-    others = [k for k in range(1, len(scores)) if k not in close]
-    if not close:
-        return 0, others, []
-    witness = LineWitness(target, source)
+    target: ScanFeatures,
+    source: ScanFeatures,
+    ranked: RankedPoses,
+    indices: Sequence[SurfaceIndex],
+    options: MatchingOptions,
+) -> _Weighed:
+    """Let the lines decide between poses that fit the surfaces alike, and find those that symmetry makes possible."""
+    score = ranked.scores.score
+    judged = [
+        Contradiction.of(float(support), float(violation))
+        for support, violation in zip(ranked.scores.support, ranked.scores.violation, strict=True)
+    ]
+    close = [k for k in range(1, len(score)) if score[k] > LEAST_RIVAL_RATIO * score[0]]
+    witness = LineWitness(target, source, indices)
     fitted = {k: feature_pose_near(target, source, ranked.poses[k]) for k in (0, *close)}
     first = 0
     for k in close:
-        if scores[k] >= options.ambiguity_ratio * scores[0]:
-            here, there = witness.compare(fitted[first], fitted[k])
-            if refutes(there, here, alpha=LINES_ALONE_ALPHA):
-                first = k
-    rivals, refuted = [], []
-    for k in (0, *close):
-        if k != first:
-            here, there = witness.compare(fitted[first], fitted[k])
-            alone = scores[k] >= options.ambiguity_ratio * scores[first]
-            if refutes(here, there, alpha=LINES_ALONE_ALPHA if alone else LINES_TOO_ALPHA):
-                refuted.append((k, here, there))
-            else:
-                rivals.append(k)
-    return first, [*rivals, *others], refuted
+        nearly_as_good = score[k] >= options.ambiguity_ratio * score[0]
+        if nearly_as_good and witness.refutation(fitted[k], fitted[first], alpha=LINES_ALONE_ALPHA) is not None:
+            first = k
+    rivals, refuted, symmetric = [], [], []
+    for k in range(len(score)):
+        if k == first:
+            continue
+        possible = is_possible_alternative(
+            ranked.poses[first],
+            ranked.poses[k],
+            best=judged[first],
+            alternative=judged[k],
+            target=indices[0],
+            source=indices[1],
+            noise_m=max(target.noise_std_m, source.noise_std_m),
+        )
+        if k in fitted or possible:
+            other = fitted[k] if k in fitted else feature_pose_near(target, source, ranked.poses[k])
+            alone = possible or score[k] >= options.ambiguity_ratio * score[first]
+            found = witness.refutation(fitted[first], other, alpha=LINES_ALONE_ALPHA if alone else LINES_TOO_ALPHA)
+            if found is not None:
+                refuted.append((k, *found))
+                continue
+        rivals.append(k)
+        if possible:
+            symmetric.append(k)
+    symmetric.sort(key=lambda k: -judged[k].support)
+    return _Weighed(first, rivals, refuted, symmetric)
 
 
 def _apart(source: ScanFeatures, pose: RigidTransform, other: RigidTransform) -> str:

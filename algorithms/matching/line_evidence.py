@@ -1,11 +1,12 @@
 """Which of two poses the lines speak for: lines that both scans should see must be found again.
 
 A flat facade fits as well a step further along itself; its window edges do not. So of all lines that would lie
-elsewhere in the other pose, count those that the other scan should have seen, and of these those it did see. In the
-right pose that share is what the extraction of lines repeats; in a pose that differs by a symmetry of the building it
-is the same; in any other pose it is close to chance.
+elsewhere in the other pose, count those that the other scan should have seen, because it has the surfaces beside them,
+and of these those it did see. In the right pose that share is what the extraction of lines repeats; in a pose that
+differs by a symmetry of the building it is the same; in any other pose it is close to chance.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.matching.correspondences import lines_near
 from algorithms.matching.line_pairs import described_lines
+from algorithms.matching.polish import fitting
+from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
 FOUND_ANGLE_RAD, FOUND_DISTANCE_M, FOUND_NOISES = 0.02, 0.03, 2.0
 """A line is found again within this angle, and within this distance or so many standard deviations of single points."""
@@ -26,8 +29,10 @@ COMMON_SHARE = 0.3
 SENSITIVE_FACTOR = 4.0
 """A line tells two poses apart when it moves across itself by so many distances at which it counts as found."""
 SAMPLE_STEP_M, MOST_SAMPLES = 0.1, 60
-SEEN_SHARE, SEEN_REACH = 0.7, 1.2
-"""A line should have been seen where the other scan has surface, within so many of its voxels, along this share."""
+SEEN_SHARE = 0.7
+"""A line should have been seen where the other scan has the surfaces beside it along this share."""
+SIDE_VOXELS, SIDE_DISTANCE_M, SIDE_ANGLE_RAD = 1.5, 0.08, np.radians(25.0)
+"""The surfaces are looked for so many voxels beside the line, within this distance and angle."""
 FARTHEST = 1.5
 """The other instrument may be this much farther away than the one that saw the line: what is seen fades with range, and
 a pose must not look better because it lays near things on near things."""
@@ -51,19 +56,25 @@ class LineEvidence:
         """Share of the expected lines that are found; 0 where none is expected."""
         return self.found / self.expected if self.expected else 0.0
 
+    def __add__(self, other: "LineEvidence") -> "LineEvidence":
+        """Count two kinds of evidence together."""
+        return LineEvidence(self.expected + other.expected, self.found + other.found)
+
 
 class LineWitness:
     """Two scans whose lines are asked about pairs of poses. Holds search trees; O(n log n) to build."""
 
-    def __init__(self, target: ScanFeatures, source: ScanFeatures) -> None:
+    def __init__(self, target: ScanFeatures, source: ScanFeatures, indices: Sequence[SurfaceIndex]) -> None:
         """Prepare both scans.
 
         Parameters
         ----------
         target, source
             Features of the two scans.
+        indices
+            Their surfaces.
         """
-        self._scans = (_Witness(target), _Witness(source))
+        self._scans = (_Witness(target, indices[0]), _Witness(source, indices[1]))
         self._distance_m = max(FOUND_DISTANCE_M, FOUND_NOISES * max(target.noise_std_m, source.noise_std_m))
 
     def compare(self, pose: RigidTransform, other: RigidTransform) -> tuple[LineEvidence, LineEvidence]:
@@ -88,21 +99,48 @@ class LineWitness:
         first, second = (LineEvidence(int(expected), int(found)) for expected, found in counts)
         return first, second
 
+    def refutation(
+        self, pose: RigidTransform, other: RigidTransform, *, alpha: float
+    ) -> tuple[LineEvidence, LineEvidence] | None:
+        """Show that another pose is wrong by lines found in the first and missing in the other, or give None.
 
-def refutes(evidence: LineEvidence, other: LineEvidence, *, alpha: float) -> bool:
-    """Say whether lines found in one pose and missing in the other show that the other is wrong.
+        Parameters
+        ----------
+        pose, other
+            Target from source, between the reduced frames.
+        alpha
+            Largest probability of such a difference by chance (Fisher's exact test, one-sided).
 
-    Parameters
-    ----------
-    evidence, other
-        Of the two poses.
-    alpha
-        Largest probability of such a difference by chance (Fisher's exact test, one-sided).
-    """
-    if evidence.found < LEAST_FOUND or other.expected == 0 or other.rate > MOST_RATE * evidence.rate:
-        return False
-    table = np.array([[e.found, e.expected - e.found] for e in (evidence, other)])
-    return bool(fisher_exact(table, alternative="greater").pvalue <= alpha)
+        Returns
+        -------
+        Evidence of the first pose, and of the other one together with the repetition it would need.
+        """
+        here, there = self.compare(pose, other)
+        there = there + self.self_likeness(pose, other)
+        if here.found < LEAST_FOUND or there.expected == 0 or there.rate > MOST_RATE * here.rate:
+            return None
+        table = np.array([[e.found, e.expected - e.found] for e in (here, there)])
+        return (here, there) if fisher_exact(table, alternative="greater").pvalue <= alpha else None
+
+    def self_likeness(self, pose: RigidTransform, other: RigidTransform) -> LineEvidence:
+        """Lay each scan's lines onto themselves by the motion between two poses, and count those found again.
+
+        If the other pose were right, and this one only looked right because the building repeats itself, then the
+        building would show the same repetition to each scan alone.
+
+        Parameters
+        ----------
+        pose, other
+            Target from source, between the reduced frames.
+        """
+        expected, found = 0, 0
+        for scan, motion in zip(self._scans, (other * pose.inv(), pose.inv() * other), strict=True):
+            for each in (motion, motion.inv()):
+                across = moved_across(scan.features.lines, RigidTransform.identity(), each)
+                asked = (across > SENSITIVE_FACTOR * self._distance_m) & scan.expected_in(scan, each)
+                expected += int(np.count_nonzero(asked))
+                found += int(np.count_nonzero(asked & scan.found_in(scan, each, self._distance_m)))
+        return LineEvidence(expected, found)
 
 
 def moved_across(lines: Lines, motion: RigidTransform, other: RigidTransform) -> Scalars:
@@ -117,15 +155,15 @@ def moved_across(lines: Lines, motion: RigidTransform, other: RigidTransform) ->
 
 
 class _Witness:
-    """One scan: its lines, samples along them, and trees of its surface and of its photo lines."""
+    """One scan: its lines, with samples of the surfaces beside them, and a tree of its photo lines."""
 
-    def __init__(self, features: ScanFeatures) -> None:
-        self.features = features
+    def __init__(self, features: ScanFeatures, index: SurfaceIndex) -> None:
+        self.features, self.index = features, index
         self.described = described_lines(features)
         self._owners, self._samples = _along(features.lines)
         self._counts = np.maximum(np.bincount(self._owners, minlength=len(features.lines)), 1)
+        self._sides = _sides(features, SIDE_VOXELS * index.spacing_m)
         self._of_photos = features.lines.sources == int(LineSource.PHOTO_EDGE)
-        self.surface = cKDTree(features.surface.points)
         self.photo_lines = cKDTree(self._samples[self._of_photos[self._owners]])
 
     def expected_in(self, other: "_Witness", other_from_own: RigidTransform) -> Flags:
@@ -133,8 +171,11 @@ class _Witness:
         if len(self._samples) == 0:
             return np.zeros(len(self.features.lines), dtype=bool)
         places = other_from_own.apply(self._samples)
-        reach = SEEN_REACH * other.features.surface.voxel_size_m + FOUND_DISTANCE_M
-        seen = _has_within(other.surface, places, reach) & self._near_enough(other, places)
+        seen = self._near_enough(other, places)
+        for offsets, normals, present in self._sides:
+            points = self._samples + offsets[self._owners]
+            fits = fitting(other_from_own, points, normals[self._owners], other.index, _side_limits(other.index))
+            seen &= fits | ~present[self._owners]
         in_photos = self._of_photos[self._owners]
         seen[in_photos] &= _has_within(other.photo_lines, places[in_photos], PHOTO_REACH_M)
         return np.bincount(self._owners, seen, len(self._counts)) >= SEEN_SHARE * self._counts
@@ -165,6 +206,42 @@ def _has_within(tree: cKDTree, places: Points, reach_m: float) -> Flags:
     if tree.n == 0:
         return np.zeros(len(places), dtype=bool)
     return np.isfinite(tree.query(places, distance_upper_bound=reach_m)[0])
+
+
+def _side_limits(index: SurfaceIndex) -> EvidenceLimits:
+    return EvidenceLimits(SIDE_DISTANCE_M, SIDE_ANGLE_RAD, 2.5 * index.spacing_m)
+
+
+def _sides(features: ScanFeatures, aside_m: float) -> tuple[tuple[Points, Points, Flags], ...]:
+    """Give the surfaces that make a line visible, up to two: offset from the line, normal, and whether there is one.
+
+    Beside an edge its two planes; the flank of a cylinder that its own instrument saw; the surface of a photo edge.
+    """
+    lines, planes = features.lines, features.planes
+    n = len(lines)
+    first = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, dtype=bool)
+    second = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, dtype=bool)
+    edges = np.flatnonzero((lines.parents >= 0).all(axis=1) & (lines.sources == int(LineSource.PLANE_INTERSECTION)))
+    for side, (offsets, normals, present) in enumerate((first, second)):
+        plane = lines.parents[edges, side]
+        inwards = np.cross(planes.normals[plane], lines.directions[edges])
+        towards = np.einsum("ij,ij->i", planes.centroids[plane] - lines.anchors[edges], inwards)
+        offsets[edges] = aside_m * np.sign(towards)[:, None] * inwards
+        normals[edges], present[edges] = planes.normals[plane], True
+    offsets, normals, present = first
+    axes = np.flatnonzero((lines.sources == int(LineSource.CYLINDER_AXIS)) & (lines.parents[:, 0] >= 0))
+    if len(axes) and features.sensor_m is not None:
+        numbers = lines.parents[axes, 0]
+        towards = features.sensor_m - lines.anchors[axes]
+        towards -= np.einsum("ij,ij->i", towards, lines.directions[axes])[:, None] * lines.directions[axes]
+        towards /= np.maximum(np.linalg.norm(towards, axis=1), 1e-9)[:, None]
+        outside = np.where(features.cylinders.convex[numbers], 1.0, -1.0)[:, None]
+        offsets[axes] = outside * features.cylinders.radii_m[numbers, None] * towards
+        normals[axes], present[axes] = towards, True
+    in_photos = np.flatnonzero(lines.sources == int(LineSource.PHOTO_EDGE))
+    if features.photo_edges is not None and len(in_photos):
+        normals[in_photos], present[in_photos] = features.photo_edges.line_normals[in_photos], True
+    return first, second
 
 
 def _along(lines: Lines) -> tuple[Indices, Points]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.arrays import Array, Flags, Points, Scalars, Vector3
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
 LEAST_GAPS = 30
@@ -148,15 +148,29 @@ def corresponding(
     fixed_from_moved: RigidTransform, moved: SurfaceIndex, fixed: SurfaceIndex, limits: EvidenceLimits, points: int
 ) -> tuple[Array, Array]:
     """Find which of the first `points` surface points of one scan lie on which of the other: two index arrays."""
+    m = min(points, len(moved.points))
+    match = _matches(fixed_from_moved, moved.points[:m], moved.normals[:m], fixed, limits)
+    found = np.flatnonzero(match >= 0)
+    return found, match[found]
+
+
+def fitting(
+    fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
+) -> Flags:
+    """Say which moved points with their normals lie on the surface of a scan."""
+    return np.asarray(_matches(fixed_from_moved, points, normals, fixed, limits) >= 0)
+
+
+def _matches(
+    fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
+) -> Array:
     from algorithms.scans import surface_index_kernels as kernels
 
-    m = min(points, len(moved.points))
-    match = np.empty(m, dtype=np.int64)
+    match = np.empty(len(points), dtype=np.int64)
     kernels.matched_surface(
         np.ascontiguousarray(fixed_from_moved.rotation.as_matrix()),
         np.ascontiguousarray(fixed_from_moved.translation, dtype=np.float64),
-        moved.points[:m], moved.normals[:m], fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m,
+        points, normals, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m,
         limits.as_array(), match,
     )  # fmt: skip
-    found = np.flatnonzero(match >= 0)
-    return found, match[found]
+    return match

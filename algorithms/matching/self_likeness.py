@@ -1,0 +1,99 @@
+"""Poses that the building's own symmetry makes possible: half turns, bays, equal storeys.
+
+In a building that looks like itself shifted by a bay, the wrong pose may lay more surface on surface than the right
+one: two stations at corresponding places see nearly the same picture. How much fits decides nothing there. What gives
+such an alternative away is that nothing speaks against it (hardly any surface stands where the other scan looked
+through), and that the motion between both poses lays a scan onto itself without contradiction either.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
+from algorithms.scans.surface_index import SurfaceIndex
+
+LEAST_SUPPORT = 0.05
+"""An alternative that lays less surface on surface could be anywhere."""
+CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
+"""An alternative is possible while the share that speaks against it is below the first value, or below the second times
+its support relative to the best pose's, or below the third times what speaks against the best pose."""
+SELF_SUPPORT, SELF_CONTRADICTED = 0.05, 0.05
+"""A scan is like itself when so much of it lies on itself, and less than this share of that speaks against it."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """How much of the surface fits, and which share of what can be judged speaks against a pose."""
+
+    support: float
+    """Share that fits, a geometric mean over directions of normals, 0..1."""
+    share: float
+    """Share of what fits or stands in free space that stands in free space, 0..1."""
+
+    @staticmethod
+    def of(support: float, violation: float) -> "Contradiction":
+        """Build from the shares that fit and that stand in free space."""
+        return Contradiction(support, violation / max(support + violation, 1e-9))
+
+
+def is_possible_alternative(
+    pose: RigidTransform,
+    other: RigidTransform,
+    *,
+    best: Contradiction,
+    alternative: Contradiction,
+    target: SurfaceIndex,
+    source: SurfaceIndex,
+    noise_m: float,
+) -> bool:
+    """Say whether a symmetry of the building makes another pose possible beside the best one.
+
+    Parameters
+    ----------
+    pose, other
+        The best pose and another, target from source.
+    best, alternative
+        What speaks for and against them.
+    target, source
+        The two scans.
+    noise_m
+        Standard deviation of single points [m].
+    """
+    if alternative.support < LEAST_SUPPORT:
+        return False
+    relative = alternative.support / max(best.support, 1e-9)
+    limit = max(CONTRADICTED, CONTRADICTED_PER_SUPPORT * relative, CONTRADICTED_AS_BEST * best.share)
+    if alternative.share > limit:
+        return False
+    return any(
+        likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED
+        for likeness in (
+            self_likeness(target, other * pose.inv(), noise_m),
+            self_likeness(source, pose.inv() * other, noise_m),
+        )
+    )
+
+
+def self_likeness(scan: SurfaceIndex, motion: RigidTransform, noise_m: float) -> Contradiction:
+    """Lay a moved scan onto itself.
+
+    Parameters
+    ----------
+    scan
+        The scan.
+    motion
+        How it is moved, in its own frame.
+    noise_m
+        Standard deviation of single points [m].
+    """
+    scores = score_poses(
+        motion.rotation.as_matrix()[None],
+        np.asarray(motion.translation, dtype=np.float64)[None],
+        scan,
+        scan,
+        points=FINAL_POINTS,
+        limits=strict_limits(noise_m, scan.spacing_m),
+    )
+    return Contradiction.of(float(scores.support[0]), float(scores.violation[0]))
