@@ -61,6 +61,20 @@ class UnusedPhotoLine(Document):
     state: str = Field(description="removed: by the tests; unmatched: no line of the other station fits it.")
 
 
+class WrongMount(Document):
+    """A camera that does not sit where it was said to: its photo's lines contradict the others as a whole."""
+
+    station: str
+    photo: int = Field(description="Number of the station's photo, from 0.")
+    rotation_gon: float = Field(description="By how much its stated pose seems to be turned.")
+    rotation_std_gon: float = Field(description="Standard deviation of that.")
+    translation_m: float = Field(description="By how much it seems to be shifted.")
+    statistic: float = Field(description="T, by how much the sum of squares drops when the mount is free.")
+    critical: float = Field(description="Its limit.")
+    global_statistic: float = Field(description="Omega of the adjustment that trusted the mount as stated.")
+    global_critical: float = Field(description="Its limit at the level of single tests.")
+
+
 class PhotoLineCounts(Document):
     """What became of the lines that only photos show."""
 
@@ -70,6 +84,11 @@ class PhotoLineCounts(Document):
     used: int = Field(description="Of these, those in the adjustment.")
     removed: int = Field(description="Of these, those that the tests removed.")
     unused: list[UnusedPhotoLine] = Field(description="Lines of photos that were removed or found no partner.")
+    wrong_mounts: list[WrongMount] = Field(
+        default=[],
+        description="Mounts whose stated standard deviations the lines refute, in the order found; the adjustment took "
+        "the errors found for their standard deviations instead.",
+    )
 
 
 class Pair(Document):

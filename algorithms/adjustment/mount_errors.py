@@ -45,18 +45,32 @@ class MountError:
     @property
     def added_covariance(self) -> Matrix6:
         """What the mount's covariance grows by: an error of that size in any direction (MATH 2.5)."""
-        return np.diag([float(self.error[:3] @ self.error[:3])] * 3 + [float(self.error[3:] @ self.error[3:])] * 3)
+        return np.diag([self.turn_rad**2] * 3 + [self.shift_m**2] * 3)
+
+    @property
+    def turn_rad(self) -> float:
+        """By how much the stated pose seems to be turned [rad] (MATH 2.5)."""
+        return float(np.linalg.norm(self.error[:3]))
+
+    @property
+    def turn_std_rad(self) -> float:
+        """Standard deviation of that turn about its axis [rad] (MATH 2.5)."""
+        axis = self.error[:3] / max(self.turn_rad, 1e-12)
+        return float(np.sqrt(max(axis @ self.covariance[:3, :3] @ axis, 0.0)))
+
+    @property
+    def shift_m(self) -> float:
+        """By how much it seems to be shifted [m] (MATH 2.5)."""
+        return float(np.linalg.norm(self.error[3:]))
 
     def in_words(self) -> str:
         """Say which photo it is and how wrong it seems to be (MATH 2.5); photos count from 1."""
-        turn, shift = float(np.linalg.norm(self.error[:3])), float(np.linalg.norm(self.error[3:]))
-        axis = self.error[:3] / max(turn, 1e-12)
-        turn_std = float(np.sqrt(max(axis @ self.covariance[:3, :3] @ axis, 0.0)))
+        turn, turn_std = self.turn_rad * GON_PER_RAD, self.turn_std_rad * GON_PER_RAD
         return (
             f"the lines of photo {self.photo[1] + 1} of the {SIDES[self.photo[0]]} contradict the others as a whole "
             f"(T = {self.statistic:.1f} > {self.critical:.1f}; {self._global}): its camera does not sit where it was "
-            f"said to, but turned by about {turn * GON_PER_RAD:.3f} gon (std {turn_std * GON_PER_RAD:.3f} gon) and "
-            f"shifted by about {shift * 1e3:.1f} mm; the standard deviation of its mount was raised to that"
+            f"said to, but turned by about {turn:.3f} gon (std {turn_std:.3f} gon) and "
+            f"shifted by about {self.shift_m * 1e3:.1f} mm; the standard deviation of its mount was raised to that"
         )
 
     @property

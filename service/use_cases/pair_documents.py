@@ -6,12 +6,13 @@ from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.arrays import Flags, Indices
 from algorithms.features.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.lines import LineSource
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.base import FineRegistration, PairResult
 from schemas.adjustment_figures import RankReport
-from schemas.registration_result import Coarse, Overlap, Pair, PhotoLineCounts, UnusedPhotoLine
+from schemas.registration_result import Coarse, Overlap, Pair, PhotoLineCounts, UnusedPhotoLine, WrongMount
 from service.use_cases.adjustment_documents import (
     accuracy_document,
     adjustment_document,
@@ -110,7 +111,26 @@ def photo_line_counts(
             *_unused(target, target_features, pairs[:, 0], removed),
             *_unused(source, source_features, pairs[:, 1], removed),
         ],
+        wrong_mounts=[] if fine is None else _wrong_mounts(fine, target, source),
     )
+
+
+def _wrong_mounts(fine: FineRegistration, target: str, source: str) -> list[WrongMount]:
+    """List the mounts that contradict the lines."""
+    return [
+        WrongMount(
+            station=(target, source)[mount.photo[0]],
+            photo=mount.photo[1],
+            rotation_gon=mount.turn_rad * GON_PER_RAD,
+            rotation_std_gon=mount.turn_std_rad * GON_PER_RAD,
+            translation_m=mount.shift_m,
+            statistic=mount.statistic,
+            critical=mount.critical,
+            global_statistic=mount.omega,
+            global_critical=mount.omega_critical,
+        )
+        for mount in fine.adjustment.mount_errors
+    ]
 
 
 def _unused(station: str, features: ScanFeatures, matched: Indices, removed: Flags) -> list[UnusedPhotoLine]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from algorithms.adjustment.line_adjustment import adjust_lines
+from algorithms.adjustment.mount_errors import MountError
 from algorithms.features.projection_options import EdgeRejection, SpaceEdgeKind
 from algorithms.features.scan_features import PhotoEdges, ScanFeatures
 from algorithms.geometry.line_motion import moved_lines
@@ -105,3 +106,19 @@ def test_all_are_unmatched_where_no_pose_was_found() -> None:
 
 def test_stations_without_photos_have_no_counts() -> None:
     assert photo_line_counts(None, some_features(), some_features(), target="A", source="B") is None
+
+
+def test_a_wrong_mount_is_told_with_its_station_and_size(
+    pair: tuple[FineRegistration, ScanFeatures, ScanFeatures],
+) -> None:
+    fine, target, source = pair
+    error = np.array([0.0, 0.002, 0.0, 0.0, 0.0, 0.03])
+    wrong = MountError((1, 0), 99.0, 22.5, 120.0, 80.0, error, np.diag([1e-8] * 3 + [1e-6] * 3))
+    adjustment = replace(fine.adjustment, mount_errors=(wrong,))
+    found = photo_line_counts(replace(fine, adjustment=adjustment), target, source, target="A", source="B")
+    assert found is not None
+    (told,) = found.wrong_mounts
+    assert (told.station, told.photo, told.statistic, told.critical) == ("B", 0, 99.0, 22.5)
+    assert (told.global_statistic, told.global_critical) == (120.0, 80.0)
+    figures = (told.rotation_gon, told.rotation_std_gon, told.translation_m)
+    assert figures == pytest.approx((0.002 * 200 / np.pi, 1e-4 * 200 / np.pi, 0.03))
