@@ -12,7 +12,7 @@ POSE = looking(0.1)
 EDGES = np.array(
     [
         [[6.0, 0.0, -0.9], [6.0, 0.0, 1.3]],  # crease: wall and returning wall
-        [[6.0, 2.5, -0.9], [6.0, 2.5, 1.3]],  # silhouette against nothing
+        [[6.0, 2.5, 1.3], [6.0, 2.5, -0.9]],  # silhouette against nothing, which is brighter
         [[6.0, 0.3, 1.5], [6.0, 2.3, 1.5]],  # silhouette against the sky
         [[6.0, 0.6, -0.6], [6.0, 1.1, 1.1]],  # paint, inclined
         [[6.0, 1.3, -0.3], [6.0, 2.2, -0.1]],  # paint, nearly level

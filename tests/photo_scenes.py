@@ -45,6 +45,7 @@ def segments_of(starts, ends, camera, scan_from_camera, rng=None, std_px=0.1):
         widths_px=np.full(len(a), 0.7),
         point_counts=lengths.astype(np.int64),
         raw_ends=np.stack([a, b], axis=1),
+        composite=np.zeros(len(a), dtype=bool),
     )
 
 

@@ -29,6 +29,11 @@ def wall_photo(
     following = np.roll(CORNERS, -1, axis=0)
     outline = np.vstack([a + share * (b - a) for a, b in zip(CORNERS, following, strict=True)])
     pixels = camera.image_from_camera(scan_from_camera.inv().apply(outline))
+    # cv2 draws the samples on the outline as well, which would make the rectangle half a sample larger all around
+    along = np.roll(pixels, -1, axis=0) - np.roll(pixels, 1, axis=0)
+    inwards = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    inwards *= np.sign(np.sum(inwards * (pixels.mean(axis=0) - pixels)))
+    pixels = pixels + inwards * 0.5 / FINER
     # cv2 counts from the centre of the first sample; 4 more bits for parts of samples
     samples = np.rint(((pixels + 0.5) * FINER - 0.5) * 16).astype(np.int32)
     canvas = np.full((camera.height * FINER, camera.width * FINER), 70, dtype=np.uint8)

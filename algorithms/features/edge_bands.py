@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Points, Scalars, Splits
+from algorithms.arrays import Array, Points, Scalars, Splits, Vectors2
 from algorithms.features.edge_bands_kernels import gather
 from algorithms.features.photo_points import points_in_photo
 from algorithms.features.projection_options import ProjectionOptions
@@ -15,6 +15,9 @@ from algorithms.photos.segments import ImageSegments
 
 ENDS_PX, ENDS_SHARE = 3.0, 0.1
 """So much is left out at each end of an edge: around corners there are other surfaces [px, share of the length]."""
+DENSE_SHARE, UNIFORM = 0.2, 1.1
+"""Share of the edges beside which surfaces certainly fill the band; how many times as far apart points may be
+elsewhere."""
 SPARSEST_PX = 100.0
 """Spacing of the points of an edge without any [px]."""
 
@@ -38,7 +41,8 @@ class EdgeBands:
     last_px: Scalars
     """(n,) where it ends [px]."""
     spacings_px: Scalars
-    """(n,) mean distance of neighbouring points in the denser half of the band [px]."""
+    """(n,) mean distance of neighbouring points in the denser half of the band, or what it is beside most edges of the
+    photo if that is less [px]."""
     widths_px: Scalars
     """(n,) width of the wider half of the band, as the limits in px and metres leave it [px]."""
 
@@ -84,7 +88,7 @@ def gather_bands(
         splits=splits,
         first_px=first,
         last_px=last,
-        spacings_px=_spacings(across, splits, widths, last - first),
+        spacings_px=_spacings(across, splits, widths, last - first, _stretches(segments.centres, camera)),
         widths_px=np.maximum(widths.max(axis=1), options.gap_px + 1.0),
     )
 
@@ -106,9 +110,22 @@ def _widths(
     return np.asarray(widths.reshape(-1, 2))
 
 
-def _spacings(across: Float64[Array, "m"], splits: Splits, widths: Array, lengths: Scalars) -> Scalars:
-    """Give the mean distance of points, of the denser side of each edge (n,) [px]."""
+def _spacings(
+    across: Float64[Array, "m"], splits: Splits, widths: Array, lengths: Scalars, stretches: Scalars
+) -> Scalars:
+    """Give the mean distance of points, of the denser side of each edge (n,) [px].
+
+    A scanner's steps are even angles: where points are much sparser than beside other edges, surfaces do not fill the
+    band, and next to the edge there may be nothing known.
+    """
     number = np.bincount(_side_of_point(across, splits), minlength=2 * len(lengths)).reshape(-1, 2)
     areas = widths * np.maximum(lengths, 1.0)[:, None]
     spacing = np.sqrt(areas / np.maximum(number, 1))
-    return np.asarray(np.where(number > 0, spacing, SPARSEST_PX).min(axis=1))
+    own = np.where(number > 0, spacing, SPARSEST_PX).min(axis=1)
+    return np.asarray(np.minimum(own, UNIFORM * stretches * np.quantile(own / stretches, DENSE_SHARE)))
+
+
+def _stretches(centres: Vectors2, camera: Camera) -> Scalars:
+    """Give how many times as far apart directions of equal distance lie (n,) as in the middle of the photo."""
+    places = (centres - np.array([camera.cx, camera.cy])) / np.array([camera.fx, camera.fy])
+    return np.asarray((1.0 + np.sum(places**2, axis=1)) ** 0.75)

@@ -21,6 +21,9 @@ from algorithms.features.side_planes import (
     SidePlanes,
 )
 
+LEAST_TURN = 1e-3
+"""Sine of the angle from which a face that bounds a body is seen: one of 0.3 m in 10 m is then 0.05 px wide."""
+
 
 @dataclass(frozen=True, eq=False)
 class EdgeOwners:
@@ -81,7 +84,7 @@ def edge_owners(
     both: Array = np.asarray(exist.all(axis=1))
     steep = _steep_enough(planes, projecting, rays, min_angle_rad)
     ranges, stds = _ranges(planes, rays, centre, variances_m2)
-    covered = planes.covered >= COVERED
+    covered = (planes.covered >= COVERED) & planes.dense
     reach: Array = np.asarray(covered.all(axis=1))
     same = both & reach & _one_plane(planes, variances_m2, ranges, rays)
     beside_other = planes.on_plane[:, [0, 1], [1, 0]]
@@ -102,17 +105,21 @@ def edge_owners(
     own, all_own = planes.on_plane[rows, owner, owner], planes.beside[rows, owner]
     unclear = (front >= 2) & (front > FRONT_SHARE * (front + on))
     unclear |= (own < OWN_SHARE * all_own) | (both & ~same & crossing)
+    normals, centroids = planes.normals[rows, owner], planes.centroids[rows, owner]
     ends = kinds == SpaceEdgeKind.SILHOUETTE
     unclear |= ends & crowded[rows, owner]
     unclear |= ends & (beside_other[rows, owner] > BOTH_SHARE * others[rows, owner])
     unclear |= ends & both & (~steep | uneven)[rows, 1 - owner]
+    # side 0 is the brighter one: what is darker and not measured is hardly the sky, rather a body that does not reflect
+    unclear |= ends & (owner == 0) & planes.empty[:, 1]
+    unclear |= ends & _may_hide_a_face(normals, centroids, projecting, rays, centre)
     reasons = np.full(len(owner), EdgeRejection.NONE, dtype=np.int32)
     reasons[unclear] = EdgeRejection.OCCLUSION_UNCLEAR
+    reasons[uneven[rows, owner] & ~same] = EdgeRejection.NO_PLANE
     reasons[~covered[rows, owner]] = EdgeRejection.NOT_COVERED
     reasons[~np.where(same, steep.any(axis=1), steep[rows, owner])] = EdgeRejection.GRAZING
     reasons[~(ranges[rows, owner] > 0.0).all(axis=1)] = EdgeRejection.GRAZING
-    reasons[~exist.any(axis=1) | uneven[rows, owner]] = EdgeRejection.NO_PLANE
-    normals, centroids = planes.normals[rows, owner], planes.centroids[rows, owner]
+    reasons[~exist.any(axis=1)] = EdgeRejection.NO_PLANE
     union_normals, union_centroids, _ = _united(planes)
     normals[same], centroids[same] = union_normals[same], union_centroids[same]
     counts = np.where(same, planes.counts.sum(axis=1), planes.counts[rows, owner])
@@ -126,6 +133,21 @@ def edge_owners(
         variances_m2=np.einsum("ns,ns->n", weights, variances_m2) / np.maximum(weights.sum(axis=1), 1e-9),
         counts=counts,
     )
+
+
+def _may_hide_a_face(
+    normals: Points, centroids: Points, projecting: Points, rays: Float64[Array, "n 3 3"], centre: Vector3
+) -> Flags:
+    """Tell where the camera looks at the face that bounds a body beside a surface's end, if the body is rectangular.
+
+    Where that face is turned away, the surface's end is what the photo shows. Where it is not, and the points tell
+    nothing of it, it is a narrow strip, and its far end as likely the edge of the photo as its near one.
+    """
+    across = projecting - np.einsum("ni,ni->n", projecting, normals)[:, None] * normals
+    lengths = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    inside = np.einsum("ni,ni->n", projecting, centroids - centre)
+    outwards = -np.where(inside > 0.0, 1.0, -1.0)[:, None] * across / lengths
+    return np.asarray((np.einsum("ni,nei->ne", outwards, rays) < -LEAST_TURN).any(axis=1))
 
 
 def _steep_enough(

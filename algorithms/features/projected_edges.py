@@ -106,7 +106,7 @@ def project_edges(
     reach = np.full(len(segments), options.min_separation_px)
     crowded = crowded_sides(segments.centres, segments.directions, segments.extents, reach).any(axis=1)
     reasons[is_long] = EdgeRejection.CROWDED
-    long = np.flatnonzero(is_long & ~crowded)
+    long = np.flatnonzero(is_long & ~crowded & ~segments.composite)
     if len(long) == 0:
         return _nothing(reasons)
     chosen = segments[long]

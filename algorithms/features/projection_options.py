@@ -17,11 +17,12 @@ class ProjectionOptions:
     """The same limit across the line of sight, in space [m]; the smaller of both counts."""
     gap_px: Annotated[float, Ge(0.0), Le(50.0)] = 2.0
     """Points nearer to the edge are not used: beams that hit both sides measure neither [px]."""
-    min_separation_px: Annotated[float, Ge(0.0), Le(50.0)] = 3.0
-    """Edges along which another edge runs nearer than this are left out: the blur of each moves the other [px]."""
-    systematic_px: Annotated[float, Ge(0.0), Le(10.0)] = 0.02
-    """Standard deviation of an edge's place besides its own noise, from what calibration leaves of the distortion [px].
-    """
+    min_separation_px: Annotated[float, Ge(0.0), Le(50.0)] = 5.0
+    """Edges along which another edge runs nearer than this are left out: the profile across an edge reaches four pixels
+    to both sides, and the blur of each edge moves the other [px]."""
+    systematic_px: Annotated[float, Ge(0.0), Le(10.0)] = 0.0
+    """Standard deviation of an edge's place besides that of its measurement, from what calibration leaves of the
+    distortion [px]; 0 takes the interior orientation as errorless."""
     min_points: Annotated[int, Ge(4)] = 12
     """Least number of points of a plane beside an edge."""
     min_length_px: Annotated[float, Ge(0.0)] = 20.0
@@ -70,7 +71,7 @@ class EdgeRejection(IntEnum):
     TOO_UNCERTAIN = 7
     """The line's standard deviation is too large."""
     CROWDED = 8
-    """Another edge runs so near along this one that their blurs move each other."""
+    """Another edge runs so near along this one that their blurs move each other, or that both look like one."""
 
     @property
     def label(self) -> str:

@@ -12,7 +12,7 @@ from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.plane_fitting import LEAST_COSINE, LEAST_WIDTH
 from algorithms.features.plane_segmentation import thickness
 from algorithms.features.projection_options import ProjectionOptions
-from algorithms.features.side_planes_kernels import fit_sides, look_near_edges
+from algorithms.features.side_planes_kernels import ZONE, fit_sides, look_near_edges
 
 STEADY = 10.0
 """The scatter of a side counts as so many points, besides its own, in that which the other sides let expect."""
@@ -22,6 +22,11 @@ LEAST_INCIDENCE = float(np.sin(np.deg2rad(4.0)))
 """Surfaces seen flatter than this have no useful place along the ray."""
 COVERED = 0.6
 """Share of an edge along which its plane must be seen right beside it."""
+ROWS_APART = 1.6
+"""Spacings that the points of a plane reach across at least: two rows of points always lie on one plane, three do not.
+"""
+DENSE, EMPTY = 0.35, 0.2
+"""Share of the points expected right beside an edge that must be there, and with less than which nothing is there."""
 OWN_SHARE = 0.75
 """Share of the points right beside an edge, on its plane's side, that must lie on the plane."""
 BOTH_SHARE = 0.3
@@ -57,12 +62,18 @@ class SidePlanes:
     """(n, 2) distance within which points belong to the plane [m]."""
     covered: Float64[Array, "n 2"]
     """(n, 2) share of the edge beside which the plane has points."""
+    dense: Bool[Array, "n 2"]
+    """(n, 2) True where the points right beside the edge are hardly fewer than the scanner's steps give."""
+    empty: Bool[Array, "n 2"]
+    """(n, 2) True where there are hardly any points, and no plane."""
     beside: Float64[Array, "n 2"]
     """(n, 2) points right beside the edge on each side."""
     on_plane: Float64[Array, "n 2 2"]
     """(n, 2, 2) how many of them lie on the plane of the side in the first index, by the side where they are."""
     in_front: Float64[Array, "n 2"]
     """(n, 2) points right beside the edge in front of the plane, on neither plane."""
+    narrow: Bool[Array, "n 2"]
+    """(n, 2) True where the plane's points form fewer than three rows."""
     used: Bool[Array, "m"]
     """(m,) which points of the bands made the plane of their side."""
 
@@ -72,10 +83,14 @@ class SidePlanes:
         return np.asarray(self.counts > 0.0)
 
     def uneven(self, centre: Vector3, fallback_m2: float) -> Bool[Array, "n 2"]:
-        """Tell which planes scatter far more than expected (see `UNEVEN`), and certainly so (0.1 %)."""
+        """Tell which planes may be made of several surfaces.
+
+        Their points scatter far more than expected (see `UNEVEN`), and certainly so (0.1 %), or form few rows only.
+        """
         squares, freedoms, expected = self._scatter(centre, fallback_m2)
         limits = np.maximum(UNEVEN**2, chi2.ppf(0.999, np.maximum(freedoms, 1.0)) / np.maximum(freedoms, 1.0))
-        return np.asarray(squares > limits * np.maximum(freedoms, 1.0) * (expected + UNEVENNESS_M**2))
+        rough = squares > limits * np.maximum(freedoms, 1.0) * (expected + UNEVENNESS_M**2)
+        return np.asarray(rough | self.narrow)
 
     def variances(self, centre: Vector3, fallback_m2: float) -> Float64[Array, "n 2"]:
         """Give the variance of single points across each plane, steadied by the other planes [m²].
@@ -132,6 +147,7 @@ def side_planes(bands: EdgeBands, centre: Vector3, options: ProjectionOptions, n
         bands.points, bands.along, bands.across, bands.splits, bands.first_px, bands.last_px,
         options.gap_px, bands.spacings_px, planes, moments, limits, limit,
     )  # fmt: skip
+    expected = (ZONE * (bands.last_px - bands.first_px) / bands.spacings_px)[:, None]
     return SidePlanes(
         normals=np.ascontiguousarray(planes[:, :, :3]),
         centroids=np.ascontiguousarray(planes[:, :, 3:]),
@@ -139,8 +155,22 @@ def side_planes(bands: EdgeBands, centre: Vector3, options: ProjectionOptions, n
         counts=moments[:, :, 0].copy(),
         limits_m=limits,
         covered=covered,
+        dense=beside >= DENSE * expected,
+        empty=(beside < EMPTY * expected) & (moments[:, :, 0] == 0.0),
         beside=beside,
         on_plane=on_plane,
         in_front=in_front,
+        narrow=_in_few_rows(bands, used),
         used=used,
     )
+
+
+def _in_few_rows(bands: EdgeBands, used: Bool[Array, "m"]) -> Bool[Array, "n 2"]:
+    """Tell which sides have the points of their plane in fewer than three rows along the edge."""
+    n = len(bands)
+    sides = 2 * np.repeat(np.arange(n), np.diff(bands.splits)) + (bands.across <= 0.0)
+    low, high = np.full(2 * n, np.inf), np.full(2 * n, -np.inf)
+    distance = np.abs(bands.across)
+    np.minimum.at(low, sides[used], distance[used])
+    np.maximum.at(high, sides[used], distance[used])
+    return np.asarray((high - low).reshape(n, 2) < ROWS_APART * bands.spacings_px[:, None])

@@ -22,6 +22,12 @@ PARALLEL_COSINE = 0.995
 """Edges within six degrees run along each other."""
 SAME_PX = 0.3
 """Edges nearer to each other than this are one."""
+ZONE = 1.25
+"""Right beside an edge means within so many spacings beyond the gap."""
+NEAR = 1.25
+"""A surface that reaches an edge has points within so many spacings beyond the gap."""
+PRESENT = 0.3
+"""A plane that holds less of the points of a cell does not pass there."""
 PURE = 0.8
 """Cells of which less lies on the plane hold something else as well."""
 
@@ -134,7 +140,8 @@ def _leave_rims_out(  # noqa: C901 - one compiled loop
 
     Where another surface joins the plane, its first points lie within the limit, all on one side of it, and beams that
     hit both surfaces do too: they would tilt the plane. The row beside the edge has no neighbours on the other side.
-    Where less than half of the points would be left, only impure cells go, or nothing.
+    Where less than half of the points would be left, only impure cells go, or nothing. Points beyond cells that hold
+    nothing of the plane lie on another body, even if in the same plane, or nearly: they go first.
     """
     s_high = d_high = 0.0
     for i in range(first, last):
@@ -149,6 +156,10 @@ def _leave_rims_out(  # noqa: C901 - one compiled loop
             all_points[row, column] += 1.0
             if abs(_height(points, i, plane)) <= limit:
                 on_plane[row, column] += 1.0
+    for i in range(first, last):
+        d = sign * across[i] - gap
+        if wanted[i - first] and not _reached(all_points, on_plane, int(d / cell), int((along[i] - start) / cell)):
+            wanted[i - first] = False
     impure = on_plane < PURE * all_points
     for reach in (1, 0):
         kept = total = 0
@@ -164,6 +175,20 @@ def _leave_rims_out(  # noqa: C901 - one compiled loop
             if wanted[i - first] and _near_impure(impure, int(d / cell), int((along[i] - start) / cell), reach):
                 wanted[i - first] = False
         return
+
+
+@njit(cache=True, nogil=True)
+def _reached(all_points: Array, on_plane: Array, row: int, column: int) -> bool:
+    """Tell whether the plane is seen from its first cell beside the edge to a cell, without two missing in a row."""
+    begun, missing = False, 0
+    for r in range(row):
+        if on_plane[r, column] > 0.0 and on_plane[r, column] >= PRESENT * all_points[r, column]:
+            begun, missing = True, 0
+        else:
+            missing += 1
+        if begun and missing == 2:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -282,8 +307,8 @@ def look_near_edges(  # noqa: C901, PLR0912 - one compiled loop
 ) -> tuple[Array, Array, Array, Array]:
     """Count what lies near the edges.
 
-    Returns (n, 2) the share of the edge along which each side's plane has points within one and a half spacings beyond
-    the gap; (n, 2) how many points lie within one and a quarter spacings beyond the gap; (n, 2, 2) for each side's
+    Returns (n, 2) the share of the edge along which each side's plane has points within `NEAR` spacings beyond the gap;
+    (n, 2) how many points lie within `ZONE` spacings beyond the gap; (n, 2, 2) for each side's
     plane (first index) how many of these lie on it, by side (second index); and (n, 2) how many, those in the gap
     included, lie in front of each side's plane, towards the camera, and not on the other side's plane. Normals of
     planes must point to the camera.
@@ -296,8 +321,8 @@ def look_near_edges(  # noqa: C901, PLR0912 - one compiled loop
     for k in range(n):
         length = last_px[k] - first_px[k]
         bins = int(min(max(length / max(3.0 * spacings[k], 2.0), 1.0), 64.0))
-        near = gap_px + 1.5 * spacings[k]
-        zone = gap_px + 1.25 * spacings[k]
+        near = gap_px + NEAR * spacings[k]
+        zone = gap_px + ZONE * spacings[k]
         hit = np.zeros((2, bins), dtype=np.bool_)
         for i in range(splits[k], splits[k + 1]):
             d = abs(across[i])

@@ -22,8 +22,12 @@ ROBUST_ROUNDS = 3
 PRIOR_FREEDOMS = 10.0
 """Weight of what all edges of the photo say of the noise against the residuals of the single edge."""
 LARGEST_CORRELATION = 0.6
-LEAST_PAIRS = 30
-"""Correlation is not estimated from fewer pairs of edge points."""
+PRIOR_PAIRS = 20.0
+"""Weight of what all edges of the photo say of the correlation against the pairs of points of the single edge."""
+LEAST_PAIRS = 10
+"""Edges of fewer pairs of points say nothing of the correlation."""
+LEAST_WHITE = 0.5
+"""No edge is known better than by this part of the variance that the photo's own noise lets expect."""
 LEAST_FREEDOMS = 5.0
 """Patches with fewer degrees of freedom say nothing of the noise."""
 MEDIAN_OF_SQUARE = 0.4549
@@ -178,14 +182,22 @@ def noise_variances(points: EdgePoints, owners: Indices, count: int) -> PerEdge:
     return np.asarray(np.maximum(group_medians(variances, owners, seen, count), 1.0 / 12.0))
 
 
-def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -> LineFit:
+def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float, photo_noise: float) -> LineFit:
     """Fit every line to its edge points by weighted least squares, robust against single points (Huber).
 
     v_k = offset + s_k angle, weights from the profile fits. The covariance (Jᵀ P J)⁻¹ is scaled by the variance factor
-    that the residuals along the edge show, which contains what the model of independent noise misses: correlation of
-    neighbouring pixels, texture, edges that are not quite straight. The factor of a short edge is uncertain; it is
-    drawn to that of the photo as a whole (`PRIOR_FREEDOMS`). Correlation between neighbouring patches, taken from all
-    edges of the photo, enlarges it by 1 + 2 ρ.
+    that the residuals along the edge show: deviations from the profile that repeat along the edge belong to its shape
+    and make the factor small, texture and edges that are not quite straight make it large. The factor of a short edge
+    is uncertain; it is drawn to that of the photo as a whole (`PRIOR_FREEDOMS`), or to what the photo's noise alone
+    makes if that is more. Correlation between neighbouring patches enlarges it by 1 + 2 ρ; ρ too is drawn to that of
+    the other edges.
+
+    Parameters
+    ----------
+    largest_shift
+        Edge points move by no more in one step [px].
+    photo_noise
+        Standard deviation of the photo's noise [grey levels].
     """
     owners, count = placed.patches.owners, placed.patches.edge_count
     across = placed.gains * np.clip(points.shifts, -largest_shift, largest_shift)
@@ -202,11 +214,13 @@ def fit_lines(placed: PlacedPatches, points: EdgePoints, largest_shift: float) -
         robust = np.minimum(1.0, limit / np.maximum(np.abs(normalised), 1e-12))
     squares = np.bincount(owners, robust * normalised**2, count)
     numbers = np.bincount(owners[seen], minlength=count)
-    factors = variance_factors(squares, np.maximum(numbers - 2.0, 0.0))
+    white = np.minimum(1.0, photo_noise**2 / noise)
+    factors = variance_factors(squares, np.maximum(numbers - 2.0, 0.0), white)
     lever = placed.positions - pivots[owners]
     strength = np.sqrt(weights * robust)
     design = np.column_stack([np.sqrt(covariances[owners, 1, 1]), np.sqrt(covariances[owners, 0, 0]) * lever])
-    factors *= 1.0 + 2.0 * neighbour_correlation(normalised * np.sqrt(robust), strength[:, None] * design, owners, seen)
+    design *= strength[:, None]
+    factors *= 1.0 + 2.0 * neighbour_correlations(normalised * np.sqrt(robust), design, owners, seen, factors)
     return LineFit(
         angles=angles,
         offsets=offsets,
@@ -232,39 +246,57 @@ def _solve(
     return angles, offsets, pivots, covariances
 
 
-def variance_factors(squares: Scalars, freedoms: Scalars) -> Scalars:
-    """Mix the variance factor of each edge with that of all edges of the photo, at least 1/2."""
+def variance_factors(squares: Scalars, freedoms: Scalars, white: Scalars) -> Scalars:
+    """Mix the variance factor of each edge with that of all edges of the photo.
+
+    Parameters
+    ----------
+    squares, freedoms
+        (n,) sums of squared normalised residuals, and their degrees of freedom.
+    white
+        (n,) factors that the photo's noise alone lets expect.
+    """
     enough = freedoms >= 2.0
     common = 1.0
     if enough.any():
         # medians of chi-square / freedoms lie below 1 (Wilson and Hilferty); long edges know more of the factor
         typical = squares[enough] / freedoms[enough] / (1.0 - 2.0 / (9.0 * freedoms[enough])) ** 3
-        order = np.argsort(typical)
-        known = np.cumsum(freedoms[enough][order])
-        median = float(typical[order[np.searchsorted(known, 0.5 * known[-1])]])
-        common = (PRIOR_FREEDOMS + known[-1] * median) / (PRIOR_FREEDOMS + known[-1])
-    return np.asarray(
-        np.maximum(0.5, (PRIOR_FREEDOMS * common + squares) / (PRIOR_FREEDOMS + freedoms)), dtype=np.float64
-    )
+        median, known = weighted_median(typical, freedoms[enough])
+        common = (PRIOR_FREEDOMS + known * median) / (PRIOR_FREEDOMS + known)
+    mixed = (PRIOR_FREEDOMS * np.maximum(common, white) + squares) / (PRIOR_FREEDOMS + freedoms)
+    return np.asarray(np.maximum(LEAST_WHITE * white, mixed), dtype=np.float64)
 
 
-def neighbour_correlation(normalised: Scalars, design: Float64[Array, "m 2"], owners: Indices, seen: Flags) -> float:
-    """Estimate the correlation of edge points of neighbouring patches from all edges, from 0 to `LARGEST_CORRELATION`.
+def weighted_median(values: Scalars, weights: Scalars) -> tuple[float, float]:
+    """Give the value with half of the weight below it, and the sum of the weights."""
+    order = np.argsort(values)
+    known = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(known, 0.5 * known[-1])]]), float(known[-1])
+
+
+def neighbour_correlations(
+    normalised: Scalars, design: Float64[Array, "m 2"], owners: Indices, seen: Flags, factors: PerEdge
+) -> PerEdge:
+    """Estimate the correlation of edge points of neighbouring patches of each edge, from 0 to `LARGEST_CORRELATION`.
 
     From the residuals, in units of the standard deviation. The fit itself makes residuals of few points anticorrelated:
-    E(v vᵀ) = I - H; the elements of the hat matrix H = D Dᵀ are put back.
+    E(v vᵀ) = f (I - H) with the variance factor f; the elements of the hat matrix H = D Dᵀ are put back. The estimate
+    of each edge is drawn to the median of the photo's edges.
     """
+    count = len(factors)
     pair = np.flatnonzero((owners[1:] == owners[:-1]) & seen[1:] & seen[:-1])
-    if len(pair) < LEAST_PAIRS:
-        return 0.0
+    edge, scale = owners[pair], factors[owners[pair]]
     products = normalised[pair] * normalised[pair + 1]
     squares = 0.5 * (normalised[pair] ** 2 + normalised[pair + 1] ** 2)
     hat = np.sum(design[pair] * design[pair + 1], axis=1)
     leverage = 0.5 * (np.sum(design[pair] ** 2, axis=1) + np.sum(design[pair + 1] ** 2, axis=1))
-    # residuals are larger than their standard deviations say where the noise is correlated inside the patches
-    scale = float(squares.sum() / max(float((1.0 - leverage).sum()), 1e-9))
-    correlation = (products + scale * hat).sum() / (squares + scale * leverage).sum()
-    return float(np.clip(correlation, 0.0, LARGEST_CORRELATION))
+    numbers = np.bincount(edge, minlength=count)
+    together = np.bincount(edge, products + scale * hat, count)
+    own = together / np.maximum(np.bincount(edge, squares + scale * leverage, count), 1e-300)
+    enough = numbers >= LEAST_PAIRS
+    common = weighted_median(own[enough], numbers[enough].astype(np.float64))[0] if enough.any() else 0.0
+    mixed = (PRIOR_PAIRS * common + numbers * own) / (PRIOR_PAIRS + numbers)
+    return np.asarray(np.clip(mixed, 0.0, LARGEST_CORRELATION))
 
 
 def moved(lines: EdgeLines, fit: LineFit) -> EdgeLines:

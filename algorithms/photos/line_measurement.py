@@ -14,6 +14,7 @@ from algorithms.photos.edge_profile import (
     edge_function,
     locate,
 )
+from algorithms.photos.edge_widths import composite_edges
 from algorithms.photos.images import GreyImage, noise_std
 from algorithms.photos.line_fit import (
     EdgeLines,
@@ -30,7 +31,10 @@ from algorithms.photos.line_merging import merge_collinear, without_doubles
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.segment_tracking import walk_along
 from algorithms.photos.segments import ImageSegments, longest_first, no_segments
+from algorithms.photos.systematic_errors import systematic_covariances
 
+CORNER_PX, CORNER_SHARE = 3.0, 0.1
+"""So much is left out at each end of a line when it is fitted [px, share of its length]."""
 FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX = 1.0, 3.5
 """Profile with which a piece is first brought onto its edge [px]."""
 LEAST_HALF_WIDTH_PX = 2.0
@@ -39,6 +43,8 @@ LEAST_WIDTHS = 2.5
 """The profile is no wider than this part of the distance to which grey values count, or its levels would be guessed."""
 WIDE, BESIDE_PX = 3.0, 2.0
 """They count to so many widths of the profile and so many pixels of the levels beside it."""
+CUT_PX = 0.3
+"""Less is the change of the width since then [px]."""
 GAUSSIAN_OF_ARCTAN = 0.85
 """Standard deviation of the Gaussian whose slope is as wide at half height as an arctan's of width 1: 2 / 2.355."""
 LARGEST_STEP_PX = 1.0
@@ -73,11 +79,24 @@ class _Step:
     """(m,) line of each edge point."""
 
 
-def _step(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions) -> _Step:
+def _without_ends(lines: EdgeLines) -> EdgeLines:
+    """Leave the ends out, where the blur of the corner displaces the edge."""
+    trimmed = np.minimum(CORNER_PX, CORNER_SHARE * lines.lengths)
+    return replace(lines, extents=lines.extents + trimmed[:, None] * np.array([1.0, -1.0]))
+
+
+def _with_ends(measured: EdgeLines, before: EdgeLines) -> EdgeLines:
+    """Give measured lines the length again that they had before their ends were left out."""
+    ends = before.centres[:, None] + before.extents[:, :, None] * before.directions[:, None]
+    along = np.einsum("nei,ni->ne", ends - measured.centres[:, None], measured.directions)
+    return replace(measured, extents=along)
+
+
+def _step(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions, noise: float) -> _Step:
     """Measure all lines once and correct their place and width."""
     placed = place_patches(lines, camera)
     points = locate(grey, placed.patches, lines.widths, lines.half_widths, options.localisation)
-    fit = fit_lines(placed, points, LARGEST_STEP_PX)
+    fit = fit_lines(placed, points, LARGEST_STEP_PX, noise)
     widening = np.clip(points.widening, -0.4 * lines.widths, 0.4 * lines.widths)
     widths = np.clip(lines.widths + widening, LEAST_WIDTH_PX, lines.half_widths / LEAST_WIDTHS)
     return _Step(replace(moved(lines, fit), widths=widths), fit, points, placed.patches.owners)
@@ -121,7 +140,7 @@ def _settled(
     for _ in range(rounds):
         if len(lines) == 0:
             break
-        step = _step(grey, lines, camera, options)
+        step = _step(grey, lines, camera, options, noise)
         there = _still_there(start, step.lines, step.fit)
         there &= _unexplained_std(step.fit, noise) < HOPELESS * LARGEST_UNEXPLAINED_STD_PX
         lines, start = step.lines[there], start[there]
@@ -159,9 +178,9 @@ def measure_lines(
     if len(lines) == 0:
         return no_segments()
     for _ in range(LAST_ROUNDS):
-        step = _step(grey, lines, camera, options)
-        lines = step.lines
-    return _accepted(step, camera, options, noise)
+        step = _step(grey, _without_ends(lines), camera, options, noise)
+        lines = _with_ends(step.lines, lines)
+    return _accepted(replace(step, lines=lines), camera, options, noise)
 
 
 def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: float) -> ImageSegments:
@@ -181,16 +200,19 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
         & (np.abs(fit.angles) < LARGEST_LAST_TURN_RAD)
     )
     chosen = lines[good]
+    cut = chosen.half_widths < WIDE * chosen.widths + BESIDE_PX - CUT_PX
+    systematic = systematic_covariances(chosen, place_patches(chosen, camera), cut)
     ends = chosen.centres[:, None] + chosen.extents[:, :, None] * chosen.directions[:, None]
     scale = GAUSSIAN_OF_ARCTAN if options.localisation == "arctan" else 1.0
     segments = ImageSegments(
         centres=chosen.centres,
         directions=chosen.directions,
         extents=chosen.extents,
-        covariances=fit.covariances[good],
+        covariances=fit.covariances[good] + systematic,
         contrasts=(points.edge_contrasts * reached)[good],
         widths_px=scale * chosen.widths,
         point_counts=fit.point_counts[good],
         raw_ends=image_from_ideal(ends.reshape(-1, 2), camera).reshape(-1, 2, 2),
+        composite=composite_edges(chosen.widths, points.edge_contrasts[good], chosen.lengths, noise),
     )
     return longest_first(segments)[: options.max_segments]

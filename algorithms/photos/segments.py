@@ -33,6 +33,9 @@ class ImageSegments:
     """(n,) number of edge points in the line fit."""
     raw_ends: Float64[Array, "n 2 2"]
     """(n, 2, 2) start and end (x, y) in the photo as taken, for overlays [px]."""
+    composite: Flags
+    """(n,) True where the profile across is too wide or too narrow for one edge of this photo: two edges within their
+    blur, found as one, or a soft shadow."""
 
     def __len__(self) -> int:
         return len(self.centres)
@@ -48,6 +51,7 @@ class ImageSegments:
             widths_px=self.widths_px[chosen],
             point_counts=self.point_counts[chosen],
             raw_ends=self.raw_ends[chosen],
+            composite=self.composite[chosen],
         )
 
     @property
@@ -80,7 +84,8 @@ def no_segments() -> ImageSegments:
     """Give the edges of a photo without any."""
     pairs = np.zeros((0, 2))
     matrices = np.zeros((0, 2, 2))
-    return ImageSegments(pairs, pairs, pairs, matrices, np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64), matrices)
+    numbers, none = np.zeros(0, dtype=np.int64), np.zeros(0)
+    return ImageSegments(pairs, pairs, pairs, matrices, none, none, numbers, matrices, np.zeros(0, dtype=bool))
 
 
 def longest_first(segments: ImageSegments) -> ImageSegments:

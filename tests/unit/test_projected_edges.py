@@ -127,7 +127,8 @@ def test_the_outline_of_a_pipe_is_curved():
     ring = np.column_stack([6.0 - 0.08 * np.cos(angles), 0.08 * np.sin(angles)])
     heights = np.arange(-1.0, 1.5, 0.01)
     pipe = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for z in heights])
-    starts, ends = np.array([[6.0, 0.0797, -0.6]]), np.array([[6.0, 0.0797, 1.0]])
+    # the sky beside it is the brighter side
+    starts, ends = np.array([[6.0, 0.0797, 1.0]]), np.array([[6.0, 0.0797, -0.6]])
     assert reason(scan_of(pipe), starts=starts, ends=ends) is EdgeRejection.CURVED
 
 

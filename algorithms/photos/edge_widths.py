@@ -1,0 +1,53 @@
+"""Which edges of a photo are wider or narrower than its single edges are.
+
+The lens and the pixels blur every edge alike. Where two edges lie within the blur, as at a ledge or a thin strip, one
+profile between them is found: wider than that of a single edge if both rise in the same direction, narrower if the
+second falls. Its place is that of neither edge. Soft shadows are wider too.
+"""
+
+import numpy as np
+
+from algorithms.arrays import Flags, Scalars
+
+WIDTH_STD = 3.3
+"""Standard deviation of the width w of an edge of contrast b along L px for noise of s grey levels: this times s √(w/L)
+/ b; about √3 times that of its place, s √(2 √π w / L) / b for the Gaussian profile."""
+KNOWN_STD = 0.03
+"""Edges whose widths have a smaller standard deviation, in parts of it, tell the width of single edges."""
+FEW = 8
+"""Fewer such edges do not tell it."""
+CORE, CORE_QUANTILE = 0.4, 0.524
+"""The shortest interval that holds this share of the known widths is that of single edges; half of its length is so
+many standard deviations of a normal distribution."""
+LEAST_TOLERANCE = 0.05
+"""Widths differ by so much of themselves for reasons that do not move edges: the lens, the direction of the edge."""
+SPREADS = 2.5
+"""They may differ by so many times the typical deviation of the photo's edges; lenses are not equally sharp everywhere,
+nor are corners of buildings."""
+SIGNIFICANT = 3.0
+
+
+def composite_edges(widths: Scalars, contrasts: Scalars, lengths: Scalars, photo_noise: float) -> Flags:
+    """Tell which edges (n,) have a width that a single edge of this photo has not.
+
+    Parameters
+    ----------
+    widths, lengths
+        (n,) of the profiles across the edges, and of the edges [px].
+    contrasts
+        (n,) [grey levels].
+    photo_noise
+        Standard deviation of the photo's noise [grey levels].
+    """
+    stds = WIDTH_STD * photo_noise * np.sqrt(widths / np.maximum(lengths, 1.0)) / np.maximum(contrasts, 1e-9)
+    known = stds < KNOWN_STD * widths
+    if np.count_nonzero(known) < FEW:
+        return np.zeros(len(widths), dtype=bool)
+    ordered = np.sort(widths[known])
+    count = max(2, round(CORE * len(ordered)))
+    lengths_of = ordered[count - 1 :] - ordered[: len(ordered) - count + 1]
+    first = int(np.argmin(lengths_of))
+    typical = 0.5 * (ordered[first] + ordered[first + count - 1])
+    deviation = 0.5 * lengths_of[first] / CORE_QUANTILE
+    tolerance = max(LEAST_TOLERANCE * typical, SPREADS * deviation)
+    return np.asarray(np.abs(widths - typical) > tolerance + SIGNIFICANT * stds)
