@@ -61,13 +61,14 @@ class LoopClosure(Document):
 
 
 class NetworkLink(Document):
-    """What became of the accepted registration of a pair."""
+    """What became of the registration of a pair."""
 
     target: str
     source: str
     state: str = Field(
         description="used; uncontrolled: used, but in no loop, so that nothing checks it; rejected: it contradicts "
-        "others; not-connected: to no station that is connected to the first one"
+        "others; not-connected: to no station that is connected to the first one; confirmed: doubtful by itself, but "
+        "used, because it found the pose that others lead to"
     )
     reason: str | None = Field(default=None, description="Why it was rejected.")
 

@@ -14,6 +14,9 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.observations.relative_poses import RelativePoses
+from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.unknowns import UnknownKind
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
 from algorithms.network.wrong_links import Blame, wrong_links
@@ -113,6 +116,51 @@ def bridges(links: Sequence[StationLink], kept: Sequence[int]) -> tuple[int, ...
     edges = cast("list[tuple[int, int]]", list(nx.bridges(graph)))
     found = [parallel[min(edge), max(edge)] for edge in edges]
     return tuple(sorted(numbers[0] for numbers in found if len(numbers) == 1))
+
+
+def agreeing_links(
+    links: Sequence[StationLink], stations: Sequence[int], graph: Solution, variance_factor: float
+) -> tuple[int, ...]:
+    """Find those of further registrations that agree with the poses that others give (MATH 6.5).
+
+    A registration that is doubtful by itself and yet finds the pose that others lead to is confirmed by them, and they
+    by it: so it closes a loop.
+
+    Parameters
+    ----------
+    links
+        Registrations that took no part in the pose graph.
+    stations
+        Stations of the pose graph, in the order of its unknowns.
+    graph
+        The adjusted pose graph.
+    variance_factor
+        That of the loops.
+
+    Returns
+    -------
+    Numbers of the links between these stations that pass the test of loops.
+    """
+    place = {station: k for k, station in enumerate(stations)}
+    critical = float(stats.chi2.isf(ALPHA, CLOSURE_DEGREES))
+    found = []
+    for number, link in enumerate(links):
+        if link.target not in place or link.source not in place:
+            continue
+        pose = link.with_floor(FLOOR_NOISES).target_from_source
+        ends = np.array([place[link.target], place[link.source]], dtype=np.int64)
+        observed = RigidTransform.concatenate([pose.target_from_source])
+        equations = RelativePoses(ends[:1], ends[1:], observed, pose.covariance[None]).equations(graph.unknowns)
+        covariance = equations.noise_jacobians[0][0] @ pose.covariance @ equations.noise_jacobians[0][0].T
+        columns = graph.unknowns.first_columns(UnknownKind.POSE, ends)
+        free = [(int(c), d.jacobians[0]) for c, d in zip(columns, equations.derivatives, strict=True) if c >= 0]
+        jacobian = np.hstack([by_pose for _, by_pose in free])
+        rows = np.concatenate([np.arange(first, first + 6) for first, _ in free])
+        covariance = covariance + jacobian @ graph.cofactors[np.ix_(rows, rows)] @ jacobian.T
+        residual = equations.residuals[0]
+        if float(residual @ np.linalg.solve(covariance, residual)) / variance_factor <= critical:
+            found.append(number)
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
+from algorithms.adjustment.solver import Solution
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.links import StationLink
-from algorithms.network.loop_closure import LoopVerdict, examine_loops
+from algorithms.network.loop_closure import LoopVerdict, agreeing_links, bridges, examine_loops
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
 from algorithms.network.tracks import StationFeatures, Tracks, build_tracks
 
@@ -30,6 +31,10 @@ class NetworkRegistration:
     """Objects that several stations see; None: no station is connected to the first one."""
     joint: JointAdjustment | None
     """The adjustment of all stations; None: the poses are those of the pose graph, `remarks` says why."""
+    uncontrolled: tuple[int, ...]
+    """Numbers of used links that lie in no loop of used or confirmed ones: nothing checks them."""
+    confirmed: tuple[int, ...]
+    """Numbers of those doubtful links that agree with the poses which accepted ones lead to; they are used too."""
     remarks: tuple[str, ...]
     """What the reader should know, in words."""
 
@@ -39,6 +44,8 @@ def register_network(
     links: Sequence[StationLink],
     names: Sequence[str],
     options: AdjustmentOptions = DEFAULT_OPTIONS,
+    *,
+    doubtful: Sequence[StationLink] = (),
 ) -> NetworkRegistration:
     """Find the poses of all stations that consistent registrations connect to the first one (MATH 6.4, 6.5).
 
@@ -55,6 +62,8 @@ def register_network(
         Of all stations, for the reasons; the first one defines the frame.
     options
         Of the adjustment.
+    doubtful
+        Registrations that connect no station, but are used between stations that others connect where they agree.
     """
     verdict = examine_loops(links, names)
     usable = [link for number, link in enumerate(links) if number not in verdict.rejected]
@@ -62,22 +71,54 @@ def register_network(
     kept = [link for link in usable if link.target in stations]
     fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     if not kept:
-        return NetworkRegistration({0: fixed}, verdict, None, None, ())
+        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), ())
     graph = adjust_pose_graph(kept, stations)
+    confirmed = agreeing_links(doubtful, stations, graph, verdict.variance_factor)
+    if confirmed:
+        kept = [*kept, *(doubtful[number] for number in confirmed)]
+        graph = adjust_pose_graph(kept, stations)
     start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
     tracks = build_tracks(features, kept, start)
+    joint, remarks = _adjusted(features, tracks, stations, start, options)
+    poses = {station: _pose(station, k, joint, graph) for k, station in enumerate(stations[1:])}
+    return NetworkRegistration(
+        {0: fixed, **poses}, verdict, tracks, joint, _uncontrolled(links, verdict, kept), confirmed, remarks
+    )
+
+
+def _adjusted(
+    features: Mapping[int, StationFeatures],
+    tracks: Tracks,
+    stations: Sequence[int],
+    start: Mapping[int, RigidTransform],
+    options: AdjustmentOptions,
+) -> tuple[JointAdjustment | None, tuple[str, ...]]:
+    """Adjust all stations; where that is not possible, say why."""
     try:
         joint = adjust_jointly(features, tracks, stations, start, options)
     except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
-        poses = {
-            station: PoseEstimate(start[station], graph.cofactors[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
-            for k, station in enumerate(stations[1:])
-        }
         remark = (
             f"the stations could not be adjusted together ({error}); their poses are adjusted to the registrations of "
             "pairs as if these were independent of each other"
         )
-        return NetworkRegistration({0: fixed, **poses}, verdict, tracks, None, (remark,))
-    poses = {station: PoseEstimate(joint.pose(station), joint.covariance(station)) for station in stations[1:]}
-    remarks = () if joint.solution.converged else ("the adjustment of all stations did not settle",)
-    return NetworkRegistration({0: fixed, **poses}, verdict, tracks, joint, remarks)
+        return None, (remark,)
+    return joint, () if joint.solution.converged else ("the adjustment of all stations did not settle",)
+
+
+def _pose(station: int, number: int, joint: JointAdjustment | None, graph: Solution) -> PoseEstimate:
+    """Give the pose of a station from the joint adjustment, else from the pose graph, where it has the given number."""
+    if joint is not None:
+        return PoseEstimate(joint.pose(station), joint.covariance(station))
+    columns = slice(6 * number, 6 * number + 6)
+    return PoseEstimate(graph.unknowns.poses[number + 1], graph.cofactors[columns, columns])
+
+
+def _uncontrolled(links: Sequence[StationLink], verdict: LoopVerdict, kept: Sequence[StationLink]) -> tuple[int, ...]:
+    """Give the used links that neither other links nor confirmed doubtful ones control."""
+    still = {kept[number].stations for number in bridges(kept, range(len(kept)))}
+    inside = {link.stations for link in kept}
+    return tuple(
+        number
+        for number in verdict.uncontrolled
+        if links[number].stations in still or links[number].stations not in inside
+    )

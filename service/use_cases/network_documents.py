@@ -15,15 +15,20 @@ from service.use_cases.adjustment_documents import MEANINGS
 from service.use_cases.run_lines_report import line_name, plane_name
 
 
-def network_document(result: NetworkRegistration, links: Sequence[StationLink], names: Sequence[str]) -> Network:
+def network_document(
+    result: NetworkRegistration,
+    links: Sequence[StationLink],
+    doubtful: Sequence[StationLink],
+    names: Sequence[str],
+) -> Network:
     """Describe a network.
 
     Parameters
     ----------
     result
         The network.
-    links
-        The accepted registrations it was made of.
+    links, doubtful
+        The accepted and the doubtful registrations it was made of.
     names
         Of the stations.
     """
@@ -39,6 +44,10 @@ def network_document(result: NetworkRegistration, links: Sequence[StationLink], 
                 reason=result.loops.rejected.get(number),
             )
             for number, link in enumerate(links)
+        ]
+        + [
+            NetworkLink(target=names[doubtful[k].target], source=names[doubtful[k].source], state="confirmed")
+            for k in result.confirmed
         ],
         loops=[
             LoopClosure(
@@ -62,7 +71,7 @@ def _state(number: int, link: StationLink, result: NetworkRegistration) -> str:
         return "rejected"
     if link.target not in result.poses:
         return "not-connected"
-    return "uncontrolled" if number in result.loops.uncontrolled else "used"
+    return "uncontrolled" if number in result.uncontrolled else "used"
 
 
 def _adjustment(joint: JointAdjustment, tracks: Tracks, names: Sequence[str]) -> NetworkAdjustment:

@@ -21,17 +21,18 @@ from service.use_cases.run_pair import method_of
 def adjust_network(context: StepContext, arguments: Json) -> Json:
     """Find the poses of all stations from the accepted pairs, and store them with the figures of the network."""
     names: list[str] = arguments["names"]
-    links = stored_links(context, arguments["pairs"], names)
+    links = stored_links(context, arguments["pairs"], names, "accepted")
+    doubtful = stored_links(context, arguments["pairs"], names, "doubtful")
     context.progress.report(0.0, "loading features")
     features: dict[int, StationFeatures] = {}
     origins: dict[int, Vector3] = {}
-    for number in sorted({0, *(station for link in links for station in link.stations)}):
+    for number in sorted({0, *(station for link in (*links, *doubtful) for station in link.stations)}):
         loaded = load_features(context.blobs.local_path(arguments["features"][number]))
         features[number], origins[number] = StationFeatures.of_features(loaded), loaded.origin_m
     context.progress.report(0.3, "adjusting all stations")
-    result = register_network(features, links, names, method_of(arguments["method"]).adjustment)
+    result = register_network(features, links, names, method_of(arguments["method"]).adjustment, doubtful=doubtful)
     document = {
-        "network": network_document(result, links, names).model_dump(by_alias=True),
+        "network": network_document(result, links, doubtful, names).model_dump(by_alias=True),
         "poses": _poses(result, features, origins, names),
     }
     key = f"jobs/{arguments['job_id']}/network.json"
@@ -39,8 +40,8 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     return {"network": key}
 
 
-def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[str]) -> list[StationLink]:
-    """Load what accepted pairs left for the network.
+def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[str], status: str) -> list[StationLink]:
+    """Load what pairs of a status left for the network.
 
     Parameters
     ----------
@@ -50,12 +51,14 @@ def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[st
         Outputs of the pairs.
     names
         Of all stations, in order.
+    status
+        `accepted` or `doubtful`.
     """
     place = {name: number for number, name in enumerate(names)}
     return [
         load_link(context.blobs.local_path(pair["link"]), place[pair["target"]], place[pair["source"]])
         for pair in pairs
-        if pair["link"] is not None
+        if pair["link"] is not None and pair["status"] == status
     ]
 
 

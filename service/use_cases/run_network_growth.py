@@ -31,7 +31,7 @@ def choose_pairs(context: StepContext, arguments: Json) -> Json:
         context.progress.report((number + 1) / len(names), "comparing scans")
     alike = similarities(profiles)
     if arguments["pairs"]:
-        links = stored_links(context, arguments["pairs"], names)
+        links = stored_links(context, arguments["pairs"], names, "accepted")
         place = {name: number for number, name in enumerate(names)}
         tried = [(place[pair["target"]], place[pair["source"]]) for pair in arguments["pairs"]]
         chosen = next_pairs(alike, surfaces, _known(links, names, tried))

@@ -54,11 +54,11 @@ def _stored_link(
     result: "algorithms.registration.base.PairResult",
     problem: "algorithms.registration.base.RegistrationProblem",
 ) -> str | None:
-    """Store what an accepted pair contributes to a network of stations; give its key."""
+    """Store what an accepted or doubtful pair may contribute to a network of stations; give its key."""
     from algorithms.registration.base import PairStatus
     from service.use_cases.link_store import link_of, save_link
 
-    if result.status is not PairStatus.ACCEPTED or result.fine is None:
+    if result.status not in {PairStatus.ACCEPTED, PairStatus.DOUBTFUL} or result.fine is None:
         return None
     key = f"jobs/{arguments['job_id']}/links/{arguments['number']}.npz"
     scratch = context.blobs.scratch()

@@ -8,6 +8,7 @@ import pytest
 from station_networks import StationNetwork, station_network
 
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops, short_loops
 from algorithms.network.network_registration import register_network
 from algorithms.network.wrong_links import wrong_links
@@ -84,6 +85,37 @@ def test_registrations_in_no_loop_are_uncontrolled_whatever_they_are(network: St
     verdict = examine_loops(chain.links, chain.names)
     assert verdict.rejected == {}
     assert {chain.links[k].stations for k in verdict.uncontrolled} == {(2, 3), (3, 4)}
+
+
+def split(network: StationNetwork, doubtful: tuple[int, int]) -> tuple[StationNetwork, tuple[StationLink, ...]]:
+    """Give the network without one registration, and that registration."""
+    others = [link.stations for link in network.links if link.stations != doubtful]
+    return network.with_links(*others), network.with_links(doubtful).links
+
+
+def test_a_doubtful_registration_that_agrees_is_used_and_controls_the_others(network: StationNetwork) -> None:
+    chain, doubtful = split(network.with_links((0, 1), (1, 2), (2, 3), (0, 2)), (0, 2))
+    result = register_network(chain.features, chain.links, chain.names, doubtful=doubtful)
+    assert result.confirmed == (0,)
+    assert {chain.links[k].stations for k in result.uncontrolled} == {(2, 3)}
+    without = register_network(chain.features, chain.links, chain.names)
+    assert {chain.links[k].stations for k in without.uncontrolled} == {(0, 1), (1, 2), (2, 3)}
+    assert np.trace(result.poses[2].covariance) < np.trace(without.poses[2].covariance)
+
+
+def test_a_doubtful_registration_that_does_not_agree_changes_nothing(network: StationNetwork) -> None:
+    wrong = network.with_links((0, 1), (1, 2), (0, 2)).with_wrong_link(0, 2, 0.0, 0.5)
+    chain, doubtful = split(wrong, (0, 2))
+    result = register_network(chain.features, chain.links, chain.names, doubtful=doubtful)
+    assert result.confirmed == ()
+    np.testing.assert_array_equal(
+        result.poses[2].covariance, register_network(chain.features, chain.links, chain.names).poses[2].covariance
+    )
+
+
+def test_doubtful_registrations_connect_no_station(network: StationNetwork) -> None:
+    chain, doubtful = split(network.with_links((0, 1), (1, 2)), (1, 2))
+    assert set(register_network(chain.features, chain.links, chain.names, doubtful=doubtful).poses) == {0, 1}
 
 
 def test_covariances_that_are_somewhat_too_small_reject_nothing(network: StationNetwork) -> None:

@@ -30,7 +30,7 @@ def network() -> StationNetwork:
     return station_network(np.random.default_rng(31), 5)
 
 
-def reported(network: StationNetwork) -> dict[str, Any]:
+def reported(network: StationNetwork, doubtful: tuple[tuple[int, int], ...] = ()) -> dict[str, Any]:
     """Store features and pairs as the steps before do, adjust and report; full coordinates lie far from the reduced."""
     blobs = MemoryBlobStore()
     context = StepContext(blobs, NoProgress())
@@ -50,12 +50,13 @@ def reported(network: StationNetwork) -> dict[str, Any]:
         path = blobs.scratch() / "link.npz"
         save_link(path, link)
         blobs.put_file(f"jobs/j/links/{number}.npz", path)
-        document = pair(target, source, link.target_from_source.target_from_source)
+        status = "doubtful" if link.stations in doubtful else "accepted"
+        document = pair(target, source, link.target_from_source.target_from_source, status)
         blobs.write_bytes(f"jobs/j/pairs/{number}.json", document.model_dump_json(by_alias=True).encode())
         pairs.append(
             {
                 "pair": f"jobs/j/pairs/{number}.json",
-                "status": "accepted",
+                "status": status,
                 "target": target,
                 "source": source,
                 "link": f"jobs/j/links/{number}.npz",
@@ -103,6 +104,12 @@ def test_a_pair_that_breaks_its_loops_is_rejected_with_the_reason(network: Stati
     assert wrong["status"] == "rejected"
     assert "does not close" in wrong["reasons"][0]
     assert [link["state"] for link in result["network"]["links"]].count("rejected") == 1
+
+
+def test_a_doubtful_pair_that_agrees_is_used_and_stays_doubtful(network: StationNetwork) -> None:
+    result = reported(network.with_links((0, 1), (1, 2), (0, 2)), doubtful=((0, 2),))
+    assert [link["state"] for link in result["network"]["links"]] == ["used", "used", "confirmed"]
+    assert [entry["status"] for entry in result["pairs"]].count("doubtful") == 1
 
 
 def test_stations_that_nothing_connects_are_named_with_the_reason(network: StationNetwork) -> None:
