@@ -1,6 +1,7 @@
 """Everything registration needs to know of one scan: lines, planes, cylinders, and what was seen where."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -11,6 +12,7 @@ from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
 from algorithms.scans.range_image import SphericalRangeImage
+from algorithms.scans.surface_index import SurfaceIndex, surface_index
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +73,8 @@ class ScanFeatures:
     """What the photos gave; None: the station has no photos."""
     mount_test: MountTest | None = None
     """Whether the photos fit the scan; None: the station has no photos."""
+
+    @cached_property
+    def index(self) -> SurfaceIndex:
+        """The thinned surface, ready to have poses of another scan laid into it; built once, O(n log n)."""
+        return surface_index(self.surface.points, self.surface.normals, self.surface.voxel_size_m, self.sensor_m)

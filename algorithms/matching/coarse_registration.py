@@ -1,6 +1,5 @@
 """Find the pose of one scan in another without a first guess."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,6 @@ from algorithms.matching.plane_triples import plane_motions
 from algorithms.matching.self_likeness import Contradiction, is_possible_alternative
 from algorithms.matching.votes import joined, vote_motions
 from algorithms.progress import NoProgress, Progress
-from algorithms.scans.surface_index import SurfaceIndex, surface_index
 
 VOTE_RADIUS_RAD = 0.07
 MOST_ROTATIONS = 200
@@ -101,9 +99,7 @@ def match_features(
     motions = line_pair_motions(
         target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
     )
-    indices = [
-        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
-    ]
+    indices = (target.index, source.index)
     if min(len(index.points) for index in indices) == 0:
         raise TooFewCorrespondencesError(0, 1, "surface points")
     voted = vote_motions(
@@ -122,7 +118,7 @@ def match_features(
     ranked = rank_hypotheses(hypotheses, indices[0], indices[1], noise_m=max(target.noise_std_m, source.noise_std_m))
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
-    result = _described(target, source, ranked, indices, options)
+    result = _described(target, source, ranked, options)
     tell.report(1.0, "pose found")
     return result
 
@@ -145,17 +141,16 @@ def _described(
     target: ScanFeatures,
     source: ScanFeatures,
     ranked: RankedPoses,
-    indices: Sequence[SurfaceIndex],
     options: MatchingOptions,
 ) -> CoarseRegistration:
     """Count the supporting features and compare the best pose with the best other one that the lines do not refute."""
-    weighed = _weighed(target, source, ranked, indices, options)
+    weighed = _weighed(target, source, ranked, options)
     pose, scores = ranked.poses[weighed.first], ranked.scores
     best = float(scores.score[weighed.first])
     second = next(iter([*weighed.symmetric, *weighed.rivals]), None)
     runner_up_score = 0.0 if second is None else float(scores.score[second])
     close = runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
-    free_space_known = all(index.knows_free_space for index in indices)
+    free_space_known = target.index.knows_free_space and source.index.knows_free_space
     reasons, remarks = [], []
     if weighed.symmetric:
         other = weighed.symmetric[0]
@@ -201,7 +196,6 @@ def _weighed(
     target: ScanFeatures,
     source: ScanFeatures,
     ranked: RankedPoses,
-    indices: Sequence[SurfaceIndex],
     options: MatchingOptions,
 ) -> _Weighed:
     """Let the lines decide between poses that fit the surfaces alike, and find those that symmetry makes possible."""
@@ -211,7 +205,7 @@ def _weighed(
         for support, violation in zip(ranked.scores.support, ranked.scores.violation, strict=True)
     ]
     close = [k for k in range(1, len(score)) if score[k] > LEAST_RIVAL_RATIO * score[0]]
-    witness = LineWitness(target, source, indices)
+    witness = LineWitness(target, source)
     fitted = {k: feature_pose_near(target, source, ranked.poses[k]) for k in (0, *close)}
     first = 0
     for k in close:
@@ -227,8 +221,8 @@ def _weighed(
             ranked.poses[k],
             best=judged[first],
             alternative=judged[k],
-            target=indices[0],
-            source=indices[1],
+            target=target.index,
+            source=source.index,
             noise_m=max(target.noise_std_m, source.noise_std_m),
         )
         if k in fitted or possible:

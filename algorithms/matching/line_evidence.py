@@ -6,7 +6,6 @@ and of these those it did see. In the right pose that share is what the extracti
 differs by a symmetry of the building it is the same; in any other pose it is close to chance.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,17 +63,15 @@ class LineEvidence:
 class LineWitness:
     """Two scans whose lines are asked about pairs of poses. Holds search trees; O(n log n) to build."""
 
-    def __init__(self, target: ScanFeatures, source: ScanFeatures, indices: Sequence[SurfaceIndex]) -> None:
+    def __init__(self, target: ScanFeatures, source: ScanFeatures) -> None:
         """Prepare both scans.
 
         Parameters
         ----------
         target, source
             Features of the two scans.
-        indices
-            Their surfaces.
         """
-        self._scans = (_Witness(target, indices[0]), _Witness(source, indices[1]))
+        self._scans = (_Witness(target), _Witness(source))
         self._distance_m = max(FOUND_DISTANCE_M, FOUND_NOISES * max(target.noise_std_m, source.noise_std_m))
 
     def compare(self, pose: RigidTransform, other: RigidTransform) -> tuple[LineEvidence, LineEvidence]:
@@ -157,12 +154,12 @@ def moved_across(lines: Lines, motion: RigidTransform, other: RigidTransform) ->
 class _Witness:
     """One scan: its lines, with samples of the surfaces beside them, and a tree of its photo lines."""
 
-    def __init__(self, features: ScanFeatures, index: SurfaceIndex) -> None:
-        self.features, self.index = features, index
+    def __init__(self, features: ScanFeatures) -> None:
+        self.features, self.index = features, features.index
         self.described = described_lines(features)
         self._owners, self._samples = _along(features.lines)
         self._counts = np.maximum(np.bincount(self._owners, minlength=len(features.lines)), 1)
-        self._sides = _sides(features, SIDE_VOXELS * index.spacing_m)
+        self._sides = _sides(features, SIDE_VOXELS * self.index.spacing_m)
         self._of_photos = features.lines.sources == int(LineSource.PHOTO_EDGE)
         self.photo_lines = cKDTree(self._samples[self._of_photos[self._owners]])
 

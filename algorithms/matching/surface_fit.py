@@ -8,7 +8,7 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.polish import LEAST_GAPS, LEAST_INFORMATION, polished, surface_gaps
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses
-from algorithms.scans.surface_index import EvidenceLimits, surface_index
+from algorithms.scans.surface_index import EvidenceLimits
 
 NOISES, LEAST_GATE_M = 6.0, 0.02
 """Surfaces this many standard deviations of the noise apart, and at least so far, are not the same: 5 cm are a piece of
@@ -45,9 +45,7 @@ def surface_pose_near(
     gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), LEAST_GATE_M)
     if gate > WIDEST_GATE_M:
         return rival
-    indices = [
-        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
-    ]
+    indices = (target.index, source.index)
     limits = EvidenceLimits(gate, np.radians(20.0), 2.5 * max(index.spacing_m for index in indices))
     rotations = np.array([p.rotation.as_matrix() for p in (pose, rival)])
     translations = np.array([p.translation for p in (pose, rival)], dtype=np.float64)
@@ -75,9 +73,7 @@ def surface_pose_covariance(target: ScanFeatures, source: ScanFeatures, pose: Ri
     -------
     (6, 6) covariance of rotation vector (left, target axes) and translation [rad, m], as of `PoseEstimate`.
     """
-    indices = [
-        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
-    ]
+    indices = (target.index, source.index)
     gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), WIDEST_GATE_M)
     limits = EvidenceLimits(gate, np.radians(20.0), 2.5 * max(index.spacing_m for index in indices))
     found = surface_gaps(pose, indices[0], indices[1], limits, FINAL_POINTS)

@@ -8,7 +8,6 @@ from algorithms.arrays import Indices, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.quality.acceptance import Verification
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
-from algorithms.scans.surface_index import surface_index
 
 NEAR_M, FAR_M = 0.1, 0.5
 """Distances of the two overlap figures [m]."""
@@ -24,9 +23,7 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
     target_from_source
         Pose in the reduced frames [m].
     """
-    indices = [
-        surface_index(f.surface.points, f.surface.normals, f.surface.voxel_size_m, f.sensor_m) for f in (target, source)
-    ]
+    indices = (target.index, source.index)
     noise = max(target.noise_std_m, source.noise_std_m)
     spacing = max(index.spacing_m for index in indices)
     scores = score_poses(

@@ -62,16 +62,8 @@ def facade(places: np.ndarray, sensor_x_m: float = 8.0, horizontal: int = 5) -> 
     )
 
 
-def witness(target: ScanFeatures, source: ScanFeatures) -> LineWitness:
-    return LineWitness(
-        target,
-        source,
-        [surface_index(f.surface.points, f.surface.normals, VOXEL_M, f.sensor_m) for f in (target, source)],
-    )
-
-
 def test_edges_missing_in_a_shifted_pose_refute_it() -> None:
-    refutation = witness(facade(UNEVEN), facade(UNEVEN)).refutation(IDENTITY, along(0.36), alpha=1e-3)
+    refutation = LineWitness(facade(UNEVEN), facade(UNEVEN)).refutation(IDENTITY, along(0.36), alpha=1e-3)
     assert refutation is not None
     here, there = refutation
     assert here.found == here.expected >= 20
@@ -80,16 +72,16 @@ def test_edges_missing_in_a_shifted_pose_refute_it() -> None:
 
 
 def test_the_right_pose_is_not_refuted_by_a_shifted_one() -> None:
-    assert witness(facade(UNEVEN), facade(UNEVEN)).refutation(along(0.36), IDENTITY, alpha=1e-2) is None
+    assert LineWitness(facade(UNEVEN), facade(UNEVEN)).refutation(along(0.36), IDENTITY, alpha=1e-2) is None
 
 
 def test_the_evidence_is_the_same_seen_from_the_other_pose() -> None:
-    asked = witness(facade(UNEVEN), facade(UNEVEN))
+    asked = LineWitness(facade(UNEVEN), facade(UNEVEN))
     assert asked.compare(IDENTITY, along(0.36)) == asked.compare(along(0.36), IDENTITY)[::-1]
 
 
 def test_a_shift_by_one_of_equal_windows_is_not_refuted() -> None:
-    asked = witness(facade(EVEN), facade(EVEN))
+    asked = LineWitness(facade(EVEN), facade(EVEN))
     assert asked.compare(IDENTITY, along(1.0))[1].rate > 0.9
     assert asked.self_likeness(IDENTITY, along(1.0)).rate > 0.9
     assert asked.refutation(IDENTITY, along(1.0), alpha=1e-2) is None
@@ -97,7 +89,7 @@ def test_a_shift_by_one_of_equal_windows_is_not_refuted() -> None:
 
 def test_edges_along_the_shift_say_nothing() -> None:
     none = np.empty(0)
-    here, there = witness(facade(none), facade(none)).compare(IDENTITY, along(0.36))
+    here, there = LineWitness(facade(none), facade(none)).compare(IDENTITY, along(0.36))
     assert (here.expected, there.expected) == (0, 0)
 
 
@@ -112,13 +104,13 @@ def test_a_line_that_turns_moves_by_its_nearer_end() -> None:
 
 def test_places_that_the_other_photos_do_not_show_are_not_expected() -> None:
     unseen = facade(np.empty(0), horizontal=0)
-    here, _ = witness(facade(UNEVEN), unseen).compare(IDENTITY, along(0.36))
+    here, _ = LineWitness(facade(UNEVEN), unseen).compare(IDENTITY, along(0.36))
     assert here.expected == 0
 
 
 def test_a_handful_of_lines_refutes_nothing() -> None:
     few = facade(UNEVEN[:3])
-    assert witness(few, few).refutation(IDENTITY, along(0.36), alpha=1e-2) is None
+    assert LineWitness(few, few).refutation(IDENTITY, along(0.36), alpha=1e-2) is None
 
 
 def test_evidence_adds_up() -> None:
@@ -141,7 +133,7 @@ def test_what_no_feature_fixes_stays_where_it_was() -> None:
 def test_scans_without_lines_have_no_evidence() -> None:
     empty = facade(np.empty(0), horizontal=0)
     assert len(Lines.empty()) == len(empty.lines) == 0
-    here, there = witness(empty, empty).compare(IDENTITY, along(0.36))
+    here, there = LineWitness(empty, empty).compare(IDENTITY, along(0.36))
     assert (here.rate, there.rate) == (0.0, 0.0)
 
 
