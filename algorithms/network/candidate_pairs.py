@@ -128,7 +128,7 @@ def _closing(surfaces: Sequence[Points], tried: Tried, known: set[PairOfStations
         degrees[list(pair)] += 1
     found: list[tuple[float, PairOfStations]] = []
     for part in tried.parts:
-        cells = {station: _cells(surfaces[station], tried.poses[station]) for station in part}
+        cells = {station: occupied_cells(surfaces[station], tried.poses[station]) for station in part}
         for pair in _touching(cells):
             share = len(cells[pair[0]] & cells[pair[1]]) / max(min(len(cells[k]) for k in pair), 1)
             if pair not in known and share >= LEAST_OVERLAP:
@@ -141,7 +141,7 @@ def _closing(surfaces: Sequence[Points], tried: Tried, known: set[PairOfStations
     return chosen
 
 
-def _cells(points: Points, pose: RigidTransform) -> frozenset[tuple[int, int, int]]:
+def occupied_cells(points: Points, pose: RigidTransform) -> frozenset[tuple[int, int, int]]:
     """Give the cells that a surface occupies in the common frame."""
     if len(points) == 0:
         return frozenset()

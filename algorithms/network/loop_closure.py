@@ -64,6 +64,8 @@ class LoopVerdict:
     """Limit of T."""
     rejected: dict[int, str]
     """Registrations that are not used, with the reason; names of stations by `names` of `examine_loops`."""
+    alternatives: dict[int, tuple[int, ...]]
+    """Rejected registrations of which perhaps only some are wrong, with those that may be wrong instead."""
     uncontrolled: tuple[int, ...]
     """Used registrations that lie in no loop of used ones: nothing checks them."""
 
@@ -100,7 +102,8 @@ def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVer
     blamed = wrong_links(failing, [loop.links for loop in loops if loop.passed])
     rejected = {number: _reason(number, blame, links, loops, names) for number, blame in blamed.items()}
     kept = [number for number in range(len(links)) if number not in rejected]
-    return LoopVerdict(loops, factor, critical, rejected, bridges(links, kept))
+    alternatives = {number: blame.alternatives for number, blame in blamed.items() if blame.alternatives}
+    return LoopVerdict(loops, factor, critical, rejected, alternatives, bridges(links, kept))
 
 
 def bridges(links: Sequence[StationLink], kept: Sequence[int]) -> tuple[int, ...]:

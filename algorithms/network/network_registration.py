@@ -14,6 +14,8 @@ from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import LoopVerdict, agreeing_links, bridges, examine_loops
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
+from algorithms.network.surface_control import SurfaceControl
+from algorithms.network.surface_decisions import decided_by_surfaces
 from algorithms.network.tracks import StationFeatures, Tracks, build_tracks
 
 DEFAULT_OPTIONS = AdjustmentOptions()
@@ -46,6 +48,7 @@ def register_network(
     options: AdjustmentOptions = DEFAULT_OPTIONS,
     *,
     doubtful: Sequence[StationLink] = (),
+    control: SurfaceControl | None = None,
 ) -> NetworkRegistration:
     """Find the poses of all stations that consistent registrations connect to the first one (MATH 6.4, 6.5).
 
@@ -64,8 +67,12 @@ def register_network(
         Of the adjustment.
     doubtful
         Registrations that connect no station, but are used between stations that others connect where they agree.
+    control
+        Tests stations against each other where loops leave something open; None: that stays open.
     """
     verdict = examine_loops(links, names)
+    if control is not None:
+        verdict = decided_by_surfaces(links, verdict, names, control)
     usable = [link for number, link in enumerate(links) if number not in verdict.rejected]
     stations = connected_stations(usable, 0)
     kept = [link for link in usable if link.target in stations]

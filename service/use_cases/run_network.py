@@ -2,13 +2,16 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from algorithms.arrays import Vector3
+from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import NetworkRegistration, register_network
+from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures
 from service.ports import Json, StepContext
@@ -16,6 +19,9 @@ from service.use_cases.feature_store import load_features
 from service.use_cases.link_store import load_link
 from service.use_cases.network_documents import network_document
 from service.use_cases.run_pair import method_of
+
+KEPT_IN_MEMORY = 24
+"""Scans whose surfaces are kept while stations are tested against each other."""
 
 
 def adjust_network(context: StepContext, arguments: Json) -> Json:
@@ -27,10 +33,12 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     features: dict[int, StationFeatures] = {}
     origins: dict[int, Vector3] = {}
     for number in sorted({0, *(station for link in (*links, *doubtful) for station in link.stations)}):
-        loaded = load_features(context.blobs.local_path(arguments["features"][number]))
+        loaded = _features_of(context, arguments, number)
         features[number], origins[number] = StationFeatures.of_features(loaded), loaded.origin_m
     context.progress.report(0.3, "adjusting all stations")
-    result = register_network(features, links, names, method_of(arguments["method"]).adjustment, doubtful=doubtful)
+    control = SurfaceControl(lru_cache(KEPT_IN_MEMORY)(lambda number: _features_of(context, arguments, number)))
+    options = method_of(arguments["method"]).adjustment
+    result = register_network(features, links, names, options, doubtful=doubtful, control=control)
     document = {
         "network": network_document(result, links, doubtful, names).model_dump(by_alias=True),
         "poses": _poses(result, features, origins, names),
@@ -38,6 +46,10 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     key = f"jobs/{arguments['job_id']}/network.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
     return {"network": key}
+
+
+def _features_of(context: StepContext, arguments: Json, number: int) -> ScanFeatures:
+    return load_features(context.blobs.local_path(arguments["features"][number]))
 
 
 def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[str], status: str) -> list[StationLink]:
