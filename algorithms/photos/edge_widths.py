@@ -16,7 +16,7 @@ KNOWN_STD = 0.03
 """Edges whose widths have a smaller standard deviation, in parts of it, tell the width of single edges."""
 FEW = 8
 """Fewer such edges do not tell it."""
-CORE, CORE_QUANTILE = 0.4, 0.524
+CORE, CORE_QUANTILE = 0.3, 0.385
 """The shortest interval that holds this share of the known widths is that of single edges; half of its length is so
 many standard deviations of a normal distribution."""
 LEAST_TOLERANCE = 0.05
@@ -24,7 +24,7 @@ LEAST_TOLERANCE = 0.05
 SPREADS = 2.5
 """They may differ by so many times the typical deviation of the photo's edges; lenses are not equally sharp everywhere,
 nor are corners of buildings."""
-SIGNIFICANT = 3.0
+SIGNIFICANT = 2.5
 
 
 def composite_edges(widths: Scalars, contrasts: Scalars, lengths: Scalars, photo_noise: float) -> Flags:

@@ -1,5 +1,6 @@
-"""Lines from photos of the virtual house against its true edges. Run with -m benchmark -s to see the figures."""
+"""Lines from photos of virtual buildings against their true edges. Run with -m benchmark -s to see the figures."""
 
+from itertools import product
 from time import perf_counter
 
 import numpy as np
@@ -12,38 +13,33 @@ from algorithms.features.projection_options import ProjectionOptions
 from algorithms.photos.detector import detect_edges
 from algorithms.photos.options import EdgeOptions
 from algorithms.progress import NoProgress
-from algorithms.simulation.house import house_scene
+from algorithms.simulation.bridge import bridge_scene
+from algorithms.simulation.house import house_front_scene, house_scene
 from algorithms.simulation.rendering import render_photo
 from algorithms.simulation.rendering_truth import visible_edges
 from algorithms.simulation.scanner import scanner_with_step
 from algorithms.simulation.scanning import scan_scene
-from algorithms.simulation.virtual_camera import VirtualCamera
+from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards
 
 pytestmark = pytest.mark.benchmark
 
 CAMERA = VirtualCamera()
 NOISE_M = 0.002
-ALONE = 0.95
-"""Edges beside which nothing else begins within three pixels along so much of their length."""
-WRONG = 30.0
-"""A normalised error (chi-square, four degrees of freedom) that noise never reaches: a wrong surface."""
+WRONG = 100.0
+"""A normalised error (chi-square, four degrees of freedom) that noise never reaches: a wrong surface, or two edges seen
+as one. Their share is limited by itself; one of them would decide the mean of thousands."""
+LIMIT, SAMPLING = 0.3, 2.0
+"""The mean of the others is 4 but for so much and so many of its own standard deviations, √(8/n)."""
 
 
-def station(number, step_deg):
-    """Pose of the scan, pose of a camera that looks at the house, scan and true edges."""
-    scene = house_scene()
-    pose = scene.stations[number]
-    middle = pose.inv().apply(np.array([5.5, 0.0 if number < 3 else 8.0, 2.5]))
-    scan_from_camera = CAMERA.scan_from_camera(float(np.arctan2(middle[1], middle[0])))
-    scan = scan_scene(scene, pose, scanner_with_step(np.deg2rad(step_deg)), np.random.default_rng(number))
-    truth = visible_edges(scene, pose * scan_from_camera, CAMERA)
-    return scene, pose, scan_from_camera, scan, truth[truth.lengths_px > 30.0]
+def camera_pose(pose, target):
+    """Pose on the scanner of a camera that looks at a point of the world."""
+    return CAMERA.scan_from_camera(head_angle_towards(pose, np.asarray(target)))
 
 
 def judged(edges, truth, partner, pose):
-    """Normalised errors, and errors in standard deviations, of lines whose edges stand alone."""
+    """Normalised errors, and errors in standard deviations, of all lines whose edges have a true partner."""
     known = np.flatnonzero(partner >= 0)
-    known = known[truth.alone[partner[known]] > ALONE]
     lines, world = edges.lines[known], truth.world[partner[known]]
     errors = line_errors(lines, pose.inv().apply(world[:, 0]), pose.inv().apply(world[:, 1]))
     std = np.sqrt(np.einsum("nii->ni", lines.covariances))
@@ -51,40 +47,46 @@ def judged(edges, truth, partner, pose):
 
 
 def report(what, normalised, shares):
+    """Print the figures: share of components within 3 sigma, share of wrong lines, mean of the others."""
+    right = normalised[normalised < WRONG]
     print(
         f"\n{what}: {len(normalised)} lines, {(shares < 3.0).mean():.2%} of the components within 3 sigma, "
-        f"{(normalised > WRONG).mean():.2%} on a wrong surface, normalised error of the rest "
-        f"{normalised[normalised < WRONG].mean():.2f}"
+        f"{(normalised >= WRONG).mean():.2%} wrong, normalised error of the others "
+        f"{right.mean():.2f} +- {np.sqrt(8.0 / len(right)):.2f}"
     )
+    return (shares < 3.0).mean(), (normalised >= WRONG).mean(), right.mean(), np.sqrt(8.0 / len(right))
 
 
 def test_noisy_photos_of_a_small_facade_have_a_normalised_error_of_four():
     count, normalised, shares = many(range(400))
-    report(f"facade, {count} of 2400", normalised, shares)
-    assert 3.7 < normalised.mean() < 4.3
-    assert (shares < 3.0).mean() >= 0.99
+    share, wrong, mean, std = report(f"facade, {count} of 2400", normalised, shares)
+    assert share >= 0.99
+    assert wrong == 0.0
+    assert abs(mean - 4.0) < LIMIT + SAMPLING * std
 
 
-@pytest.mark.parametrize("step_deg", [0.05, 0.1, 0.2])
-def test_true_edges_of_the_house_with_noise_become_honest_lines(step_deg):
-    everything = []
-    for number in (0, 1, 4):
-        _, pose, scan_from_camera, scan, truth = station(number, step_deg)
+def test_true_edges_of_the_house_with_noise_become_honest_lines():
+    everything, scene = [], house_scene()
+    for (number, target), step_deg in product(((0, SOUTH), (1, SOUTH), (4, NORTH)), (0.05, 0.1, 0.2)):
+        pose = scene.stations[number]
+        scan_from_camera = camera_pose(pose, target)
+        scan = scan_scene(scene, pose, scanner_with_step(np.deg2rad(step_deg)), np.random.default_rng(number))
+        truth = visible_edges(scene, pose * scan_from_camera, CAMERA)
+        truth = truth[truth.lengths_px > 30.0]
         ends = pose.inv().apply(truth.world.reshape(-1, 3)).reshape(-1, 2, 3)
         segments = segments_of(
             ends[:, 0], ends[:, 1], CAMERA.camera, scan_from_camera, np.random.default_rng(number), std_px=0.2
         )
         edges = project_edges(
-            segments, CAMERA.camera, scan_from_camera, scan, ProjectionOptions(systematic_px=0.0),
+            segments, CAMERA.camera, scan_from_camera, scan, ProjectionOptions(),
             noise_std_m=NOISE_M, progress=NoProgress(),
         )  # fmt: skip
         everything.append(judged(edges, truth, edges.segment_numbers, pose))
     normalised, shares = (np.concatenate(parts) for parts in zip(*everything, strict=True))
-    report(f"house, true edges, scanned every {step_deg} degrees", normalised, shares)
-    assert (shares < 3.0).mean() >= 0.99
-    assert (normalised > WRONG).mean() <= 0.01
-    # 4 +- 0.16 for 300 lines, and some narrow planes whose rims cannot be kept out
-    assert 3.6 < normalised[normalised < WRONG].mean() < 4.6
+    share, wrong, mean, std = report("house, true edges", normalised, shares)
+    assert share >= 0.99
+    assert wrong <= 0.01
+    assert abs(mean - 4.0) < LIMIT + SAMPLING * std
 
 
 def partners(segments, truth):
@@ -100,19 +102,57 @@ def partners(segments, truth):
     return np.where(near.any(axis=1), np.argmin(np.where(near, across, np.inf), axis=1), -1)
 
 
-@pytest.mark.parametrize("number", [0, 1])
-def test_edges_found_in_rendered_photos_of_the_house_become_honest_lines(number):
-    scene, pose, scan_from_camera, scan, truth = station(number, 0.05)
-    image = render_photo(scene, pose * scan_from_camera, CAMERA, np.random.default_rng(number))
-    segments = detect_edges(image, CAMERA.camera, EdgeOptions(), progress=NoProgress())
-    arguments = (segments, CAMERA.camera, scan_from_camera, scan, ProjectionOptions())
-    project_edges(*arguments, noise_std_m=NOISE_M, progress=NoProgress())  # compiles
-    began = perf_counter()
-    edges = project_edges(*arguments, noise_std_m=NOISE_M, progress=NoProgress())
-    seconds = perf_counter() - began
-    normalised, shares = judged(edges, truth, partners(segments, truth)[edges.segment_numbers], pose)
-    report(f"house, rendered photo {number}", normalised, shares)
-    print(f"{len(segments)} edges, {len(edges)} lines, {len(scan) / 1e6:.1f} million points: {seconds:.1f} s")
-    assert seconds < 3.0
-    assert (shares < 3.0).mean() >= 0.98
-    assert (normalised > WRONG).mean() <= 0.02
+SOUTH, NORTH, MIDDLE = (5.5, 0.0, 2.5), (5.5, 8.0, 2.5), (0.0, 0.0, 4.0)
+VIEWS = {
+    "house": (house_scene, [(0, SOUTH), (1, SOUTH), (2, SOUTH), (4, NORTH)]),
+    "house_front": (house_front_scene, [(0, SOUTH), (1, SOUTH)]),
+    "bridge": (bridge_scene, [(0, MIDDLE), (1, MIDDLE)]),
+}
+"""Of each scene stations and what the camera looks at."""
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    """Of each scene normalised errors and errors in standard deviations of all lines; seconds of each photo."""
+    found, seconds = {}, []
+    for name, (build, views) in VIEWS.items():
+        scene, parts = build(), []
+        for number, target in views:
+            pose = scene.stations[number]
+            rng = np.random.default_rng([2011, number, len(parts)])
+            scan_from_camera = camera_pose(pose, target)
+            image = render_photo(scene, pose * scan_from_camera, CAMERA, rng)
+            truth = visible_edges(scene, pose * scan_from_camera, CAMERA)
+            segments = detect_edges(image, CAMERA.camera, EdgeOptions(), progress=NoProgress())
+            for step_deg in (0.1, 0.05):
+                scan = scan_scene(scene, pose, scanner_with_step(np.deg2rad(step_deg)), rng)
+                began = perf_counter()
+                edges = project_edges(
+                    segments, CAMERA.camera, scan_from_camera, scan, ProjectionOptions(),
+                    noise_std_m=NOISE_M, progress=NoProgress(),
+                )  # fmt: skip
+                seconds.append(perf_counter() - began)
+                parts.append(judged(edges, truth, partners(segments, truth)[edges.segment_numbers], pose))
+        found[name] = tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+    return found, seconds[1:]  # the first one compiles
+
+
+@pytest.mark.parametrize(("name", "least"), [("house", 0.985), ("house_front", 0.99), ("bridge", 0.97)])
+def test_lines_from_rendered_photos_are_within_three_standard_deviations(rendered, name, least):
+    # 99 % are wanted everywhere; of the bridge the shadows of its railing, dense on the far bank, are taken for the
+    # bank's rim, and planes of its rails, three rows of points wide, are up to 3 mm off
+    share, wrong, _, _ = report(f"rendered photos of {name}", *rendered[0][name])
+    assert share >= least
+    assert wrong <= 0.02
+
+
+def test_lines_from_all_rendered_photos_together_have_a_normalised_error_of_four(rendered):
+    normalised, shares = (np.concatenate(parts) for parts in zip(*rendered[0].values(), strict=True))
+    share, _, mean, std = report("all rendered photos", normalised, shares)
+    assert share >= 0.985
+    assert abs(mean - 4.0) < LIMIT + SAMPLING * std
+
+
+def test_all_lines_of_a_photo_of_six_megapixels_take_three_seconds_at_most(rendered):
+    print(f"\n{max(rendered[1]):.2f} s at most")
+    assert max(rendered[1]) < 3.0
