@@ -39,7 +39,7 @@ class NetworkAdjustment(Document):
     sigma0_prior: float
     sigma0: float | None = Field(description="A posteriori; null: no redundancy.")
     variance_factor: float = Field(
-        description="By which all covariances were multiplied: sigma0 squared where residuals are too large."
+        description="What residuals say of the covariances: sigma0 squared where residuals are too large, else 1."
     )
     test_variance_factor: float = Field(description="Variance factor that the tests of single features allow for.")
     iterations: int
@@ -80,6 +80,14 @@ class Network(Document):
     loops: list[LoopClosure] = Field(description="All triangles, and the shortest loop of what is in none.")
     loop_variance_factor: float = Field(
         description="By which the covariances of pairs were enlarged in the tests of loops: what most loops say."
+    )
+    loop_covariance_factor: float = Field(
+        description="By how much the covariances of pairs are too small, as the closing errors of the used loops "
+        "show; at least 1."
+    )
+    covariance_factor: float = Field(
+        description="By which the covariances of the stations were multiplied in all: the variance factor of the "
+        "adjustment times that of the loops."
     )
     adjustment: NetworkAdjustment | None = Field(
         description="Null: the stations could not be adjusted together; `remarks` says why."

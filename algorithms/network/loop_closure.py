@@ -85,7 +85,7 @@ def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVer
     """
     critical = float(stats.chi2.isf(ALPHA, CLOSURE_DEGREES))
     ways = short_loops(links)
-    closings = [_closing(links, way) for way in ways]
+    closings = [_closing(links, way, FLOOR_NOISES) for way in ways]
     factor = _variance_factor(np.array([closing.statistic for closing in closings]))
     loops = tuple(
         Loop(
@@ -166,6 +166,32 @@ def agreeing_links(
     return tuple(found)
 
 
+def loop_covariance_factor(links: Sequence[StationLink]) -> float:
+    """Say by how much the covariances of registrations are too small, as their closing errors show (MATH 6.5).
+
+    The mean T of the loops, without allowance for uneven walls, over its expectation. The noise that scans share
+    cancels in loops, so they rather close too well; where they close worse than the covariances say, the scans have
+    errors that no residual of a pair shows.
+
+    Parameters
+    ----------
+    links
+        Registrations that are used: they have passed the test of loops.
+
+    Returns
+    -------
+    The factor; 1 where the mean is not above 1 by two of its own standard deviations, those of as many loops as are
+    independent of each other.
+    """
+    statistics = [_closing(links, way, 0.0).statistic for way in short_loops(links)]
+    if not statistics:
+        return 1.0
+    stations = {station for link in links for station in link.stations}
+    independent = max(len(links) - len(stations) + 1, 1)
+    factor = float(np.mean(statistics)) / CLOSURE_DEGREES
+    return factor if factor > 1.0 + 2.0 * np.sqrt(2.0 / (CLOSURE_DEGREES * independent)) else 1.0
+
+
 @dataclass(frozen=True)
 class Way:
     """A closed way, not yet tested."""
@@ -216,11 +242,11 @@ class _Closing:
     statistic: float
 
 
-def _closing(links: Sequence[StationLink], way: Way) -> _Closing:
+def _closing(links: Sequence[StationLink], way: Way, floor_noises: float) -> _Closing:
     """Go round and compare with the identity; the shift is that of the first link's features."""
     round_trip = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     for station, number in zip(way.stations, way.links, strict=True):
-        round_trip = round_trip.after(links[number].with_floor(FLOOR_NOISES).from_station(station))
+        round_trip = round_trip.after(links[number].with_floor(floor_noises).from_station(station))
     first = links[way.links[0]]
     place = first.centroid_m if first.target == way.stations[0] else first.from_station(
         way.stations[0]

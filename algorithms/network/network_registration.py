@@ -12,7 +12,13 @@ from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesErro
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.links import StationLink
-from algorithms.network.loop_closure import LoopVerdict, agreeing_links, bridges, examine_loops
+from algorithms.network.loop_closure import (
+    LoopVerdict,
+    agreeing_links,
+    bridges,
+    examine_loops,
+    loop_covariance_factor,
+)
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
 from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.surface_decisions import decided_by_surfaces
@@ -37,8 +43,15 @@ class NetworkRegistration:
     """Numbers of used links that lie in no loop of used or confirmed ones: nothing checks them."""
     confirmed: tuple[int, ...]
     """Numbers of those doubtful links that agree with the poses which accepted ones lead to; they are used too."""
+    loop_factor: float
+    """By which the covariances of the poses were multiplied because loops close worse than those of pairs say."""
     remarks: tuple[str, ...]
     """What the reader should know, in words."""
+
+    @property
+    def variance_factor(self) -> float:
+        """Factor on the covariances that follow from the scans' own noise: residuals and loops together (MATH 6.5)."""
+        return self.loop_factor * (1.0 if self.joint is None else self.joint.variance_factor)
 
 
 def register_network(
@@ -78,7 +91,7 @@ def register_network(
     kept = [link for link in usable if link.target in stations]
     fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     if not kept:
-        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), ())
+        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, ())
     graph = adjust_pose_graph(kept, stations)
     confirmed = agreeing_links(doubtful, stations, graph, verdict.variance_factor)
     if confirmed:
@@ -87,9 +100,13 @@ def register_network(
     start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
     tracks = build_tracks(features, kept, start)
     joint, remarks = _adjusted(features, tracks, stations, start, options)
-    poses = {station: _pose(station, k, joint, graph) for k, station in enumerate(stations[1:])}
+    factor = loop_covariance_factor(kept)
+    poses = {
+        station: _pose(station, k, joint, graph).with_covariance_scaled(factor)
+        for k, station in enumerate(stations[1:])
+    }
     return NetworkRegistration(
-        {0: fixed, **poses}, verdict, tracks, joint, _uncontrolled(links, verdict, kept), confirmed, remarks
+        {0: fixed, **poses}, verdict, tracks, joint, _uncontrolled(links, verdict, kept), confirmed, factor, remarks
     )
 
 

@@ -61,6 +61,8 @@ def network_document(
             for loop in result.loops.loops
         ],
         loop_variance_factor=result.loops.variance_factor,
+        loop_covariance_factor=result.loop_factor,
+        covariance_factor=result.variance_factor,
         adjustment=adjustment,
         remarks=list(result.remarks),
     )

@@ -81,7 +81,6 @@ def _poses(
     names: Sequence[str],
 ) -> Json:
     """Give the poses between full coordinates, covariances, and where the features of each station are."""
-    factor = 1.0 if result.joint is None else result.joint.variance_factor
     poses = {}
     for station, reduced in result.poses.items():
         pose = reduced.moved_to_origins(origins[0], origins[station])
@@ -89,7 +88,7 @@ def _poses(
             "matrix": pose.target_from_source.as_matrix().tolist(),
             "covariance": pose.covariance.tolist(),
             "centroid_m": _centroid(station, reduced, result, features, origins[0]),
-            "a_posteriori": factor > 1.0,
+            "a_posteriori": result.variance_factor > 1.0,
         }
     return poses
 

@@ -9,7 +9,7 @@ from station_networks import StationNetwork, station_network
 
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
-from algorithms.network.loop_closure import examine_loops, short_loops
+from algorithms.network.loop_closure import examine_loops, loop_covariance_factor, short_loops
 from algorithms.network.network_registration import register_network
 from algorithms.network.wrong_links import wrong_links
 
@@ -133,6 +133,31 @@ def test_covariances_that_are_somewhat_too_small_reject_nothing(network: Station
     verdict = examine_loops(links, network.names)
     assert verdict.rejected == {}
     assert 4.0 < verdict.variance_factor < 9.0
+
+
+def scaled(network: StationNetwork, variance: float) -> list[StationLink]:
+    return [
+        replace(link, target_from_source=link.target_from_source.with_covariance_scaled(variance))
+        for link in network.links
+    ]
+
+
+def test_loops_of_honest_covariances_enlarge_nothing(network: StationNetwork) -> None:
+    assert loop_covariance_factor(network.links) == 1.0
+    assert loop_covariance_factor(network.with_links((0, 1), (1, 2)).links) == 1.0  # no loop
+
+
+def test_loops_tell_how_much_covariances_are_too_small(network: StationNetwork) -> None:
+    honest = np.mean([loop_covariance_factor(scaled(network, 1e-6)) / 1e6])
+    assert 0.6 < honest < 1.5  # ten independent loops: a standard deviation of 0.18
+    assert loop_covariance_factor(scaled(network, 0.1)) == pytest.approx(10.0 * honest, rel=1e-6)
+
+
+def test_what_loops_say_enlarges_the_covariance_of_the_stations(network: StationNetwork) -> None:
+    small = replace(network, links=tuple(scaled(network, 0.1)))
+    good, bad = (register_network(n.features, n.links, n.names) for n in (network, small))
+    assert bad.variance_factor == pytest.approx(bad.loop_factor, rel=1e-12)
+    np.testing.assert_allclose(bad.poses[3].covariance, bad.loop_factor * good.poses[3].covariance, rtol=1e-4)
 
 
 def test_one_wrong_registration_explains_all_failing_loops() -> None:
