@@ -15,6 +15,7 @@ from algorithms.features.projected_edges import ProjectedEdges, project_edges
 from algorithms.features.projection_options import EdgeRejection, MergeOptions
 from algorithms.features.scan_features import PhotoEdges, ScanFeatures
 from algorithms.geometry.cameras import Camera
+from algorithms.geometry.lines import concatenated_lines
 from algorithms.photos.detector import detect_edges
 from algorithms.progress import Progress, ProgressSection
 from algorithms.scans.scan import Scan
@@ -110,6 +111,8 @@ def add_photo_lines(
             rejection_counts=np.array(rejections, dtype=np.int64).reshape(-1, len(EdgeRejection)),
             line_normals=merged.plane_normals,
             line_kinds=merged.kinds,
+            witnesses=concatenated_lines([part.witnesses for part in parts]),
+            witness_normals=np.concatenate([part.witness_normals for part in parts]),
         ),
         mount_test=check_mounts(features.lines, features.planes.covariances, parts, mounts, MERGING),
     )

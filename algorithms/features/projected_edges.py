@@ -4,7 +4,7 @@ Chapter 4.1.5 of the dissertation *Geradengestützte Registrierung terrestrische
 of MATH 2.4 and 2.5. The interior orientation of the camera is taken as errorless.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float64, Int32, Int64
@@ -50,6 +50,11 @@ class ProjectedEdges:
     """(m,) edges of the photo that gave no line, ascending."""
     rejected_reasons: Int32[Array, "m"]
     """(m,) `EdgeRejection` values."""
+    witnesses: Lines = field(default_factory=Lines.empty)
+    """Lines of edges rejected because other edges crowd them or because it is unclear which surface owns them. They
+    measure nothing, but poses that differ by decimetres can be told apart by how many of them are found again."""
+    witness_normals: Float64[Array, "w 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    """(w, 3) unit normals, towards the camera, of their surfaces."""
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -65,6 +70,8 @@ class ProjectedEdges:
             self.surface_covariances[which],
             self.rejected_numbers,
             self.rejected_reasons,
+            self.witnesses,
+            self.witness_normals,
         )
 
 
@@ -105,8 +112,8 @@ def project_edges(
     is_long = segments.lengths >= max(options.min_length_px, 1.0)
     reach = np.full(len(segments), options.min_separation_px)
     crowded = crowded_sides(segments.centres, segments.directions, segments.extents, reach).any(axis=1)
-    reasons[is_long] = EdgeRejection.CROWDED
-    long = np.flatnonzero(is_long & ~crowded & ~segments.composite)
+    crowded |= segments.composite
+    long = np.flatnonzero(is_long)
     if len(long) == 0:
         return _nothing(reasons)
     chosen = segments[long]
@@ -127,14 +134,18 @@ def project_edges(
     rays = _edge_rays(chosen, camera, pose)
     uneven = planes.uneven(centre, noise_std_m**2)
     owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, least_angle)
-    reasons[long] = owners.reasons
-    kept = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
+    reasons[long] = np.where(crowded[long], EdgeRejection.CROWDED, owners.reasons)
+    clear = owners.reasons == EdgeRejection.NONE
+    owned = clear | (owners.reasons == EdgeRejection.OCCLUSION_UNCLEAR)
+    owners = replace(owners, reasons=np.where(owned, np.int32(EdgeRejection.NONE), owners.reasons))
+    kept = np.flatnonzero(owned)
     if len(kept) == 0:
         return _nothing(reasons)
     progress.report(0.7, "lines in space")
     sensor = centre if scan.sensor_m is None else scan.sensor_m  # the camera sits close to the scanner
     adjusted = adjust_edge_planes(bands, planes.used, owners, normals, scan.intensity, sensor, options)
-    reasons[long[kept[adjusted.curved[kept]]]] = EdgeRejection.CURVED
+    bent = kept[adjusted.curved[kept]]
+    reasons[long[bent[clear[bent] & ~crowded[long[bent]]]]] = EdgeRejection.CURVED
     kept = kept[~adjusted.curved[kept]]
     ones = np.broadcast_to(centre, (len(kept), 3)).copy()
     lines, jacobians, by_surface = _cut(
@@ -144,9 +155,11 @@ def project_edges(
     ends = np.abs(lines.extents).max(axis=1)
     certain = np.sqrt(_largest_variance_m2(lines.covariances, ends)) <= options.max_std_m
     enough = lines.lengths >= options.min_length_m
-    reasons[long[kept[~enough]]] = EdgeRejection.TOO_SHORT
-    reasons[long[kept[~certain]]] = EdgeRejection.TOO_UNCERTAIN
-    good = np.flatnonzero(certain & enough)
+    measures = clear[kept] & ~crowded[long[kept]]
+    witnesses, good = np.flatnonzero(certain & enough & ~measures), np.flatnonzero(certain & enough & measures)
+    reasons[long[kept[measures & ~enough]]] = EdgeRejection.TOO_SHORT
+    reasons[long[kept[measures & ~certain]]] = EdgeRejection.TOO_UNCERTAIN
+    witness_normals = adjusted.normals[kept[witnesses]]
     kept = kept[good]
     progress.report(1.0, f"{len(kept)} lines in space")
     rejected = np.flatnonzero(reasons != EdgeRejection.NONE)
@@ -157,6 +170,8 @@ def project_edges(
         plane_normals=adjusted.normals[kept],
         mount_jacobians=jacobians[good] @ by_pose[kept],
         surface_covariances=by_surface[good],
+        witnesses=lines[witnesses],
+        witness_normals=witness_normals,
         rejected_numbers=rejected.astype(np.int64),
         rejected_reasons=reasons[rejected],
     )

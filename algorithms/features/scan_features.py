@@ -45,6 +45,10 @@ class PhotoEdges:
     """(n, 3) unit normal, towards the camera, of the surface that a line of photos lies in; zero for others."""
     line_kinds: Labels
     """(n,) `SpaceEdgeKind` of lines of photos; -1 for others."""
+    witnesses: Lines | None = None
+    """w lines of edges that are crowded or of unclear owner: they measure nothing but help to tell poses apart."""
+    witness_normals: Array | None = None
+    """(w, 3) unit normals, towards the camera, of their surfaces."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Straight lines with uncertainty: the record of MATH 2.1."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -147,3 +148,11 @@ def lines_from_arrays(
         parents=np.full((n, 2), -1, dtype=np.int64) if parents is None else parents,
         parent_jacobians=np.zeros((n, 4, 6)) if parent_jacobians is None else parent_jacobians,
     )
+
+
+def concatenated_lines(parts: Sequence[Lines]) -> Lines:
+    """Put lines of one frame together, without what is known of photos and private errors."""
+    names = ("anchors", "directions", "covariances", "extents", "bases", "sources", "parents", "parent_jacobians")
+    whole = [Lines.empty(), *parts]
+    columns = {name: np.concatenate([getattr(part, name) for part in whole]) for name in names}
+    return lines_from_arrays(**columns)

@@ -26,7 +26,7 @@ SUPPORT_ANGLE_RAD = 0.035
 SUPPORT_DISTANCE_M = 0.15
 LEAST_RIVAL_RATIO = 0.25
 """Poses that score below this share of the best matter to no verdict."""
-LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 1e-3, 1e-2
+LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 0.005, 0.02
 """Significance with which lines refute a pose that fits the surfaces as well, or that fits them worse anyhow."""
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose."""

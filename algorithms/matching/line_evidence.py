@@ -6,16 +6,16 @@ and of these those it did see. In the right pose that share is what the extracti
 differs by a symmetry of the building it is the same; in any other pose it is close to chance.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay
 from scipy.spatial.transform import RigidTransform
 from scipy.stats import fisher_exact
 
-from algorithms.arrays import Flags, Indices, Points, Scalars
+from algorithms.arrays import Flags, Indices, Matrix3, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.lines import Lines, LineSource
+from algorithms.geometry.lines import Lines, LineSource, bases_of, concatenated_lines
 from algorithms.matching.correspondences import lines_near
 from algorithms.matching.line_pairs import described_lines
 from algorithms.matching.polish import fitting
@@ -35,10 +35,13 @@ SIDE_VOXELS, SIDE_DISTANCE_M, SIDE_ANGLE_RAD = 1.5, 0.08, np.radians(25.0)
 FARTHEST = 1.5
 """The other instrument may be this much farther away than the one that saw the line: what is seen fades with range, and
 a pose must not look better because it lays near things on near things."""
-LEAST_FOUND, MOST_RATE = 8, 0.5
-"""A pose is refuted by so many found lines at least, and where below this multiple of their share is found."""
-PHOTO_REACH_M = 0.5
-"""The other scan's photos show the place of a line of photos where one of their own lines is so near."""
+LEAST_FOUND, LEAST_EXPECTED, MOST_RATE = 8, 10, 0.5
+"""A pose is refuted by so many found lines at least, where so many are expected and below this multiple of the share is
+found: a few lines can be missing for one common reason."""
+LEAST_VIEW_ENDS = 6
+"""A photo needs so many ends of lines to have an outline."""
+MIN_VIEW_COSINE = 0.2
+"""Directions farther than this from the middle of a photo's lines are taken as outside of it."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ class LineWitness:
         """
         here, there = self.compare(pose, other)
         there = there + self.self_likeness(pose, other)
-        if here.found < LEAST_FOUND or there.expected == 0 or there.rate > MOST_RATE * here.rate:
+        if here.found < LEAST_FOUND or there.expected < LEAST_EXPECTED or there.rate > MOST_RATE * here.rate:
             return None
         table = np.array([[e.found, e.expected - e.found] for e in (here, there)])
         return (here, there) if fisher_exact(table, alternative="greater").pvalue <= alpha else None
@@ -151,17 +154,28 @@ def moved_across(lines: Lines, motion: RigidTransform, other: RigidTransform) ->
     return np.asarray(np.minimum(*across))
 
 
-class _Witness:
-    """One scan: its lines, with samples of the surfaces beside them, and a tree of its photo lines."""
+def _with_witnesses(features: ScanFeatures) -> ScanFeatures:
+    """Add the edges of photos that measure nothing but can be recognised."""
+    edges = features.photo_edges
+    if edges is None or edges.witnesses is None or edges.witness_normals is None:
+        return features
+    normals = np.concatenate([edges.line_normals, edges.witness_normals])
+    more = replace(edges, line_normals=normals, line_kinds=np.zeros(len(normals), dtype=np.int32))
+    return replace(features, lines=concatenated_lines([features.lines, edges.witnesses]), photo_edges=more)
 
-    def __init__(self, features: ScanFeatures) -> None:
-        self.features, self.index = features, features.index
+
+class _Witness:
+    """One scan: its lines, with samples of the surfaces beside them, and what its photos show."""
+
+    def __init__(self, scan: ScanFeatures) -> None:
+        features = _with_witnesses(scan)
+        self.features, self.index = features, scan.index
         self.described = described_lines(features)
         self._owners, self._samples = _along(features.lines)
         self._counts = np.maximum(np.bincount(self._owners, minlength=len(features.lines)), 1)
         self._sides = _sides(features, SIDE_VOXELS * self.index.spacing_m)
         self._of_photos = features.lines.sources == int(LineSource.PHOTO_EDGE)
-        self.photo_lines = cKDTree(self._samples[self._of_photos[self._owners]])
+        self._views = _views(scan)
 
     def expected_in(self, other: "_Witness", other_from_own: RigidTransform) -> Flags:
         """Say which of the own lines the other scan should have seen."""
@@ -174,8 +188,18 @@ class _Witness:
             fits = fitting(other_from_own, points, normals[self._owners], other.index, _side_limits(other.index))
             seen &= fits | ~present[self._owners]
         in_photos = self._of_photos[self._owners]
-        seen[in_photos] &= _has_within(other.photo_lines, places[in_photos], PHOTO_REACH_M)
+        seen[in_photos] &= other.in_photos(places[in_photos])
         return np.bincount(self._owners, seen, len(self._counts)) >= SEEN_SHARE * self._counts
+
+    def in_photos(self, places: Points) -> Flags:
+        """Say which places the photos show: those between the directions of their lines."""
+        shown = np.zeros(len(places), dtype=bool)
+        for origin, axes, outline in self._views:
+            local = (places - origin) @ axes
+            ahead = local[:, 0] > MIN_VIEW_COSINE * np.linalg.norm(local, axis=1)
+            flat = local[ahead, 1:] / local[ahead, :1]
+            shown[ahead] |= outline.find_simplex(flat) >= 0
+        return shown
 
     def found_in(self, other: "_Witness", other_from_own: RigidTransform, distance_m: float) -> Flags:
         """Say which of the own lines the other scan has."""
@@ -199,10 +223,24 @@ class _Witness:
         return np.asarray(np.linalg.norm(places - other.features.sensor_m, axis=1) <= FARTHEST * own)
 
 
-def _has_within(tree: cKDTree, places: Points, reach_m: float) -> Flags:
-    if tree.n == 0:
-        return np.zeros(len(places), dtype=bool)
-    return np.isfinite(tree.query(places, distance_upper_bound=reach_m)[0])
+def _views(features: ScanFeatures) -> list[tuple[Vector3, Matrix3, Delaunay]]:
+    """Give for each photo the origin, the axes of a picture towards its lines, and the outline of the lines in it."""
+    lines = features.lines
+    if lines.photos is None:
+        return []
+    origin = np.zeros(3) if features.sensor_m is None else features.sensor_m
+    views = []
+    for photo in np.unique(lines.photos[lines.photos >= 0]):
+        ends = np.concatenate(lines[lines.photos == photo].end_points) - origin
+        directions = ends / np.linalg.norm(ends, axis=1, keepdims=True)
+        middle = directions.mean(axis=0)
+        middle /= np.linalg.norm(middle)
+        axes = np.column_stack([middle, bases_of(middle[None])[0]])
+        local = directions @ axes
+        local = local[local[:, 0] > MIN_VIEW_COSINE]
+        if len(local) >= LEAST_VIEW_ENDS:
+            views.append((origin, axes, Delaunay(local[:, 1:] / local[:, :1], qhull_options="QJ")))
+    return views
 
 
 def _side_limits(index: SurfaceIndex) -> EvidenceLimits:

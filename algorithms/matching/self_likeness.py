@@ -16,9 +16,15 @@ from algorithms.scans.surface_index import SurfaceIndex
 
 LEAST_SUPPORT = 0.05
 """An alternative that lays less surface on surface could be anywhere."""
+SPOTLESS, LEAST_RELATIVE_SUPPORT = 0.0005, 1.0 / 3.0
+"""Where less than the first share speaks against the best pose, an alternative must lay at least the second part of its
+surface on surface: that the next house looks the same is always possible, but then nothing could ever be known."""
 CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
 """An alternative is possible while the share that speaks against it is below the first value, or below the second times
 its support relative to the best pose's, or below the third times what speaks against the best pose."""
+CLEANER = 0.25
+"""Where more than `CONTRADICTED` speaks against the best pose and less than this part of it against an alternative, no
+symmetry needs to be shown."""
 SELF_SUPPORT, SELF_CONTRADICTED = 0.05, 0.05
 """A scan is like itself when so much of it lies on itself, and less than this share of that speaks against it."""
 
@@ -64,9 +70,13 @@ def is_possible_alternative(
     if alternative.support < LEAST_SUPPORT:
         return False
     relative = alternative.support / max(best.support, 1e-9)
+    if best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT:
+        return False
     limit = max(CONTRADICTED, CONTRADICTED_PER_SUPPORT * relative, CONTRADICTED_AS_BEST * best.share)
     if alternative.share > limit:
         return False
+    if alternative.share < CLEANER * best.share and best.share > CONTRADICTED:
+        return True
     return any(
         likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED
         for likeness in (

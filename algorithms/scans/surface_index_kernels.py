@@ -10,7 +10,7 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True)
-def evidence(  # noqa: PLR0915 - one loop, inlined for speed
+def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
     rotations: Array,
     translations: Array,
     points: Array,
@@ -83,7 +83,18 @@ def evidence(  # noqa: PLR0915 - one loop, inlined for speed
             row = min(rows - 1, int(math.acos(min(1.0, max(-1.0, z / distance))) / cell_rad))
             column = min(columns - 1, int((math.atan2(y, x) + math.pi) / cell_rad))
             seen = nearest[row, column]
-            if seen != np.inf and distance < seen - margin - relative * seen:
+            if seen == np.inf or distance >= seen - margin - relative * seen:
+                continue
+            # in one cell a surface seen at a flat angle spans so much of range that nothing can be said of it
+            ax, ay, az = normals[k, 0], normals[k, 1], normals[k, 2]
+            cosine = abs(
+                (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * x
+                + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * y
+                + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * z
+            )
+            cosine = max(cosine / distance, 1e-3)
+            span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / cosine
+            if distance < seen - span - margin - relative * seen:
                 free += weights[k]
         out[h, 0] = fits
         out[h, 1] = free

@@ -1,5 +1,7 @@
 """Lines as witnesses between poses: a flat facade with vertical window edges, and what moves along it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from feature_scenes import NO_CYLINDERS, NO_PLANES
@@ -37,14 +39,15 @@ def facade(places: np.ndarray, sensor_x_m: float = 8.0, horizontal: int = 5) -> 
     n = len(anchors)
     extents = np.repeat([[-1.0, 1.0], [-7.0, 7.0]], [len(places), horizontal], axis=0)
     towards = np.array([0.0, -1.0, 0.0])
+    lines = lines_from_arrays(
+        anchors,
+        directions,
+        np.tile(np.eye(4) * 1e-6, (n, 1, 1)),
+        extents,
+        sources=np.full(n, int(LineSource.PHOTO_EDGE), dtype=np.int32),
+    )
     return ScanFeatures(
-        lines=lines_from_arrays(
-            anchors,
-            directions,
-            np.tile(np.eye(4) * 1e-6, (n, 1, 1)),
-            extents,
-            sources=np.full(n, int(LineSource.PHOTO_EDGE), dtype=np.int32),
-        ),
+        lines=replace(lines, photos=np.zeros(n, dtype=np.int32), photo_jacobians=np.zeros((n, 4, 6))),
         planes=NO_PLANES,
         cylinders=NO_CYLINDERS,
         surface=SurfaceSample(points, np.tile(towards, (len(points), 1)), np.full(len(points), -1, np.int32), VOXEL_M),
