@@ -73,6 +73,8 @@ class LoopVerdict:
 def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVerdict:
     """Test all triangles, and the shortest loop of every registration that is in none (MATH 6.5).
 
+    What is left is tested anew, with the loops that are shortest then, until all loops pass.
+
     The errors of the registrations of a loop count as independent. They share scans; what is shared mostly cancels in a
     closing error, so the test is on the cautious side of calling a loop wrong. O(links x neighbours).
 
@@ -84,26 +86,29 @@ def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVer
         Of the stations, for the reasons.
     """
     critical = float(stats.chi2.isf(ALPHA, CLOSURE_DEGREES))
-    ways = short_loops(links)
-    closings = [_closing(links, way, FLOOR_NOISES) for way in ways]
-    factor = _variance_factor(np.array([closing.statistic for closing in closings]))
-    loops = tuple(
-        Loop(
-            way.links,
-            way.stations,
-            closing.turn_rad,
-            closing.shift_m,
-            closing.statistic / factor,
-            closing.statistic / factor <= critical,
-        )
-        for way, closing in zip(ways, closings, strict=True)
-    )
-    failing = [loop.links for loop in loops if not loop.passed]
-    blamed = wrong_links(failing, [loop.links for loop in loops if loop.passed])
-    rejected = {number: _reason(number, blame, links, loops, names) for number, blame in blamed.items()}
-    kept = [number for number in range(len(links)) if number not in rejected]
-    alternatives = {number: blame.alternatives for number, blame in blamed.items() if blame.alternatives}
-    return LoopVerdict(loops, factor, critical, rejected, alternatives, bridges(links, kept))
+    tested: dict[frozenset[int], tuple[Way, _Closing]] = {}
+    rejected: dict[int, str] = {}
+    alternatives: dict[int, tuple[int, ...]] = {}
+    kept, factor, loops = list(range(len(links))), 1.0, tuple[Loop, ...]()
+    while True:
+        fresh = {key: way for way in short_loops(links, kept) if (key := frozenset(way.links)) not in tested}
+        tested |= {key: (way, _closing(links, way, FLOOR_NOISES)) for key, way in fresh.items()}
+        if not loops:  # later rounds hold few loops, and what was removed has spoilt some of the first ones
+            factor = _variance_factor(np.array([closing.statistic for _, closing in tested.values()]))
+        loops = tuple(_tested(way, closing, factor, critical) for way, closing in tested.values())
+        open_loops = [loop for loop in loops if not rejected.keys() & set(loop.links)]
+        failing = [loop.links for loop in open_loops if not loop.passed]
+        if not failing:
+            return LoopVerdict(loops, factor, critical, rejected, alternatives, bridges(links, kept))
+        blamed = wrong_links(failing, [loop.links for loop in open_loops if loop.passed])
+        rejected |= {number: _reason(number, blame, links, loops, names) for number, blame in blamed.items()}
+        alternatives |= {number: blame.alternatives for number, blame in blamed.items() if blame.alternatives}
+        kept = [number for number in kept if number not in rejected]
+
+
+def _tested(way: "Way", closing: "_Closing", factor: float, critical: float) -> Loop:
+    statistic = closing.statistic / factor
+    return Loop(way.links, way.stations, closing.turn_rad, closing.shift_m, statistic, statistic <= critical)
 
 
 def bridges(links: Sequence[StationLink], kept: Sequence[int]) -> tuple[int, ...]:
@@ -200,13 +205,22 @@ class Way:
     stations: tuple[int, ...]
 
 
-def short_loops(links: Sequence[StationLink]) -> list[Way]:
-    """Give all triangles, and for each registration in none the shortest loop through it; none twice."""
+def short_loops(links: Sequence[StationLink], kept: Sequence[int] | None = None) -> list[Way]:
+    """Give all triangles, and for each registration in none the shortest loop through it; none twice.
+
+    Parameters
+    ----------
+    links
+        Registrations.
+    kept
+        Numbers of those that count; None: all.
+    """
     import networkx as nx
 
     graph: nx.Graph[int] = nx.Graph()
     ways: dict[frozenset[int], Way] = {}
-    for number, link in enumerate(links):
+    for number in range(len(links)) if kept is None else kept:
+        link = links[number]
         if graph.has_edge(*link.stations):  # a second registration of the same two stations
             first = int(graph.edges[link.stations]["number"])
             ways[frozenset((first, number))] = Way((first, number), link.stations)

@@ -1,7 +1,7 @@
 """Many stations from registered pairs: loops, start values, one adjustment, and what became of each station."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -93,9 +93,10 @@ def register_network(
     if not kept:
         return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, ())
     graph = adjust_pose_graph(kept, stations)
+    verdict, again = _taken_back(links, verdict, stations, graph)
     confirmed = agreeing_links(doubtful, stations, graph, verdict.variance_factor)
-    if confirmed:
-        kept = [*kept, *(doubtful[number] for number in confirmed)]
+    if confirmed or again:
+        kept = [*kept, *again, *(doubtful[number] for number in confirmed)]
         graph = adjust_pose_graph(kept, stations)
     start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
     tracks = build_tracks(features, kept, start)
@@ -108,6 +109,17 @@ def register_network(
     return NetworkRegistration(
         {0: fixed, **poses}, verdict, tracks, joint, _uncontrolled(links, verdict, kept), confirmed, factor, remarks
     )
+
+
+def _taken_back(
+    links: Sequence[StationLink], verdict: LoopVerdict, stations: Sequence[int], graph: Solution
+) -> tuple[LoopVerdict, list[StationLink]]:
+    """Take back into use what was blamed beside wrong registrations, but agrees with the poses that others lead to."""
+    numbers = sorted(verdict.rejected)
+    agreeing = agreeing_links([links[k] for k in numbers], stations, graph, verdict.variance_factor)
+    again = {numbers[place] for place in agreeing}
+    rejected = {number: reason for number, reason in verdict.rejected.items() if number not in again}
+    return replace(verdict, rejected=rejected), [links[number] for number in sorted(again)]
 
 
 def _adjusted(

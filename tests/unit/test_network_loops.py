@@ -5,7 +5,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from station_networks import StationNetwork, station_network
+from scipy.spatial.transform import RigidTransform, Rotation
+from station_networks import LINK_STD, StationNetwork, station_network
 
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
@@ -158,6 +159,47 @@ def test_what_loops_say_enlarges_the_covariance_of_the_stations(network: Station
     good, bad = (register_network(n.features, n.links, n.names) for n in (network, small))
     assert bad.variance_factor == pytest.approx(bad.loop_factor, rel=1e-12)
     np.testing.assert_allclose(bad.poses[3].covariance, bad.loop_factor * good.poses[3].covariance, rtol=1e-4)
+
+
+def many_links(rng: np.random.Generator, stations: int, wrong_share: float) -> tuple[list[StationLink], set[int]]:
+    """Register stations spread over a site with their three nearest; give the numbers of wrong registrations too."""
+    places = rng.uniform(0.0, 6.0 * np.sqrt(stations), (stations, 2))
+    poses = [RigidTransform.from_components([*place, 1.5], Rotation.random(rng=rng)) for place in places]
+    nearest = np.argsort(np.linalg.norm(places[:, None] - places[None], axis=2), axis=1)[:, 1:4]
+    pairs = sorted({(min(a, b), max(a, b)) for a in range(stations) for b in nearest[a].tolist()})
+    nothing = np.empty((0, 2), dtype=np.int64)
+    links, wrong = [], set()
+    for number, (target, source) in enumerate(pairs):
+        pose = poses[target].inv() * poses[source]
+        if rng.random() < wrong_share:
+            wrong.add(number)
+            turn = Rotation.from_rotvec([0.0, 0.0, [QUARTER, np.pi][number % 2]])
+            pose = RigidTransform.from_components(rng.normal(size=3), turn) * pose
+        error = LINK_STD * rng.normal(size=6)
+        found = RigidTransform.from_components(
+            np.asarray(pose.translation) + error[3:], Rotation.from_rotvec(error[:3]) * pose.rotation
+        )
+        estimate = PoseEstimate(found, np.diag(LINK_STD**2))
+        links.append(StationLink(target, source, estimate, nothing, nothing, np.zeros(3), 3.0, 0.004))
+    return links, wrong
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_of_many_wrong_registrations_none_is_used_in_a_loop_and_few_good_ones_are_lost(seed: int) -> None:
+    links, wrong = many_links(np.random.default_rng(seed), 60, 0.05)
+    verdict = examine_loops(links, [f"S{k}" for k in range(60)])
+    used = set(range(len(links))) - verdict.rejected.keys()
+    assert len(wrong) >= 3
+    assert used & wrong <= set(verdict.uncontrolled)
+    assert len(verdict.rejected.keys() - wrong) <= 3 * len(wrong)
+
+
+def test_a_third_registration_of_a_station_tells_which_of_two_is_wrong(network: StationNetwork) -> None:
+    pairs = [(0, 1), (1, 2), (0, 2), (2, 3), (3, 0), (0, 5), (2, 5)]
+    wrong = network.with_links(*pairs).with_wrong_link(2, 5, 0.0, 3.0)
+    assert rejected_pairs(wrong) == {(0, 5), (2, 5)}
+    more = network.with_links(*pairs, (1, 5)).with_wrong_link(2, 5, 0.0, 3.0)
+    assert rejected_pairs(more) == {(2, 5)}
 
 
 def test_one_wrong_registration_explains_all_failing_loops() -> None:
