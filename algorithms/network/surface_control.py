@@ -20,8 +20,10 @@ MOST_PAIRS = 6
 MOST_POINTS = 2000
 """Points of a scan that tell where its surfaces are, roughly."""
 CONTRADICTION_SCORE = -0.08
-"""A pair with a lower score stands in each other's free space: of true poses none came below -0.02."""
+"""Stations with a lower score stand in each other's free space: of 158 pairs of stations in true poses, overlapping or
+not, none was below 0; a station of an office shifted by 4 m along the corridor came to -0.16, -0.10 and -0.02."""
 HARMLESS_SCORE = -0.02
+"""Above, nothing speaks against the poses."""
 CONFIRMING_SCORE = 0.3
 """A pair with such a score fits: no registration on the way between its stations is wrong."""
 
