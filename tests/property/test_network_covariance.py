@@ -7,7 +7,7 @@ from station_networks import station_network
 
 from algorithms.network.network_registration import register_network
 
-NETWORKS = 16
+NETWORKS = 12
 STATIONS = 6
 
 

@@ -16,7 +16,7 @@ from algorithms.network.links import StationLink
 from algorithms.network.network_registration import register_network
 from algorithms.network.tracks import StationFeatures
 
-STATIONS, LINES, NETWORKS = 3, 14, 25
+STATIONS, LINES, NETWORKS = 3, 14, 12
 MOUNT = np.diag(np.square([1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3]))
 NO_PLANES = Planes(
     np.empty((0, 3)),
