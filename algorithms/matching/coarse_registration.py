@@ -7,20 +7,17 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.feature_fit import feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
 from algorithms.matching.line_evidence import LineEvidence, LineWitness
-from algorithms.matching.line_pairs import line_pair_motions
 from algorithms.matching.options import MatchingOptions
-from algorithms.matching.plane_triples import plane_motions
 from algorithms.matching.self_likeness import Contradiction, is_possible_alternative
-from algorithms.matching.votes import joined, vote_motions
+from algorithms.matching.symmetries import poses_by_symmetry
 from algorithms.progress import NoProgress, Progress
 
-VOTE_RADIUS_RAD = 0.07
-MOST_ROTATIONS = 200
 SUPPORT_ANGLE_RAD = 0.035
 """Lines and planes support a pose within 2 degrees and `SUPPORT_DISTANCE_M`."""
 SUPPORT_DISTANCE_M = 0.15
@@ -28,6 +25,8 @@ LEAST_RIVAL_RATIO = 0.25
 """Poses that score below this share of the best matter to no verdict."""
 LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 0.005, 0.02
 """Significance with which lines refute a pose that fits the surfaces as well, or that fits them worse anyhow."""
+LEAST_SCORE_TO_DOUBT = 0.1
+"""Poses with lower scores are not believed anyhow, whatever else is possible."""
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose."""
 
@@ -95,29 +94,22 @@ def match_features(
     tell = NoProgress() if progress is None else progress
     for features, name in ((target, "target frame"), (source, "source frame")):
         require_determining_geometry(features, name)
-    tell.report(0.0, "pairs of lines")
-    motions = line_pair_motions(
-        target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
-    )
-    indices = (target.index, source.index)
-    if min(len(index.points) for index in indices) == 0:
+    if min(len(features.index.points) for features in (target, source)) == 0:
         raise TooFewCorrespondencesError(0, 1, "surface points")
-    voted = vote_motions(
-        motions,
-        indices[1].points.mean(axis=0),
-        radius_rad=VOTE_RADIUS_RAD,
-        radius_m=2.0 * options.max_distance_m,
-        most_rotations=MOST_ROTATIONS,
-        most=options.max_line_hypotheses,
-    )
-    tell.report(0.4, "planes")
-    hypotheses = joined([voted, plane_motions(target, source, max_angle_rad=options.max_angle_rad)])
+    tell.report(0.0, "pairs of lines and planes")
+    hypotheses = candidate_motions(target, source, options)
     if len(hypotheses) == 0:
         raise TooFewCorrespondencesError(0, 2, "pairs of lines or planes that look alike")
-    tell.report(0.5, "testing hypotheses")
-    ranked = rank_hypotheses(hypotheses, indices[0], indices[1], noise_m=max(target.noise_std_m, source.noise_std_m))
+    tell.report(0.4, "testing hypotheses")
+    noise = max(target.noise_std_m, source.noise_std_m)
+    ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
+    if ranked.scores.score[0] >= LEAST_SCORE_TO_DOUBT:
+        tell.report(0.7, "looking for symmetries")
+        others = poses_by_symmetry(target, source, ranked.poses[0], options)
+        if len(others):
+            ranked = ranked.joined(rank_hypotheses(others, target.index, source.index, noise_m=noise), source.index)
     result = _described(target, source, ranked, options)
     tell.report(1.0, "pose found")
     return result

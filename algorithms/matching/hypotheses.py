@@ -1,5 +1,6 @@
 """Test many hypotheses of a pose, coarse to fine: support against violation of free space."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +27,17 @@ class RankedPoses:
     tested: int
     """Hypotheses tested in all."""
 
+    def joined(self, other: "RankedPoses", source: SurfaceIndex) -> "RankedPoses":
+        """Sort in other poses of the same scans."""
+        names = ("support", "violation", "overlap", "score")
+        both = (np.concatenate([getattr(self.scores, name), getattr(other.scores, name)]) for name in names)
+        centre = source.points.mean(axis=0)
+        return _in_order((*self.poses, *other.poses), PoseScores(*both), centre, self.tested + other.tested)
 
-def rank_hypotheses(hypotheses: Motions, target: SurfaceIndex, source: SurfaceIndex, *, noise_m: float) -> RankedPoses:
+
+def rank_hypotheses(
+    hypotheses: Motions, target: SurfaceIndex, source: SurfaceIndex, *, noise_m: float, most: int = POLISH_MOST
+) -> RankedPoses:
     """Sift hypotheses coarse to fine, polish the best, and give the distinct ones by falling score.
 
     Parameters
@@ -38,6 +48,8 @@ def rank_hypotheses(hypotheses: Motions, target: SurfaceIndex, source: SurfaceIn
         The two scans.
     noise_m
         Standard deviation of single points [m]; widens the limits.
+    most
+        So many distinct ones are polished.
     """
     base = float(np.clip(3.0 * noise_m, 0.05, 0.25))
     spacing = max(target.spacing_m, source.spacing_m)
@@ -45,13 +57,13 @@ def rank_hypotheses(hypotheses: Motions, target: SurfaceIndex, source: SurfaceIn
     middle = EvidenceLimits(base + 0.12, np.radians(22.0), 2.5 * spacing, margin_m=0.3, margin_relative=0.02)
     centre = source.points.mean(axis=0)
     kept = hypotheses
-    for points, limits, most in ((FIRST_POINTS, rough, SECOND_MOST), (SECOND_POINTS, middle, 0)):
+    for points, limits, kept_most in ((FIRST_POINTS, rough, SECOND_MOST), (SECOND_POINTS, middle, 0)):
         scores = score_poses(kept.rotations, kept.translations_m, target, source, points=points, limits=limits)
         order = np.argsort(-scores.score, kind="stable")
-        if most:
-            kept = kept[order[:most]]
+        if kept_most:
+            kept = kept[order[:kept_most]]
         else:
-            kept = kept[_distinct(kept, order, centre, angle_rad=0.05, shift_m=0.35, most=POLISH_MOST)]
+            kept = kept[_distinct(kept, order, centre, angle_rad=0.05, shift_m=0.35, most=most)]
     poses = [
         polished(
             RigidTransform.from_components(translation, Rotation.from_matrix(rotation)),
@@ -75,12 +87,22 @@ def rank_hypotheses(hypotheses: Motions, target: SurfaceIndex, source: SurfaceIn
         points=FINAL_POINTS,
         limits=strict_limits(noise_m, spacing),
     )
+    return _in_order(poses, scores, centre, len(hypotheses))
+
+
+def _in_order(poses: Sequence[RigidTransform], scores: PoseScores, centre: Vector3, tested: int) -> RankedPoses:
+    """Sort by falling score and keep the distinct ones."""
+    motions = Motions(
+        np.array([pose.rotation.as_matrix() for pose in poses]).reshape(-1, 3, 3),
+        np.array([pose.translation for pose in poses]).reshape(-1, 3),
+        np.ones(len(poses)),
+    )
     order = np.argsort(-scores.score, kind="stable")
-    chosen = _distinct(final, order, centre, angle_rad=np.radians(4.5), shift_m=0.3, most=POLISH_MOST)
+    chosen = _distinct(motions, order, centre, angle_rad=np.radians(4.5), shift_m=0.3, most=len(poses))
     return RankedPoses(
         tuple(poses[k] for k in chosen),
         PoseScores(scores.support[chosen], scores.violation[chosen], scores.overlap[chosen], scores.score[chosen]),
-        len(hypotheses),
+        tested,
     )
 
 

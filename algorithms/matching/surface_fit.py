@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Matrix6
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import cross_matrix
-from algorithms.matching.polish import LEAST_GAPS, LEAST_INFORMATION, polished, surface_gaps
+from algorithms.matching.polish import LEAST_GAPS, polished, surface_gaps
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses
 from algorithms.scans.surface_index import EvidenceLimits
 
@@ -20,6 +20,9 @@ AS_GOOD = 0.99
 
 NEIGHBOURHOOD_M = 0.5
 """Surface points within a cube of this edge share their errors."""
+LEAST_TESTIMONY = 0.02
+"""Freedoms on which the surfaces say less than this share of what they say on the best known one count as open: there
+only points at the rims of surfaces speak, whose positions are averages over what lies on both sides."""
 OPEN_STD_M = 10.0
 """Standard deviation of what the surfaces do not fix."""
 
@@ -87,7 +90,7 @@ def surface_pose_covariance(target: ScanFeatures, source: ScanFeatures, pose: Ri
     cells = np.unique(np.floor(found.positions / NEIGHBOURHOOD_M).astype(np.int64), axis=0, return_inverse=True)[1]
     sums = np.zeros((int(cells.max()) + 1, 6))
     np.add.at(sums, cells.ravel(), weighted * found.gaps_m[:, None])
-    known = values > LEAST_INFORMATION * values[-1]
+    known = values > LEAST_TESTIMONY * values[-1]
     parts = (sums @ vectors)[:, known] / values[known]
     scaled = vectors[:, known] @ (parts.T @ parts) @ vectors[:, known].T
     scaled += vectors[:, ~known] @ vectors[:, ~known].T * OPEN_STD_M**2

@@ -1,0 +1,34 @@
+"""Motions that lines and planes of two scans propose, before any of them is tested."""
+
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.matching.line_pairs import line_pair_motions
+from algorithms.matching.options import MatchingOptions
+from algorithms.matching.plane_triples import plane_motions
+from algorithms.matching.votes import Motions, joined, vote_motions
+
+VOTE_RADIUS_RAD = 0.07
+MOST_ROTATIONS = 200
+
+
+def candidate_motions(target: ScanFeatures, source: ScanFeatures, options: MatchingOptions) -> Motions:
+    """Let pairs of lines that look alike vote for motions, and planes propose more (MATH 1.7, 5.5).
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans; both with surface points.
+    options
+        Limits.
+    """
+    motions = line_pair_motions(
+        target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
+    )
+    voted = vote_motions(
+        motions,
+        source.index.points.mean(axis=0),
+        radius_rad=VOTE_RADIUS_RAD,
+        radius_m=2.0 * options.max_distance_m,
+        most_rotations=MOST_ROTATIONS,
+        most=options.max_line_hypotheses,
+    )
+    return joined([voted, plane_motions(target, source, max_angle_rad=options.max_angle_rad)])

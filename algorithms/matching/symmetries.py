@@ -1,0 +1,76 @@
+"""Poses that the building's own symmetry proposes beside one that was found."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.matching.candidates import candidate_motions
+from algorithms.matching.hypotheses import rank_hypotheses
+from algorithms.matching.options import MatchingOptions
+from algorithms.matching.self_likeness import SELF_CONTRADICTED, SELF_SUPPORT, Contradiction
+from algorithms.matching.votes import Motions
+
+MOST_HYPOTHESES, MOST_POLISHED = 2000, 16
+"""So many motions of a scan onto itself are tested, and so many looked at closely."""
+LEAST_TURN_RAD, LEAST_SHIFT_M = np.radians(4.5), 0.3
+"""A smaller motion is none."""
+
+
+def poses_by_symmetry(
+    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, options: MatchingOptions
+) -> Motions:
+    """Look for motions that lay a scan onto itself, and apply them to a pose.
+
+    Where a bridge looks the same from both banks, the scans of its two sides lie on each other almost perfectly,
+    turned by half a circle. The right pose has little overlap and may never be proposed by pairs of lines; but each
+    scan knows the half turn by which the bridge is like itself.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    pose
+        Target from source.
+    options
+        Limits of the search.
+
+    Returns
+    -------
+    Poses target from source, with one vote each; empty where no scan is like itself.
+    """
+    found = [motion * pose for motion in _symmetries(target, options)]
+    found += [pose * motion for motion in _symmetries(source, options)]
+    return Motions(
+        np.array([motion.rotation.as_matrix() for motion in found]).reshape(-1, 3, 3),
+        np.array([motion.translation for motion in found]).reshape(-1, 3),
+        np.ones(len(found)),
+    )
+
+
+def _symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[RigidTransform]:
+    """Find the motions that lay a scan onto itself without contradiction."""
+    motions = candidate_motions(scan, scan, replace(options, max_line_hypotheses=MOST_HYPOTHESES))
+    motions = motions[_moves(motions, scan)]
+    if len(motions) == 0:
+        return []
+    ranked = rank_hypotheses(motions, scan.index, scan.index, noise_m=scan.noise_std_m, most=MOST_POLISHED)
+    likeness = [
+        Contradiction.of(float(support), float(violation))
+        for support, violation in zip(ranked.scores.support, ranked.scores.violation, strict=True)
+    ]
+    return [
+        pose
+        for pose, like in zip(ranked.poses, likeness, strict=True)
+        if like.support >= SELF_SUPPORT and like.share <= SELF_CONTRADICTED
+    ]
+
+
+def _moves(motions: Motions, scan: ScanFeatures) -> np.ndarray:
+    """Say which motions are clearly none of the identity."""
+    centre = scan.index.points.mean(axis=0)
+    traces = np.einsum("hii->h", motions.rotations)
+    turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0)) > LEAST_TURN_RAD
+    shifted = np.linalg.norm(motions.rotations @ centre + motions.translations_m - centre, axis=1) > LEAST_SHIFT_M
+    return np.asarray(turned | shifted)
