@@ -8,8 +8,10 @@ from jaxtyping import Bool, Float64
 from algorithms.arrays import Array, Flags, Labels, Points, Scalars, Vector3
 from algorithms.features.projection_options import EdgeRejection, SpaceEdgeKind
 from algorithms.features.side_planes import (
+    BETWEEN_SHARE,
     BOTH_SHARE,
     COVERED,
+    FEW_BESIDE,
     FRONT_SHARE,
     LEAST_INCIDENCE,
     OWN_SHARE,
@@ -20,6 +22,9 @@ from algorithms.features.side_planes import (
     UNEVENNESS_M,
     SidePlanes,
 )
+
+DOWNWARDS = 0.5
+"""Cosine between the scanner's nadir and the direction from an edge to a side that counts as below it."""
 
 LEAST_TURN = 1e-3
 """Sine of the angle from which a face that bounds a body is seen: one of 0.3 m in 10 m is then 0.05 px wide."""
@@ -43,6 +48,8 @@ class EdgeOwners:
     """(n,) of single points across the plane."""
     counts: Scalars
     """(n,) points."""
+    rows: Scalars
+    """(n,) rows along the edge that they form."""
 
 
 def edge_owners(
@@ -110,6 +117,11 @@ def edge_owners(
     unclear |= ends & crowded[rows, owner]
     unclear |= ends & (beside_other[rows, owner] > BOTH_SHARE * others[rows, owner])
     unclear |= ends & both & (~steep | uneven)[rows, 1 - owner]
+    unclear |= ends & planes.sparse[rows, 1 - owner]
+    explained = planes.on_plane[rows, :, 1 - owner].sum(axis=1)
+    between: Array = others[rows, owner] - explained
+    unclear |= ends & both & (others[rows, owner] >= FEW_BESIDE) & (between > BETWEEN_SHARE * others[rows, owner])
+    unclear |= ends & planes.empty[rows, 1 - owner] & _lies_above(centroids, projecting, centre)
     # side 0 is the brighter one: what is darker and not measured is hardly the sky, rather a body that does not reflect
     unclear |= ends & (owner == 0) & planes.empty[:, 1]
     unclear |= ends & _may_hide_a_face(normals, centroids, projecting, rays, centre)
@@ -132,6 +144,7 @@ def edge_owners(
         centroids=centroids,
         variances_m2=np.einsum("ns,ns->n", weights, variances_m2) / np.maximum(weights.sum(axis=1), 1e-9),
         counts=counts,
+        rows=np.where(same, planes.rows.sum(axis=1), planes.rows[rows, owner]),
     )
 
 
@@ -148,6 +161,16 @@ def _may_hide_a_face(
     inside = np.einsum("ni,ni->n", projecting, centroids - centre)
     outwards = -np.where(inside > 0.0, 1.0, -1.0)[:, None] * across / lengths
     return np.asarray((np.einsum("ni,nei->ne", outwards, rays) < -LEAST_TURN).any(axis=1))
+
+
+def _lies_above(centroids: Points, projecting: Points, centre: Vector3) -> Flags:
+    """Tell which surfaces end downwards, in the axes of the scanner, which stands upright more or less.
+
+    Below bodies there is no sky. Where nothing is measured there, a body that reflects nothing back, or is seen too
+    flatly, hides their lower end.
+    """
+    inside = np.einsum("ni,ni->n", projecting, centroids - centre)
+    return np.asarray(-np.where(inside > 0.0, 1.0, -1.0) * projecting[:, 2] < -DOWNWARDS)
 
 
 def _steep_enough(

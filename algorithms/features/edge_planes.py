@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
-from algorithms.arrays import Array, Bases, Flags, Labels, Matrices3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Bases, Flags, Labels, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.features.edge_bands import EdgeBands
 from algorithms.features.edge_owners import EdgeOwners
 from algorithms.features.patch_covariance import (
@@ -28,6 +28,11 @@ INTENSITY_BAND = 0.6
 """Intensities are compared in this share of the band, next to the edge."""
 FEW_INTENSITIES = 5
 """Fewer points on a side tell nothing of its intensity."""
+RIM_SHARE = 0.5
+"""Standard deviation of the row of points at either rim of a strip, in that of single points: beams that hit the rim
+also hit what lies behind it, and within the noise they cannot be told from the others."""
+NARROW_ROWS, WIDE_ROWS = 3.0, 8.0
+"""Such rows count in full in strips of so many rows, and no more where there are so many: there they are left out."""
 STEP_SIGNIFICANCE = 5.0
 """Least ratio of a step of the mean intensity to its standard deviation."""
 STEP_IN_SCATTER = 1.0
@@ -101,7 +106,7 @@ def adjust_edge_planes(
     good = np.flatnonzero(owners.reasons == EdgeRejection.NONE)
     curved = np.zeros(n, dtype=bool)
     curved[good] = _curved(sums[good])
-    corrections, covariances = _adjusted(sums, good, owners.variances_m2)
+    corrections, covariances = _adjusted(sums, good, owners.variances_m2, owners.rows)
     normals = owners.normals + np.einsum("nij,nj->ni", bases, corrections[:, :2])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 0.5)  # zero where there is no plane
     e1 = bases[:, :, 0] - normals * np.einsum("ni,ni->n", bases[:, :, 0], normals)[:, None]
@@ -153,7 +158,7 @@ def _curved(sums: Float64[Array, "n p 5"]) -> Flags:
 
 
 def _adjusted(
-    sums: Float64[Array, "n p 5"], good: Int64[Array, "k"], variances_m2: Scalars
+    sums: Float64[Array, "n p 5"], good: Int64[Array, "k"], variances_m2: Scalars, rows: Scalars
 ) -> tuple[Float64[Array, "n 3"], Matrices3]:
     """Adjust the planes `good` from their patches: corrections of (a1, a2, b), and covariances."""
     systems = []
@@ -168,8 +173,22 @@ def _adjusted(
     corrections, covariances = np.zeros((len(sums), 3)), np.tile(np.eye(3), (len(sums), 1, 1))
     for k, system, wave in zip(good, systems, waviness, strict=True):
         corrections[k] = fit_patches(*system, float(wave)).corrections
-        covariances[k] = honest_covariance(*system, float(wave))
+        covariances[k] = honest_covariance(*system, float(wave)) + _rim_covariance(sums[k], variances_m2[k], rows[k])
     return corrections, covariances
+
+
+def _rim_covariance(sums: Float64[Array, "p 5"], variance_m2: float, rows: float) -> Matrix3:
+    """Give what beams at both rims of a strip add to the covariance of (a1, a2, b) of its plane.
+
+    One of R rows displaced by D at a rim moves the plane by D/R, and tilts it by 3 D/R at its rims.
+    """
+    share = np.clip((WIDE_ROWS - rows) / (WIDE_ROWS - NARROW_ROWS), 0.0, 1.0)
+    moved = 2.0 * (RIM_SHARE * share / rows) ** 2 * variance_m2
+    count = sums[:, 0]
+    places = sums[:, 2] / np.maximum(count, 1.0)
+    mean = np.average(places, weights=count)
+    width_square = 12.0 * np.average((places - mean) ** 2, weights=count)
+    return np.diag([0.0, 9.0 * moved * 4.0 / max(width_square, NUMERICAL_STD_M), moved])
 
 
 def _intensity_steps(bands: EdgeBands, used: Bool[Array, "m"], intensity: Float32[Array, "points"]) -> Flags:

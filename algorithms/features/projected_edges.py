@@ -16,7 +16,7 @@ from algorithms.features.edge_owners import edge_owners
 from algorithms.features.edge_planes import EdgePlanes, adjust_edge_planes
 from algorithms.features.projection_options import EdgeRejection, ProjectionOptions
 from algorithms.features.side_planes import side_planes
-from algorithms.features.side_planes_kernels import crowded_sides
+from algorithms.features.side_planes_kernels import crowded_sides, flatly_crossed
 from algorithms.geometry.cameras import Camera
 from algorithms.geometry.covariances import intersection_covariances, intersection_jacobians, intersection_lines
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
@@ -112,6 +112,7 @@ def project_edges(
     is_long = segments.lengths >= max(options.min_length_px, 1.0)
     reach = np.full(len(segments), options.min_separation_px)
     crowded = crowded_sides(segments.centres, segments.directions, segments.extents, reach).any(axis=1)
+    crowded |= flatly_crossed(segments.centres, segments.directions, segments.extents, options.min_separation_px)
     crowded |= segments.composite
     long = np.flatnonzero(is_long)
     if len(long) == 0:

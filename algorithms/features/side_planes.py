@@ -13,6 +13,7 @@ from algorithms.features.plane_fitting import LEAST_COSINE, LEAST_WIDTH
 from algorithms.features.plane_segmentation import thickness
 from algorithms.features.projection_options import ProjectionOptions
 from algorithms.features.side_planes_kernels import ZONE, fit_sides, look_near_edges
+from algorithms.photos.line_fit_kernels import group_medians
 
 STEADY = 10.0
 """The scatter of a side counts as so many points, besides its own, in that which the other sides let expect."""
@@ -25,12 +26,16 @@ COVERED = 0.6
 ROWS_APART = 1.6
 """Spacings that the points of a plane reach across at least: two rows of points always lie on one plane, three do not.
 """
-DENSE, EMPTY = 0.35, 0.2
-"""Share of the points expected right beside an edge that must be there, and with less than which nothing is there."""
+DENSE, EMPTY, SOME = 0.35, 0.2, 0.05
+"""Share of the points expected right beside an edge that must be there, with less than which hardly anything is there,
+and with less than which nothing is there."""
 OWN_SHARE = 0.75
 """Share of the points right beside an edge, on its plane's side, that must lie on the plane."""
 BOTH_SHARE = 0.3
 """Share of the points right beside an edge, on the other side, that may lie on a plane which ends at the edge."""
+BETWEEN_SHARE, FEW_BESIDE = 0.3, 4.0
+"""Share of the points right beside an edge, on the other side, that may lie on neither plane where a plane ends: else
+something lies between both planes. Fewer points tell nothing."""
 UNEVEN = 1.5
 """Planes whose points scatter more than so many times what those of others let expect are made of several surfaces."""
 FRONT_SHARE = 0.1
@@ -74,6 +79,11 @@ class SidePlanes:
     """(n, 2) points right beside the edge in front of the plane, on neither plane."""
     narrow: Bool[Array, "n 2"]
     """(n, 2) True where the plane's points form fewer than three rows."""
+    rows: Float64[Array, "n 2"]
+    """(n, 2) rows along the edge that the plane's points form, if their nearer half is half of them."""
+    sparse: Bool[Array, "n 2"]
+    """(n, 2) True where there are points right beside the edge, but far fewer than the scanner's steps give: something
+    is there of which little is seen, as a pane, leaves, or a strip narrower than the beam."""
     used: Bool[Array, "m"]
     """(m,) which points of the bands made the plane of their side."""
 
@@ -161,6 +171,8 @@ def side_planes(bands: EdgeBands, centre: Vector3, options: ProjectionOptions, n
         on_plane=on_plane,
         in_front=in_front,
         narrow=_in_few_rows(bands, used),
+        rows=_rows(bands, used),
+        sparse=(beside >= SOME * expected) & (beside < DENSE * expected),
         used=used,
     )
 
@@ -174,3 +186,18 @@ def _in_few_rows(bands: EdgeBands, used: Bool[Array, "m"]) -> Bool[Array, "n 2"]
     np.minimum.at(low, sides[used], distance[used])
     np.maximum.at(high, sides[used], distance[used])
     return np.asarray((high - low).reshape(n, 2) < ROWS_APART * bands.spacings_px[:, None])
+
+
+def _rows(bands: EdgeBands, used: Bool[Array, "m"]) -> Float64[Array, "n 2"]:
+    """Give how many rows along the edge the points of each side's plane form.
+
+    Twice the rows to the median: a few points farther away, in the same plane by chance, make no strip wide.
+    """
+    n = len(bands)
+    sides = 2 * np.repeat(np.arange(n), np.diff(bands.splits)) + (bands.across <= 0.0)
+    distance = np.abs(bands.across)
+    low = np.full(2 * n, np.inf)
+    np.minimum.at(low, sides[used], distance[used])
+    order = np.argsort(sides, kind="stable")
+    half = group_medians(distance[order], sides[order], used[order], 2 * n) - np.where(np.isfinite(low), low, 0.0)
+    return np.asarray(1.0 + 2.0 * np.maximum(half.reshape(n, 2), 0.0) / bands.spacings_px[:, None])

@@ -20,6 +20,8 @@ LEAST_VOTES = 0.35
 """Least share of the points, those at its limit counting less, for a plane."""
 PARALLEL_COSINE = 0.995
 """Edges within six degrees run along each other."""
+FLAT_COSINE = 0.985
+"""Edges that cross at less than ten degrees are close to each other for long."""
 SAME_PX = 0.3
 """Edges nearer to each other than this are one."""
 ZONE = 1.25
@@ -433,3 +435,29 @@ def crowded_sides(centres: Array, directions: Array, extents: Array, reaches: Ar
             if SAME_PX < abs(d) <= reaches[k]:
                 crowded[k, 0 if d > 0.0 else 1] = True
     return crowded
+
+
+@njit(cache=True, nogil=True)
+def flatly_crossed(centres: Array, directions: Array, extents: Array, reach: float) -> Array:
+    """Tell which edges (n,) another one meets at a flat angle, and is nearer than `reach` along a quarter of them."""
+    n = centres.shape[0]
+    crossed = np.zeros(n, dtype=np.bool_)
+    for k in range(n):
+        dx, dy = directions[k, 0], directions[k, 1]
+        low, high = extents[k, 0], extents[k, 1]
+        for j in range(n):
+            cosine = abs(dx * directions[j, 0] + dy * directions[j, 1])
+            if j == k or not FLAT_COSINE < cosine < PARALLEL_COSINE:
+                continue
+            x, y = centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1]
+            along, across = x * dx + y * dy, y * dx - x * dy
+            slope = (directions[j, 1] * dx - directions[j, 0] * dy) / (directions[j, 0] * dx + directions[j, 1] * dy)
+            first = along + extents[j, 0] * (directions[j, 0] * dx + directions[j, 1] * dy)
+            last = along + extents[j, 1] * (directions[j, 0] * dx + directions[j, 1] * dy)
+            start, end = max(low, min(first, last)), min(high, max(first, last))
+            # where the other edge is within reach: across + slope (s - along) = ± reach
+            meeting, half = along - across / slope, reach / abs(slope)
+            if min(end, meeting + half) - max(start, meeting - half) >= 0.25 * (high - low):
+                crossed[k] = True
+                break
+    return crossed
