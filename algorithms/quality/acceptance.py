@@ -17,6 +17,10 @@ LONE_SCORE, LONE_RATIO = 0.2, 0.5
 FEATURE_SCORE, FEATURE_RATIO, FEATURE_SUPPORTERS, FEATURE_FACTOR = 0.12, 0.3, 40, 8
 """A still lower score is enough when dozens of whole lines and planes lie on each other and hardly any in the other
 pose: an uncertain instrument position lowers the score, never the number of common features."""
+CONTRADICTED_SHARE, CONTRADICTED_RATIO = 0.03, 0.3
+"""Where more than this share of what can be judged stands in free space, no other pose may come near: in a building the
+right pose shows a tenth of that, among trees and with an estimated instrument position more, but nothing else fits
+there."""
 LEAST_SUPPORTERS = 6
 """Lines and planes that both scans must see. Wrong poses lay few whole features on each other, however much fits."""
 BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
@@ -124,6 +128,12 @@ def _doubts(verification: Verification, ratio: float, supporters: int, runner_up
             f"the score is not clear: {CLEAR_SCORE:.2f} with a runner-up below {CLEAR_RATIO:.0%} of it, or "
             f"{LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed ({FEATURE_SCORE:.2f} if "
             f"{FEATURE_SUPPORTERS} lines and planes agree)"
+        )
+    judged = verification.support_share + verification.violation_share
+    if verification.violation_share > CONTRADICTED_SHARE * judged and ratio > CONTRADICTED_RATIO:
+        doubts.append(
+            f"{verification.violation_share / judged:.0%} of what can be judged speaks against the pose, and another "
+            f"one scores {ratio:.0%} as much; {CONTRADICTED_SHARE:.0%} or {CONTRADICTED_RATIO:.0%} would be allowed"
         )
     if supporters < LEAST_SUPPORTERS:
         doubts.append(f"only {supporters} lines and planes are seen by both scans, {LEAST_SUPPORTERS} would be needed")

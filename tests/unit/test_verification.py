@@ -121,6 +121,13 @@ def test_surface_in_free_space_rejects_however_much_fits() -> None:
     assert _judged(replace(CLEAR, violation_share=0.1)).status is AcceptanceStatus.REJECTED
 
 
+def test_a_contradicted_pose_is_doubtful_when_another_one_comes_near() -> None:
+    contradicted = replace(CLEAR, support_share=0.26, violation_share=0.014, score=0.25)
+    assert _judged(contradicted, runner_up=0.11).status is AcceptanceStatus.DOUBTFUL
+    assert _judged(contradicted, runner_up=0.02).status is AcceptanceStatus.ACCEPTED
+    assert _judged(replace(contradicted, violation_share=0.001), runner_up=0.11).status is AcceptanceStatus.ACCEPTED
+
+
 def test_a_middling_score_with_a_middling_runner_up_is_doubtful() -> None:
     assert _judged(replace(CLEAR, score=0.22), runner_up=0.15).status is AcceptanceStatus.DOUBTFUL
 
