@@ -21,7 +21,7 @@ from algorithms.simulation.scanner import scanner_with_step
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards
 
-pytestmark = pytest.mark.benchmark
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]  # eight photos and sixteen scans are simulated
 
 CAMERA = VirtualCamera()
 NOISE_M = 0.002
@@ -137,19 +137,21 @@ def rendered():
     return found, seconds[1:]  # the first one compiles
 
 
-@pytest.mark.parametrize(("name", "least"), [("house", 0.985), ("house_front", 0.99), ("bridge", 0.97)])
-def test_lines_from_rendered_photos_are_within_three_standard_deviations(rendered, name, least):
-    # 99 % are wanted everywhere; of the bridge the shadows of its railing, dense on the far bank, are taken for the
-    # bank's rim, and planes of its rails, three rows of points wide, are up to 3 mm off
+@pytest.mark.parametrize(
+    ("name", "least", "most_wrong"), [("house", 0.99, 0.005), ("house_front", 0.99, 0.005), ("bridge", 0.975, 0.02)]
+)
+def test_lines_from_rendered_photos_are_within_three_standard_deviations(rendered, name, least, most_wrong):
+    # 99 % are wanted everywhere; of the bridge one station looks flatly over the far bank, where the shadow of the
+    # railing is taken for the bank's rim, less than a pixel beside it: one line of sixty, seen in both scans
     share, wrong, _, _ = report(f"rendered photos of {name}", *rendered[0][name])
     assert share >= least
-    assert wrong <= 0.02
+    assert wrong <= most_wrong
 
 
 def test_lines_from_all_rendered_photos_together_have_a_normalised_error_of_four(rendered):
     normalised, shares = (np.concatenate(parts) for parts in zip(*rendered[0].values(), strict=True))
     share, _, mean, std = report("all rendered photos", normalised, shares)
-    assert share >= 0.985
+    assert share >= 0.99
     assert abs(mean - 4.0) < LIMIT + SAMPLING * std
 
 
