@@ -19,10 +19,10 @@ from algorithms.features.side_planes import side_planes
 from algorithms.features.side_planes_kernels import crowded_sides, flatly_crossed
 from algorithms.geometry.cameras import Camera
 from algorithms.geometry.covariances import intersection_covariances, intersection_jacobians, intersection_lines
-from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
+from algorithms.geometry.lines import Lines, LineSource, concatenated_lines, lines_from_arrays
 from algorithms.geometry.projecting_planes import projecting_planes
 from algorithms.photos.segments import ImageSegments
-from algorithms.progress import Progress
+from algorithms.progress import Progress, ProgressSection
 from algorithms.scans.scan import Scan
 
 
@@ -114,7 +114,31 @@ def project_edges(
     crowded = crowded_sides(segments.centres, segments.directions, segments.extents, reach).any(axis=1)
     crowded |= flatly_crossed(segments.centres, segments.directions, segments.extents, options.min_separation_px)
     crowded |= segments.composite
-    long = np.flatnonzero(is_long)
+    reasons[is_long & crowded] = EdgeRejection.CROWDED
+    arguments = (camera, scan_from_camera, scan, options, noise_std_m)
+    first, second = ProgressSection(progress, 0.0, 0.6), ProgressSection(progress, 0.6, 1.0)
+    # apart from each other: what is crowded must not speak of spacing and waviness of the rest
+    measured = _projected(segments, np.flatnonzero(is_long & ~crowded), reasons, *arguments, first)
+    others = _projected(segments, np.flatnonzero(is_long & crowded), reasons.copy(), *arguments, second)
+    return replace(
+        measured,
+        witnesses=concatenated_lines([measured.witnesses, others.lines, others.witnesses]),
+        witness_normals=np.concatenate([measured.witness_normals, others.plane_normals, others.witness_normals]),
+    )
+
+
+def _projected(
+    segments: ImageSegments,
+    long: Array,
+    reasons: Array,
+    camera: Camera,
+    scan_from_camera: RigidTransform,
+    scan: Scan,
+    options: ProjectionOptions,
+    noise_std_m: float,
+    progress: Progress,
+) -> ProjectedEdges:
+    """Turn the chosen edges into lines; writes why others of them give none into `reasons`, of all segments."""
     if len(long) == 0:
         return _nothing(reasons)
     chosen = segments[long]
@@ -135,7 +159,7 @@ def project_edges(
     rays = _edge_rays(chosen, camera, pose)
     uneven = planes.uneven(centre, noise_std_m**2)
     owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, least_angle)
-    reasons[long] = np.where(crowded[long], EdgeRejection.CROWDED, owners.reasons)
+    reasons[long] = owners.reasons
     clear = owners.reasons == EdgeRejection.NONE
     owned = clear | (owners.reasons == EdgeRejection.OCCLUSION_UNCLEAR)
     owners = replace(owners, reasons=np.where(owned, np.int32(EdgeRejection.NONE), owners.reasons))
@@ -146,7 +170,7 @@ def project_edges(
     sensor = centre if scan.sensor_m is None else scan.sensor_m  # the camera sits close to the scanner
     adjusted = adjust_edge_planes(bands, planes.used, owners, normals, scan.intensity, sensor, options)
     bent = kept[adjusted.curved[kept]]
-    reasons[long[bent[clear[bent] & ~crowded[long[bent]]]]] = EdgeRejection.CURVED
+    reasons[long[bent[clear[bent]]]] = EdgeRejection.CURVED
     kept = kept[~adjusted.curved[kept]]
     ones = np.broadcast_to(centre, (len(kept), 3)).copy()
     lines, jacobians, by_surface = _cut(
@@ -156,7 +180,7 @@ def project_edges(
     ends = np.abs(lines.extents).max(axis=1)
     certain = np.sqrt(_largest_variance_m2(lines.covariances, ends)) <= options.max_std_m
     enough = lines.lengths >= options.min_length_m
-    measures = clear[kept] & ~crowded[long[kept]]
+    measures = clear[kept]
     witnesses, good = np.flatnonzero(certain & enough & ~measures), np.flatnonzero(certain & enough & measures)
     reasons[long[kept[measures & ~enough]]] = EdgeRejection.TOO_SHORT
     reasons[long[kept[measures & ~certain]]] = EdgeRejection.TOO_UNCERTAIN
