@@ -23,6 +23,8 @@ SURFACE_SIGMAS, SURFACE_NOISES = 3.0, 2.0
 """So many standard deviations of the pose and of the noise may lines and planes differ from the surfaces."""
 WORST_STD_M = 0.02
 """Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
+WORST_HIDDEN_M = 0.02
+"""So far may an error that stays undetected in one line or plane shift the pose (external reliability, MATH 4.3)."""
 LEAST_USED_SHARE = 0.5
 """Below this share of agreeing correspondences the pose is doubtful."""
 
@@ -102,6 +104,12 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
     if used < LEAST_USED_SHARE * all_:
         doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
     scale = np.sqrt(adjustment.variance_factor)
+    hidden = largest_hidden_shift_m(adjustment)
+    if hidden > WORST_HIDDEN_M:
+        doubts.append(
+            f"an error in a single line or plane that no test could find would shift the pose by {hidden * 1e3:.0f} mm "
+            f"({WORST_HIDDEN_M * 1e3:.0f} mm would be allowed): too little controls it"
+        )
     doubts += [
         f"the geometry hardly determines the {weak.description} "
         f"(standard deviation {weak.std_m * scale * 1e3:.0f} mm): {weak.advice}"
@@ -109,6 +117,18 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
         if weak.std_m * scale > WORST_STD_M
     ]
     return doubts
+
+
+def largest_hidden_shift_m(adjustment: LineAdjustment) -> float:
+    """Give the largest shift of the pose, at the features' centroid, by an error that just stays undetected [m].
+
+    Each component of a line or plane by itself: an error in a direction between two components may hide better.
+    """
+    shifts = [
+        np.linalg.norm(report.effects[report.states != CorrespondenceState.REMOVED][..., 3:], axis=-1).ravel()
+        for report in (adjustment.lines, adjustment.planes)
+    ]
+    return float(np.concatenate([*shifts, [0.0]]).max())
 
 
 def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
