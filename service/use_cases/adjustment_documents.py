@@ -9,6 +9,7 @@ import numpy as np
 from algorithms.adjustment.critical_values import b_method_limit
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.adjustment.testing import GlobalTest as TestOfVariance
 from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.arrays import Array
 from algorithms.features.scan_features import ScanFeatures
@@ -59,7 +60,7 @@ def adjustment_document(fine: FineRegistration) -> Adjustment:
         variance_factor=adjustment.variance_factor,
         iterations=adjustment.iterations,
         converged=adjustment.converged,
-        global_test=_global_test(adjustment),
+        global_test=global_test_document(adjustment.global_test),
         levels=TestLevels(
             confidence_level=1.0 - options.alpha_global,
             alpha_single=options.alpha_single,
@@ -171,8 +172,8 @@ def weak_direction_documents(adjustment: LineAdjustment) -> list[WeakDirection]:
     return free + [WeakDirection(text=w.description, std_m=w.std_m * scale, advice=w.advice) for w in adjustment.weak]
 
 
-def _global_test(adjustment: LineAdjustment) -> GlobalTest | None:
-    test = adjustment.global_test
+def global_test_document(test: TestOfVariance) -> GlobalTest | None:
+    """Describe the global test; None where nothing is left to test by."""
     if test.verdict is GlobalVerdict.NOT_TESTABLE:
         return None
     return GlobalTest(

@@ -2,16 +2,14 @@
 
 from collections.abc import Sequence
 
-from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.network.joint_adjustment import JointAdjustment, RemovedMember
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import NetworkRegistration
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import Member, Tracks
-from schemas.adjustment_figures import GlobalTest
 from schemas.network import LoopClosure, Network, NetworkAdjustment, NetworkLink, RemovedFeature, TrackCounts
-from service.use_cases.adjustment_documents import MEANINGS
+from service.use_cases.adjustment_documents import global_test_document
 from service.use_cases.run_lines_report import line_name, plane_name
 
 
@@ -77,7 +75,7 @@ def _state(number: int, link: StationLink, result: NetworkRegistration) -> str:
 
 
 def _adjustment(joint: JointAdjustment, tracks: Tracks, names: Sequence[str]) -> NetworkAdjustment:
-    solution, test = joint.solution, joint.global_test
+    solution = joint.solution
     return NetworkAdjustment(
         model="gauss-helmert-tracks",
         datum=f"station {names[joint.stations[0]]} is fixed",
@@ -90,18 +88,7 @@ def _adjustment(joint: JointAdjustment, tracks: Tracks, names: Sequence[str]) ->
         test_variance_factor=joint.test_variance_factor,
         iterations=solution.iterations,
         converged=solution.converged,
-        global_test=None
-        if test.verdict is GlobalVerdict.NOT_TESTABLE
-        else GlobalTest(
-            statistic=test.omega,
-            degrees_of_freedom=test.redundancy,
-            lower=test.lower,
-            upper=test.upper,
-            alpha=test.alpha,
-            passed=test.verdict is GlobalVerdict.ACCEPTED,
-            side=test.verdict.value,
-            meaning=MEANINGS[test.verdict],
-        ),
+        global_test=global_test_document(joint.global_test),
         tracks=TrackCounts(
             planes=sum(track.kind is TrackKind.PLANE for track in joint.tracks),
             lines=sum(track.kind is TrackKind.LINE for track in joint.tracks),

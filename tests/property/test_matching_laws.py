@@ -1,6 +1,7 @@
 """Laws of matching that hold for any lines and any motion."""
 
 import numpy as np
+from feature_scenes import NO_PLANES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -9,23 +10,11 @@ from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
-from algorithms.geometry.planes import Planes
 from algorithms.matching.correspondences import corresponding_lines
 from algorithms.matching.degeneracy import free_freedoms
 from algorithms.matching.line_pairs import line_pair_motions
 
 SEEDS = st.integers(min_value=0, max_value=10_000)
-NO_PLANES = Planes(
-    normals=np.empty((0, 3)),
-    centroids=np.empty((0, 3)),
-    bases=np.empty((0, 3, 2)),
-    covariances=np.empty((0, 3, 3)),
-    noise_std_m=np.empty(0),
-    point_counts=np.empty(0, dtype=np.int64),
-    areas_m2=np.empty(0),
-    boundary=np.empty((0, 2)),
-    boundary_splits=np.zeros(1, dtype=np.int64),
-)
 
 
 def _pipes(seed: int, count: int = 7) -> tuple[Lines, np.ndarray]:
