@@ -9,6 +9,7 @@ from algorithms.simulation.house import house_front_scene, house_scene
 from algorithms.simulation.office import office_scene
 from algorithms.simulation.pipe_hall import pipe_hall_scene
 from algorithms.simulation.scene import Scene
+from algorithms.simulation.street_square import street_square_scene
 
 SCENES: Mapping[str, Callable[[], Scene]] = MappingProxyType(
     {
@@ -17,6 +18,7 @@ SCENES: Mapping[str, Callable[[], Scene]] = MappingProxyType(
         "pipe_hall": pipe_hall_scene,
         "office": office_scene,
         "bridge": bridge_scene,
+        "street_square": street_square_scene,
         "parallel_pipes": parallel_pipes_scene,
         "single_plane": single_plane_scene,
     }
