@@ -27,6 +27,9 @@ def office_scene() -> Scene:
         station_pose((2.2, 4.85, 1.64), 95.0 * degree, 0.1 * degree, 1.2 * degree),
         station_pose((1.5, 3.55, 1.52), 222.0 * degree, 22.0 * degree, -9.0 * degree),
         station_pose((2.9, 6.2, 1.66), 12.0 * degree, -0.4 * degree, -1.0 * degree),
+        station_pose((6.75, 7.1, 1.58), 156.0 * degree, 0.7 * degree, 0.5 * degree),
+        station_pose((8.3, 3.4, 1.6), 260.0 * degree, -0.6 * degree, 1.1 * degree),
+        station_pose((2.5, 1.1, 1.63), 341.0 * degree, 1.0 * degree, -0.3 * degree),
     )
     return scene_from_parts("office", [*_outer_walls(), *_partitions(), *_furniture()], stations)
 
