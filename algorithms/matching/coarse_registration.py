@@ -14,6 +14,8 @@ from algorithms.matching.feature_fit import feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
 from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
+from algorithms.matching.prior_decisions import decided_with_priors, rank_with_priors
+from algorithms.matching.priors import PairPriors
 from algorithms.matching.self_likeness import Contradiction, is_possible_alternative
 from algorithms.matching.symmetries import poses_by_symmetry
 from algorithms.progress import NoProgress, Progress
@@ -67,7 +69,12 @@ class CoarseRegistration:
 
 
 def match_features(
-    target: ScanFeatures, source: ScanFeatures, options: MatchingOptions, *, progress: Progress | None = None
+    target: ScanFeatures,
+    source: ScanFeatures,
+    options: MatchingOptions,
+    *,
+    progress: Progress | None = None,
+    priors: PairPriors | None = None,
 ) -> CoarseRegistration:
     """Find the pose of the source scan in the target scan without a first guess.
 
@@ -83,6 +90,8 @@ def match_features(
         Limits.
     progress
         Is told the steps.
+    priors
+        What is known of the stations beforehand; None: nothing.
 
     Raises
     ------
@@ -98,11 +107,16 @@ def match_features(
         raise TooFewCorrespondencesError(0, 1, "surface points")
     tell.report(0.0, "pairs of lines and planes")
     hypotheses = candidate_motions(target, source, options)
+    if priors is not None:
+        hypotheses = priors.proposed(hypotheses)
     if len(hypotheses) == 0:
         raise TooFewCorrespondencesError(0, 2, "pairs of lines or planes that look alike")
     tell.report(0.4, "testing hypotheses")
     noise = max(target.noise_std_m, source.noise_std_m)
-    ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
+    if priors is None:
+        ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
+    else:
+        ranked = rank_with_priors(hypotheses, target.index, source.index, priors, noise_m=noise)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
     if ranked.scores.score[0] >= LEAST_SCORE_TO_DOUBT:
@@ -111,6 +125,8 @@ def match_features(
         if len(others):
             ranked = ranked.joined(rank_hypotheses(others, target.index, source.index, noise_m=noise), source.index)
     result = _described(target, source, ranked, options)
+    if priors is not None:
+        result = decided_with_priors(result, ranked, priors, lambda some: _described(target, source, some, options))
     tell.report(1.0, "pose found")
     return result
 

@@ -12,6 +12,7 @@ from algorithms.arrays import IndexPairs, OtherIndexPairs, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.matching.priors import PairPriors
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import Verification
 
@@ -32,6 +33,8 @@ class RegistrationProblem:
 
     target: ScanFeatures
     source: ScanFeatures
+    priors: PairPriors | None = None
+    """What is known of the stations beforehand: levelling, approximate poses; None: nothing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
         Of the search.
     """
     try:
-        return match_features(problem.target, problem.source, options)
+        return match_features(problem.target, problem.source, options, priors=problem.priors)
     except DegenerateGeometryError as error:
         return replace(
             PairResult.without_pose(PairStatus.DEGENERATE, str(error)),
@@ -84,6 +84,8 @@ def status_of_pair(
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
     doubts = [*_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
+    if problem.priors is not None:
+        doubts += problem.priors.contradictions(adjustment.pose_a_posteriori)
     if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
         return PairStatus.DOUBTFUL, (*reasons, *doubts)
     return PairStatus.ACCEPTED, tuple(reasons)
