@@ -73,7 +73,13 @@ class SurfaceGaps:
 
 
 def surface_gaps(
-    pose: RigidTransform, target: SurfaceIndex, source: SurfaceIndex, limits: EvidenceLimits, points: int
+    pose: RigidTransform,
+    target: SurfaceIndex,
+    source: SurfaceIndex,
+    limits: EvidenceLimits,
+    points: int,
+    *,
+    left_out: tuple[Array, Array] | None = None,
 ) -> SurfaceGaps:
     """Measure between corresponding surface, from each scan's points to the other's planes.
 
@@ -87,9 +93,14 @@ def surface_gaps(
         What corresponds.
     points
         How many surface points of each scan to use.
+    left_out
+        True for points of the target and of the source that take no part; None: all do.
     """
     match, here = corresponding(pose, source, target, limits, points)
     back, there = corresponding(pose.inv(), target, source, limits, points)
+    if left_out is not None:
+        stays, stay_back = ~(left_out[1][match] | left_out[0][here]), ~(left_out[0][back] | left_out[1][there])
+        match, here, back, there = match[stays], here[stays], back[stay_back], there[stay_back]
     moved = pose.apply(source.points[match])
     other = pose.apply(source.points[there])
     normals = np.vstack([target.normals[here], pose.rotation.apply(source.normals[there])])

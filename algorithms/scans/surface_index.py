@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Matrices3, Matrix3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.scans.range_image import conservative_nearest_m, spherical_range_image
 
 CELL_RAD = math.radians(1.0)
@@ -39,6 +39,8 @@ class SurfaceIndex:
     """Position of the instrument [m]; zero when unknown."""
     cell_rad: float
     """Angular size of the range cells [rad]."""
+    numbers: Indices
+    """(n,) which of the points that the index was made of each one is."""
 
     @property
     def knows_free_space(self) -> bool:
@@ -116,6 +118,7 @@ def surface_index(points: Points, normals: Points, spacing_m: float, sensor_m: V
         nearest_m=nearest,
         sensor_m=sensor,
         cell_rad=cell_rad,
+        numbers=oriented.astype(np.int64),
     )
 
 
