@@ -60,6 +60,32 @@ class ExtractedCylinder(Document):
     points: int
 
 
+class TestedMount(Document):
+    """What the lines that photo and scan both show say of the stated pose of one photo's camera."""
+
+    photo: int = Field(description="Number of the station's photo, from 0.")
+    lines: int = Field(description="Lines of the photo that were compared with a line of the scan.")
+    statistic: float
+    critical: float
+    rotation_gon: Vector = Field(
+        description="Estimated error of the stated rotation, a rotation vector in the scan's axes; not drawn towards 0."
+    )
+    translation_m: Vector = Field(description="Estimated error of the stated position.")
+    rotation_std_gon: Vector
+    translation_std_m: Vector
+
+
+class MountTestDocument(Document):
+    """Test whether the cameras sit on the scanner as stated."""
+
+    statistic: float = Field(description="Chi-square under the hypothesis that all mounts are as certain as stated.")
+    degrees_of_freedom: int = Field(description="0: photos and scan have too few lines in common to test anything.")
+    critical: float
+    passed: bool
+    text: str | None = Field(description="What is wrong with which photo; null while nothing is.")
+    photos: list[TestedMount]
+
+
 class LinesDocument(Document):
     """Answer of `extract-lines`, in the coordinates of the file."""
 
@@ -70,6 +96,9 @@ class LinesDocument(Document):
     cylinders: list[ExtractedCylinder]
     sensor_m: Vector | None = Field(
         description="Position of the instrument, as in the file or estimated; null: unknown."
+    )
+    mount_test: MountTestDocument | None = Field(
+        description="Whether photos and scan show the same lines in the same places; null without photos."
     )
     artifacts: list[Artifact]
     provenance: Provenance

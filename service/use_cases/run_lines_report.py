@@ -7,10 +7,19 @@ from typing import cast
 import numpy as np
 
 from algorithms.arrays import Array
+from algorithms.features.mount_test import MountTest
 from algorithms.features.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
-from schemas.lines_result import ExtractedCylinder, ExtractedLine, ExtractedPlane, LinesDocument, Vector
+from schemas.lines_result import (
+    ExtractedCylinder,
+    ExtractedLine,
+    ExtractedPlane,
+    LinesDocument,
+    MountTestDocument,
+    TestedMount,
+    Vector,
+)
 from schemas.registration_result import Artifact, FeatureCount, InputFile, Provenance
 from service.ports import Json, StepContext
 from service.use_cases.feature_store import load_features
@@ -29,6 +38,7 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
         planes=_planes(features),
         cylinders=_cylinders(features),
         sensor_m=None if features.sensor_m is None else vector(features.sensor_m + features.origin_m),
+        mount_test=None if features.mount_test is None else mount_document(features.mount_test),
         artifacts=_pictures(context, arguments, features),
         provenance=Provenance(
             software=software(),
@@ -60,6 +70,32 @@ def _pictures(context: StepContext, arguments: Json, features: ScanFeatures) -> 
         href = f"/jobs/{arguments['job_id']}/artifacts/{name}"
         artifacts.append(Artifact(name=name, type="image/png", bytes=len(data), href=href))
     return artifacts
+
+
+def mount_document(test: MountTest) -> MountTestDocument:
+    """Put the test of the cameras' mounts into words and figures, angles in gon."""
+    gon = 200.0 / math.pi
+    errors, stds = test.mount_errors, np.sqrt(np.einsum("qii->qi", test.error_covariances))
+    return MountTestDocument(
+        statistic=test.statistic,
+        degrees_of_freedom=test.degrees_of_freedom,
+        critical=test.critical,
+        passed=not test.contradicts,
+        text=test.in_words(),
+        photos=[
+            TestedMount(
+                photo=q,
+                lines=int(test.pair_counts[q]),
+                statistic=float(test.statistics[q]),
+                critical=float(test.criticals[q]),
+                rotation_gon=vector(errors[q, :3] * gon),
+                translation_m=vector(errors[q, 3:]),
+                rotation_std_gon=vector(stds[q, :3] * gon),
+                translation_std_m=vector(stds[q, 3:]),
+            )
+            for q in range(len(errors))
+        ],
+    )
 
 
 def input_files(station: Json, extracted: Json) -> list[InputFile]:

@@ -65,6 +65,12 @@ def test_what_became_of_every_edge_is_counted(result: Document) -> None:
     assert result["features"]["photo_edges"] == len(result["lines"])
 
 
+def test_one_wall_says_nothing_of_the_mount(result: Document) -> None:
+    test = result["mount_test"]
+    assert (test["degrees_of_freedom"], test["passed"], test["text"]) == (0, True, None)
+    assert [(each["photo"], each["lines"]) for each in test["photos"]] == [(0, 0)]
+
+
 def test_scan_and_photo_are_named_as_inputs(result: Document, station: dict[str, Any]) -> None:
     files = [(each["kind"], each["file"]) for each in result["provenance"]["inputs"]]
     assert files == [("scan", station["scan"]["file"]), ("photo", station["photos"][0]["file"])]
