@@ -83,7 +83,8 @@ def extract_features(
     progress.report(0.6, "lines")
     lines = intersect_planes(planes, rasters, min_length_m=options.min_line_length_m)
     progress.report(0.7, "cylinders")
-    left = (renumber(fitted.point_labels, kept) < 0) & (cells.cell_of_point >= 0)
+    numbers = np.append(renumber(fitted.numbers, kept), np.int32(-1))  # label -1 takes the last entry
+    left = (numbers[fitted.point_labels] < 0) & (cells.cell_of_point >= 0)
     cylinders = find_cylinders(scan.points[left], sensor, noise, options)
     progress.report(0.9, "surface")
     surface = sample_surface(cells, surfaces, renumber(regions.cell_labels, regions_fitted[kept]), planes.normals)

@@ -8,8 +8,10 @@ from jaxtyping import Float64, Int64
 
 from algorithms.arrays import Array, Indices, Points, Scalars, Vectors2
 from algorithms.features.plane_fitting import FittedPlanes
-from algorithms.features.plane_segmentation_kernels import fill_rasters
+from algorithms.features.plane_points import plane_frames
+from algorithms.features.plane_points_kernels import fill_rasters
 from algorithms.geometry.planes import Planes
+from algorithms.scans.point_blocks import over_blocks
 
 LARGEST_RASTER = 400
 """Cells along the longer side."""
@@ -98,7 +100,15 @@ def rasterise_planes(points: Points, planes: FittedPlanes, least_cell_m: float) 
     rows = (spans[:, 1] / sizes).astype(np.int64) + 1 + 2 * BORDER
     starts = np.concatenate([[0], np.cumsum(rows * columns)]).astype(np.int64)
     origins = planes.extents[:, :2] - BORDER * sizes[:, None]
-    flat = fill_rasters(points, planes.point_labels, planes.centroids, planes.bases, origins, sizes, starts, columns)
+    frames = plane_frames(planes.normals, planes.centroids, planes.bases, planes.noise_std_m)
+    labels, numbers = planes.point_labels, planes.numbers
+    flat = np.zeros(starts[-1], dtype=np.uint8)
+    over_blocks(
+        lambda start, end: fill_rasters(
+            points, labels, numbers, frames, origins, sizes, starts, rows, columns, start, end, flat
+        ),
+        len(points),
+    )
     rasters = PlaneRasters(flat, starts, rows, columns, origins, sizes)
     kernel = np.ones((3, 3), dtype=np.uint8)
     for p in range(len(rasters)):

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64, Int32, Int64
 
-from algorithms.arrays import Array, Bases, Flags, Indices, Labels, Matrices3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Bases, Indices, Labels, Matrices3, Points, Scalars, Vector3
 from algorithms.features.patch_covariance import (
     NUMERICAL_STD_M,
     estimate_wavinesses,
@@ -13,7 +13,16 @@ from algorithms.features.patch_covariance import (
     honest_covariance,
 )
 from algorithms.features.plane_curvature import curved_regions
-from algorithms.features.plane_segmentation_kernels import label_moments, label_points, patch_sums, plane_extents
+from algorithms.features.plane_points import (
+    LabelledPoints,
+    frames_of_moments,
+    label_points,
+    plane_frames,
+    planes_moments,
+)
+from algorithms.features.plane_points_kernels import sum_patches
+from algorithms.geometry.lines import bases_of
+from algorithms.scans.point_blocks import over_blocks
 
 PATCHES = 32
 """Aimed number of patches per plane: enough to estimate a variance, large enough to carry long waves."""
@@ -46,7 +55,9 @@ class FittedPlanes:
     extents: Float64[Array, "k 4"]
     """(k, 4) bounding rectangles u_min, v_min, u_max, v_max in plane coordinates [m]."""
     point_labels: Labels
-    """(n,) plane of each point, -1 for none."""
+    """(n,) label of each point, -1 for none."""
+    numbers: Int32[Array, "labels"]
+    """(labels,) plane of each label, -1 for none: so planes are chosen without another pass over the points."""
 
     def __len__(self) -> int:
         return len(self.normals)
@@ -61,7 +72,8 @@ class FittedPlanes:
             self.noise_std_m[which],
             self.point_counts[which],
             self.extents[which],
-            renumber(self.point_labels, which),
+            self.point_labels,
+            renumber(self.numbers, which),
         )
 
 
@@ -70,20 +82,6 @@ def renumber(labels: Labels, kept: Int64[Array, "k"]) -> Labels:
     numbers = np.full(max(int(labels.max(initial=-1)), int(kept.max(initial=-1))) + 2, -1, dtype=np.int32)
     numbers[kept] = np.arange(len(kept))
     return np.asarray(numbers[labels])  # label -1 takes the last entry, which stays -1
-
-
-def frames_of_moments(
-    moments: Float64[Array, "k 10"],
-) -> tuple[Float64[Array, "k 3 2"], Float64[Array, "k 3"], Float64[Array, "k 3"]]:
-    """Give basis (E1 longest), normal and the standard deviations along E1, E2, n of every row of moments."""
-    k = len(moments)
-    counts = np.maximum(moments[:, 0], 1.0)
-    scatter = moments[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(k, 3, 3) / counts[:, None, None]
-    values, vectors = np.linalg.eigh(scatter)
-    normals = np.ascontiguousarray(vectors[:, :, 0])
-    e1 = vectors[:, :, 2]
-    bases = np.stack([e1, np.cross(normals, e1)], axis=2)
-    return bases, normals, np.sqrt(np.maximum(values[:, ::-1], 0.0))
 
 
 def fit_planes(
@@ -126,58 +124,76 @@ def fit_planes(
     -------
     The fitted planes, and which of the approximate planes they were.
     """
-    tolerances = thickness_m
-    sides = normals
-    for _ in range(rounds):
-        labels, shared = label_points(points, cell_of_point, candidates, normals, centroids, tolerances)
-        moments = label_moments(points, labels, shared, centroids)
+    frames = plane_frames(normals, centroids, bases_of(normals), thickness_m)
+    for _ in range(rounds - 1):
+        moments = planes_moments(points, cell_of_point, candidates, frames)
         bases, fitted, deviations = frames_of_moments(moments)
-        enough = moments[:, 0] >= 4
-        flip = np.einsum("ij,ij->i", fitted, sides) < 0
+        flip = np.einsum("ij,ij->i", fitted, normals) < 0
         fitted[flip] *= -1.0
         bases[flip, :, 1] *= -1.0
-        normals = np.where(enough[:, None], fitted, normals)
-        centroids = np.where(enough[:, None], moments[:, 1:4], centroids)
         noise = deviations[:, 2] * np.sqrt(moments[:, 0] / np.maximum(moments[:, 0] - 3.0, 1.0))
-        tolerances = np.clip(TRIM * noise, np.maximum(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
+        limits = np.clip(TRIM * noise, np.maximum(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
+        enough = moments[:, 0] >= 4
+        frames = np.where(enough[:, None], plane_frames(fitted, moments[:, 1:4], bases, limits), frames)
+        frames[:, 12] = limits
+    labelled = label_points(points, cell_of_point, candidates, frames)
+    moments = labelled.moments
+    _, _, deviations = frames_of_moments(moments)
     kept = np.flatnonzero((moments[:, 0] >= min_points) & (deviations[:, 1] > LEAST_WIDTH * deviations[:, 2]))
-    planes, flat = _from_points(
-        points, renumber(labels, kept), shared, normals[kept], centroids[kept], bases[kept], sensor_m
-    )
+    final = _carried(frames[kept], moments[kept])
+    axes = frames[kept, 6:12].reshape(-1, 2, 3)
+    shift = np.einsum("kji,ki->kj", axes, final[:, 3:6] - frames[kept, 3:6])
+    extents = labelled.extents[kept] - np.tile(shift, 2)
+    numbers = renumber(np.arange(len(normals), dtype=np.int32), kept)
+    planes, flat = _from_points(points, labelled, numbers, final, labelled.counts[kept], extents, sensor_m)
     return planes.select(flat), kept[flat]
+
+
+def _carried(frames: Float64[Array, "k 13"], moments: Float64[Array, "k 10"]) -> Float64[Array, "k 13"]:
+    """Move planes to where the sums of their points lie, keeping the directions of their bases."""
+    _, normals, _ = frames_of_moments(moments)
+    normals *= np.where(np.einsum("ij,ij->i", normals, frames[:, :3]) < 0.0, -1.0, 1.0)[:, None]
+    return plane_frames(normals, moments[:, 1:4], _carried_bases(frames[:, 6:9], normals), frames[:, 12])
+
+
+def _carried_bases(first: Points, normals: Points) -> Bases:
+    """Give bases whose first vectors are as near as possible to the given ones."""
+    e1 = first - normals * np.einsum("ki,ki->k", first, normals)[:, None]
+    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
+    return np.asarray(np.stack([e1, np.cross(normals, e1)], axis=2))
 
 
 def _from_points(
     points: Points,
-    labels: Labels,
-    shared: Flags,
-    normals: Float64[Array, "k 3"],
-    centroids: Float64[Array, "k 3"],
-    bases: Float64[Array, "k 3 2"],
+    labelled: LabelledPoints,
+    numbers: Int32[Array, "labels"],
+    frames: Float64[Array, "k 13"],
+    counts: Int64[Array, "k"],
+    extents: Float64[Array, "k 4"],
     sensor_m: Vector3 | None,
 ) -> tuple[FittedPlanes, Int64[Array, "flat"]]:
     """Adjust planes from patches of their points; also say which of them are flat."""
-    extents = plane_extents(points, labels, centroids, bases)
-    sums, starts, columns = _sum_patches(points, labels, shared, normals, centroids, bases, extents)
+    sums, starts, columns = _sum_patches(points, labelled, numbers, frames, counts, extents)
     used = np.flatnonzero(sums[:, 0] > 0)
     owner = (np.searchsorted(starts, used, side="right") - 1).astype(np.int32)
     means = sums[used, 1:4] / sums[used, :1]
     half_widths = 0.5 * np.maximum(extents[:, 2:] - extents[:, :2], 0.0)
     flat = ~curved_regions(owner, means[:, :2], means[:, 2], sums[used, 0], half_widths)
-    flat &= _in_one_piece(owner, (used - starts[owner]) // columns[owner], len(normals))
-    squares = np.bincount(owner, sums[used, 4], minlength=len(normals))
-    counts = np.bincount(owner, sums[used, 0], minlength=len(normals))
-    noise = np.sqrt(squares / np.maximum(counts - 3.0, 1.0))
-    turned, moved, frames, covariances = _adjust_patches(sums, starts, normals, centroids, bases, noise, sensor_m)
+    flat &= _in_one_piece(owner, (used - starts[owner]) // columns[owner], len(frames))
+    squares = np.bincount(owner, sums[used, 4], minlength=len(frames))
+    inner = np.bincount(owner, sums[used, 0], minlength=len(frames))
+    noise = np.sqrt(squares / np.maximum(inner - 3.0, 1.0))
+    turned, moved, bases, covariances = _adjust_patches(sums, starts, frames, noise, sensor_m)
     planes = FittedPlanes(
         normals=turned,
         centroids=moved,
-        bases=frames,
+        bases=bases,
         covariances=covariances,
         noise_std_m=noise,
-        point_counts=np.bincount(labels[labels >= 0], minlength=len(normals)).astype(np.int64),
-        extents=plane_extents(points, labels, moved, frames),
-        point_labels=labels,
+        point_counts=counts,
+        extents=extents,
+        point_labels=labelled.labels,
+        numbers=numbers,
     )
     return planes, np.flatnonzero(flat)
 
@@ -193,15 +209,13 @@ def _in_one_piece(owner: Labels, row: Indices, count: int) -> Bool[Array, "k"]:
 
 def _sum_patches(
     points: Points,
-    labels: Labels,
-    shared: Flags,
-    normals: Float64[Array, "k 3"],
-    centroids: Float64[Array, "k 3"],
-    bases: Float64[Array, "k 3 2"],
+    labelled: LabelledPoints,
+    numbers: Int32[Array, "labels"],
+    frames: Float64[Array, "k 13"],
+    counts: Int64[Array, "k"],
     extents: Float64[Array, "k 4"],
 ) -> tuple[Float64[Array, "p 5"], Int64[Array, "starts"], Int64[Array, "k"]]:
     """Sum the points of every plane per patch: sums, the first patch of every plane, and its patches in a row."""
-    counts = np.bincount(labels[labels >= 0], minlength=len(normals))
     spans = np.where(np.isfinite(extents[:, 2:]), extents[:, 2:] - extents[:, :2], 0.0)
     patches = np.clip(counts / POINTS_PER_PATCH, 4.0, PATCHES)
     # at least four patches across a long narrow plane: with fewer a bend would not show
@@ -211,8 +225,15 @@ def _sum_patches(
     columns = np.clip(np.rint(patches / rows), 4.0, PATCHES).astype(np.int64)
     sizes = np.stack([spans[:, 0] / columns, spans[:, 1] / rows], axis=1) * (1.0 + 1e-9) + 1e-12
     starts = np.concatenate([[0], np.cumsum(columns * rows)]).astype(np.int64)
-    sums = patch_sums(points, labels, shared, centroids, normals, bases, extents, sizes, starts, columns)
-    return sums, starts, columns
+    corners = np.ascontiguousarray(extents[:, :2])
+    labels, shared = labelled.labels, labelled.shared
+    parts = over_blocks(
+        lambda start, end: sum_patches(
+            points, labels, shared, numbers, frames, corners, sizes, starts, columns, start, end
+        ),
+        len(points),
+    )
+    return np.sum(parts, axis=0), starts, columns
 
 
 def _noise_shares(counts: Scalars, patches: Points, normal: Vector3, sensor_m: Vector3 | None) -> Scalars:
@@ -232,14 +253,14 @@ def _noise_shares(counts: Scalars, patches: Points, normal: Vector3, sensor_m: V
 def _adjust_patches(
     sums: Float64[Array, "p 5"],
     starts: Int64[Array, "starts"],
-    normals: Points,
-    centroids: Points,
-    bases: Bases,
+    frames: Float64[Array, "k 13"],
     noise: Scalars,
     sensor_m: Vector3 | None,
 ) -> tuple[Points, Points, Bases, Matrices3]:
     """Refine every plane from its patch means and give its covariance."""
-    k = len(normals)
+    k = len(frames)
+    normals, centroids = frames[:, :3], frames[:, 3:6]
+    axes = frames[:, 6:12].reshape(k, 2, 3)
     systems = []
     for p in range(k):
         part = sums[starts[p] : starts[p + 1]]
@@ -247,9 +268,8 @@ def _adjust_patches(
         n = part[:, 0]
         u, v, r = part[:, 1] / n, part[:, 2] / n, part[:, 3] / n
         within = part[:, 4] - n * r**2
-        expected = noise[p] ** 2 * _noise_shares(
-            n, centroids[p] + np.stack([u, v], 1) @ bases[p].T, normals[p], sensor_m
-        )
+        places = centroids[p] + np.stack([u, v], 1) @ axes[p]
+        expected = noise[p] ** 2 * _noise_shares(n, places, normals[p], sensor_m)
         # the patch's own scatter, steadied by the expected one
         variances = (within + STEADY * expected) / (n - 1.0 + STEADY) / n + NUMERICAL_STD_M**2
         systems.append((np.stack([-u, -v, np.ones_like(u)], axis=1), r, variances))
@@ -260,8 +280,6 @@ def _adjust_patches(
         fit = fit_patches(*system, float(waviness[p]))
         covariances[p] = honest_covariance(*system, float(waviness[p]))
         corrections[p] = fit.corrections
-    turned = normals + np.einsum("kij,kj->ki", bases, corrections[:, :2])
+    turned = normals + np.einsum("kji,kj->ki", axes, corrections[:, :2])
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    e1 = bases[:, :, 0] - turned * np.einsum("ki,ki->k", bases[:, :, 0], turned)[:, None]
-    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
-    return turned, centroids + normals * corrections[:, 2:], np.stack([e1, np.cross(turned, e1)], axis=2), covariances
+    return turned, centroids + normals * corrections[:, 2:], _carried_bases(axes[:, 0], turned), covariances

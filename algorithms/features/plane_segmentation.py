@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from algorithms.arrays import Array, Labels, Points, Scalars, Vector3
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.plane_curvature import curved_regions
-from algorithms.features.plane_fitting import frames_of_moments
+from algorithms.features.plane_points import frames_of_moments
 from algorithms.features.plane_segmentation_kernels import (
     candidate_labels,
     dilate_labels,

@@ -1,0 +1,90 @@
+"""What the points of a scan say of planes that are nearly known: which point is whose, and the sums over them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from algorithms.arrays import Array, Bases, Labels, Points, Scalars
+from algorithms.features import plane_points_kernels as kernels
+from algorithms.scans.point_blocks import over_blocks
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledPoints:
+    """Which of k planes n points belong to, and what the points of each plane add up to."""
+
+    labels: Labels
+    """(n,) nearest plane of each point within its tolerance, -1 for none."""
+    shared: Bool[Array, "n"]
+    """(n,) True for points within the tolerance of two planes: they extend a plane but must not shape it."""
+    moments: Float64[Array, "k 10"]
+    """(k, 10) of points that are not shared: count, mean, central sums of products."""
+    counts: Int64[Array, "k"]
+    """(k,) all points."""
+    extents: Float64[Array, "k 4"]
+    """(k, 4) bounding rectangles of all points in plane coordinates [m]."""
+
+
+def plane_frames(normals: Points, centroids: Points, bases: Bases, tolerances: Scalars) -> Float64[Array, "n 13"]:
+    """Put planes side by side for the compiled passes: normal, centroid, E1, E2, tolerance."""
+    return np.column_stack([normals, centroids, bases[:, :, 0], bases[:, :, 1], tolerances])
+
+
+def frames_of_moments(
+    moments: Float64[Array, "k 10"],
+) -> tuple[Float64[Array, "k 3 2"], Float64[Array, "k 3"], Float64[Array, "k 3"]]:
+    """Give basis (E1 longest), normal and the standard deviations along E1, E2, n of every row of moments."""
+    k = len(moments)
+    counts = np.maximum(moments[:, 0], 1.0)
+    scatter = moments[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(k, 3, 3) / counts[:, None, None]
+    values, vectors = np.linalg.eigh(scatter)
+    normals = np.ascontiguousarray(vectors[:, :, 0])
+    e1 = vectors[:, :, 2]
+    bases = np.stack([e1, np.cross(normals, e1)], axis=2)
+    return bases, normals, np.sqrt(np.maximum(values[:, ::-1], 0.0))
+
+
+def planes_moments(
+    points: Points, cell_of_point: Labels, candidates: Array, frames: Float64[Array, "k 13"]
+) -> Float64[Array, "k 10"]:
+    """Sum the points that are nearest to each plane, and near no other, among the candidates of their cell."""
+
+    def work(start: int, end: int) -> Array:
+        return kernels.sum_planes(points, cell_of_point, candidates, frames, start, end)
+
+    return _added(over_blocks(work, len(points)), frames)
+
+
+def label_points(
+    points: Points, cell_of_point: Labels, candidates: Array, frames: Float64[Array, "k 13"]
+) -> LabelledPoints:
+    """Give every point the nearest plane among the candidates of its cell, and sum the planes' points."""
+    labels = np.empty(len(points), dtype=np.int32)
+    shared = np.empty(len(points), dtype=np.bool_)
+
+    def work(start: int, end: int) -> tuple[Array, Array, Array]:
+        return kernels.label_points(points, cell_of_point, candidates, frames, start, end, labels, shared)
+
+    parts = over_blocks(work, len(points))
+    low = np.min([extents[:, :2] for _, _, extents in parts], axis=0)
+    high = np.max([extents[:, 2:] for _, _, extents in parts], axis=0)
+    return LabelledPoints(
+        labels,
+        shared,
+        _added([sums for sums, _, _ in parts], frames),
+        np.sum([counts for _, counts, _ in parts], axis=0),
+        np.concatenate([low, high], axis=1),
+    )
+
+
+def _added(parts: list[Array], frames: Float64[Array, "k 13"]) -> Float64[Array, "k 10"]:
+    """Add the sums of blocks, taken about the centroids of the frames: count, mean, central sums of products."""
+    sums: Array = np.sum(parts, axis=0)
+    counts = np.maximum(sums[:, 0], 1.0)
+    shift = sums[:, 1:4] / counts[:, None]
+    moments = sums.copy()
+    moments[:, 1:4] = shift + frames[:, 3:6]
+    for column, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), start=4):
+        moments[:, column] -= sums[:, 0] * shift[:, a] * shift[:, b]
+    return moments
