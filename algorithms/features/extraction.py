@@ -12,6 +12,7 @@ from algorithms.features.plane_segmentation import candidates_of, segment_planes
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.lines import Lines, lines_from_arrays
+from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
 from algorithms.scans.mixed_pixels_kernels import grid_ranges
@@ -68,7 +69,7 @@ def extract_features(
             np.ascontiguousarray(cells.means[flat]), surfaces.normals[flat], candidate_m=-scan.origin_m, rng=rng
         ).position_m
     surfaces = orient(cells, surfaces, sensor)
-    noise = max(noise, typical_noise(cells, surfaces, sensor))
+    noise = max(noise, typical_noise(cells, surfaces, sensor)) if options.point_std_m is None else options.point_std_m
     progress.report(0.3, "planes")
     regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
@@ -99,7 +100,7 @@ def extract_features(
         origin_m=scan.origin_m,
         sensor_m=sensor,
         point_count=len(scan),
-        noise_std_m=float(np.median(planes.noise_std_m)) if len(planes) else noise,
+        noise_std_m=_reported_noise(planes, noise, options),
     )
 
 
@@ -110,7 +111,7 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         cells = grid_cells(scan.points, scan.grid, sensor)
         narrow = cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0)
         along = range_noise(grid_ranges(scan.points, scan.grid.index, sensor))
-        noise = max(along, typical_noise(cells, narrow, sensor))
+        noise = max(along, typical_noise(cells, narrow, sensor)) if options.point_std_m is None else options.point_std_m
         width = WIDTH_IN_NOISE * noise
         return cells, cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0, wanted_width_m=width), noise
     size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
@@ -126,6 +127,13 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
             return cells, surfaces, 0.0
         size = 1.25 * cells.size_m
+
+
+def _reported_noise(planes: Planes, noise_std_m: float, options: FeatureOptions) -> float:
+    """Give the noise of single points that was stated, else that of the planes, else that of the cells [m]."""
+    if options.point_std_m is not None or len(planes) == 0:
+        return noise_std_m
+    return float(np.median(planes.noise_std_m))
 
 
 def _joined(first: Lines, second: Lines) -> Lines:

@@ -10,6 +10,10 @@ from annotated_types import Ge, Gt, Le
 class FeatureOptions:
     """What counts as a feature."""
 
+    point_std_m: Annotated[float, Ge(1e-6), Le(1.0)] | None = None
+    """Standard deviation of single points across a surface that faces the instrument [m]; null estimates it from the
+    scan. It sets how far points of one surface may lie off it and widens the limits of matching; the covariances of
+    planes and lines follow from the residuals of their own points in any case."""
     voxel_size_m: Annotated[float, Gt(0.0), Le(10.0)] | None = None
     """Edge length of the cells that unstructured scans are cut into [m]; null chooses it from the point spacing."""
     min_plane_points: Annotated[int, Ge(10)] = 30
