@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from algorithms.arrays import Array, Matrix, Scalars
+from algorithms.features import patch_covariance_kernels as kernels
 
 LONG_WAVES = 8.0
 """Waves of a surface are longer than a patch, so neighbouring patches share them, and another set-up sees another part
@@ -57,16 +58,8 @@ def fit_patches(jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, wa
     waviness_variance
         Variance added to each [m2].
     """
-    weights = 1.0 / (noise_variances + waviness_variance)
-    scale = np.maximum(np.sqrt(np.mean(jacobian**2, axis=0)), 1e-12)
-    scaled = jacobian / scale
-    normal = (scaled * weights[:, None]).T @ scaled
-    # the ridge keeps the system of points on a line solvable; such a plane gets a huge standard deviation
-    covariance = np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(scale)))
-    corrections = covariance @ (scaled.T @ (weights * misfits))
-    return PatchFit(
-        corrections / scale, covariance / np.outer(scale, scale), waviness_variance, len(misfits) - len(scale)
-    )
+    corrections, covariance = kernels.adjust(jacobian, misfits, noise_variances + waviness_variance)
+    return PatchFit(corrections, covariance, waviness_variance, len(misfits) - int(jacobian.shape[1]))
 
 
 def honest_covariance(
@@ -89,22 +82,9 @@ def estimate_waviness(
     redundancy = len(misfits) - int(jacobian.shape[1])
     if redundancy < 1:
         return 0.0
-
-    def excess(waviness: float) -> float:
-        fit = fit_patches(jacobian, misfits, noise_variances, waviness)
-        left = misfits - jacobian @ fit.corrections
-        return float(np.sum(left**2 / (noise_variances + waviness))) - redundancy
-
-    if excess(0.0) <= significance * np.sqrt(2.0 * redundancy):
+    if kernels.excess(jacobian, misfits, noise_variances) <= significance * np.sqrt(2.0 * redundancy):
         return 0.0
-    low: float = 0.0
-    high = float(np.mean(misfits**2))
-    while excess(high) > 0:
-        low, high = high, 4.0 * high
-    while high - low > 0.02 * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    return float(0.5 * (low + high))
+    return float(kernels.waviness(jacobian, misfits, noise_variances))
 
 
 def estimate_wavinesses(systems: list[tuple[Array, Array, Array]]) -> Scalars:

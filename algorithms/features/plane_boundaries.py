@@ -105,7 +105,7 @@ def rasterise_planes(points: Points, planes: FittedPlanes, least_cell_m: float) 
     flat = np.zeros(starts[-1], dtype=np.uint8)
     over_blocks(
         lambda start, end: fill_rasters(
-            points, labels, numbers, frames, origins, sizes, starts, rows, columns, start, end, flat
+            points, labels, numbers, frames, origins, 1.0 / sizes, starts, rows, columns, start, end, flat
         ),
         len(points),
     )

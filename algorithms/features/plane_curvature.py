@@ -4,11 +4,14 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from algorithms.arrays import Array, Labels, Scalars, Vectors2
+from algorithms.features import plane_curvature_kernels as kernels
 
 BEND_LIMIT_RAD = float(np.deg2rad(5.0))
 """A region whose tangents turn by more from end to end is curved."""
 SIGNIFICANCE = 4.0
 """Least ratio of a bend to its own standard deviation."""
+LEAST_HALF_WIDTH_M = 1e-9
+"""Keeps positions in half widths finite [m]."""
 
 
 def curved_regions(
@@ -31,24 +34,21 @@ def curved_regions(
     half_widths
         (k, 2) half extents of the regions along the two axes [m].
     """
-    count = len(half_widths)
-    curved = np.zeros(count, dtype=np.bool_)
+    half = np.maximum(half_widths, LEAST_HALF_WIDTH_M)
+    return bent(kernels.sums_of_pieces(labels, positions, heights, weights, half), half)
 
-    def add(values: Array) -> Array:
-        return np.bincount(labels, values, minlength=count)
 
-    pieces = add(np.ones(len(labels)))
+def bent(sums: Float64[Array, "k 2 10"], half_widths: Float64[Array, "k 2"]) -> Bool[Array, "k"]:
+    """Find regions of which the sums along either axis tell a bend."""
+    curved = np.zeros(len(sums), dtype=np.bool_)
     for axis in (0, 1):
-        half = np.maximum(half_widths[:, axis], 1e-9)
-        u = positions[:, axis] / half[labels]
-        powers = [add(weights * u**k) for k in range(5)]
-        ridge = 1e-9 * np.maximum(powers[0], 1e-9)[:, None, None] * np.eye(3)
-        system = np.stack([np.stack(powers[k : k + 3], axis=1) for k in range(3)], axis=1) + ridge
-        right = np.stack([add(weights * heights * u**k) for k in range(3)], axis=1)
-        inverse = np.linalg.inv(system)
+        powers, right = sums[:, axis, :5], sums[:, axis, 5:8]
+        ridge = 1e-9 * np.maximum(powers[:, 0], 1e-9)[:, None, None] * np.eye(3)
+        inverse = np.linalg.inv(np.stack([powers[:, k : k + 3] for k in range(3)], axis=1) + ridge)
         parabola = np.einsum("kij,kj->ki", inverse, right)
-        left = np.maximum(add(weights * heights**2) - np.einsum("ki,ki->k", parabola, right), 0.0)
-        bend = 4.0 * np.abs(parabola[:, 2]) / half
-        bend_std = 4.0 * np.sqrt(inverse[:, 2, 2] * left / np.maximum(pieces - 3.0, 1.0)) / half
+        left = np.maximum(sums[:, axis, 8] - np.einsum("ki,ki->k", parabola, right), 0.0)
+        bend = 4.0 * np.abs(parabola[:, 2]) / half_widths[:, axis]
+        variance = inverse[:, 2, 2] * left / np.maximum(sums[:, axis, 9] - 3.0, 1.0)
+        bend_std = 4.0 * np.sqrt(variance) / half_widths[:, axis]
         curved |= (bend > BEND_LIMIT_RAD) & (bend > SIGNIFICANCE * bend_std)
     return curved

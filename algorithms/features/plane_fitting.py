@@ -14,6 +14,7 @@ from algorithms.features.patch_covariance import (
 )
 from algorithms.features.plane_curvature import curved_regions
 from algorithms.features.plane_points import (
+    CellPlanes,
     LabelledPoints,
     frames_of_moments,
     label_points,
@@ -87,7 +88,7 @@ def renumber(labels: Labels, kept: Int64[Array, "k"]) -> Labels:
 def fit_planes(
     points: Points,
     cell_of_point: Labels,
-    candidates: Array,
+    candidates: CellPlanes,
     normals: Float64[Array, "k 3"],
     centroids: Float64[Array, "k 3"],
     noise_std_m: Float64[Array, "k"],
@@ -106,7 +107,7 @@ def fit_planes(
     cell_of_point
         (n,) cell of each point.
     candidates
-        (m, c) planes that may hold points of each cell, -1 padded.
+        Planes that may hold points of each cell.
     normals, centroids
         Approximate planes; the fitted normals keep their side.
     noise_std_m
@@ -227,12 +228,13 @@ def _sum_patches(
     starts = np.concatenate([[0], np.cumsum(columns * rows)]).astype(np.int64)
     corners = np.ascontiguousarray(extents[:, :2])
     labels, shared = labelled.labels, labelled.shared
-    parts = over_blocks(
-        lambda start, end: sum_patches(
-            points, labels, shared, numbers, frames, corners, sizes, starts, columns, start, end
-        ),
-        len(points),
-    )
+
+    def work(start: int, end: int) -> Array:
+        return sum_patches(
+            points, labels, shared, numbers, frames, corners, 1.0 / sizes, starts, rows, columns, start, end
+        )
+
+    parts = over_blocks(work, len(points))
     return np.sum(parts, axis=0), starts, columns
 
 

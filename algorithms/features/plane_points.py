@@ -3,11 +3,21 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64, Int32, Int64
 
 from algorithms.arrays import Array, Bases, Labels, Points, Scalars
 from algorithms.features import plane_points_kernels as kernels
 from algorithms.scans.point_blocks import over_blocks
+
+
+@dataclass(frozen=True, eq=False)
+class CellPlanes:
+    """Which planes the points of m cells may belong to."""
+
+    only: Labels
+    """(m,) the plane where there is but one, -1 for none, -2 - q for those in row q of `several`."""
+    several: Int32[Array, "rows width"]
+    """(rows, width) planes, -1 padded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,25 +56,27 @@ def frames_of_moments(
 
 
 def planes_moments(
-    points: Points, cell_of_point: Labels, candidates: Array, frames: Float64[Array, "k 13"]
+    points: Points, cell_of_point: Labels, candidates: CellPlanes, frames: Float64[Array, "k 13"]
 ) -> Float64[Array, "k 10"]:
     """Sum the points that are nearest to each plane, and near no other, among the candidates of their cell."""
+    only, several = candidates.only, candidates.several
 
     def work(start: int, end: int) -> Array:
-        return kernels.sum_planes(points, cell_of_point, candidates, frames, start, end)
+        return kernels.sum_planes(points, cell_of_point, only, several, frames, start, end)
 
     return _added(over_blocks(work, len(points)), frames)
 
 
 def label_points(
-    points: Points, cell_of_point: Labels, candidates: Array, frames: Float64[Array, "k 13"]
+    points: Points, cell_of_point: Labels, candidates: CellPlanes, frames: Float64[Array, "k 13"]
 ) -> LabelledPoints:
     """Give every point the nearest plane among the candidates of its cell, and sum the planes' points."""
     labels = np.empty(len(points), dtype=np.int32)
     shared = np.empty(len(points), dtype=np.bool_)
+    only, several = candidates.only, candidates.several
 
     def work(start: int, end: int) -> tuple[Array, Array, Array]:
-        return kernels.label_points(points, cell_of_point, candidates, frames, start, end, labels, shared)
+        return kernels.label_points(points, cell_of_point, only, several, frames, start, end, labels, shared)
 
     parts = over_blocks(work, len(points))
     low = np.min([extents[:, :2] for _, _, extents in parts], axis=0)

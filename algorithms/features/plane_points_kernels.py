@@ -2,6 +2,8 @@
 
 Every kernel works on the points from `start` to `end`, so that blocks of points can be worked on at the same time.
 `frames` holds a row per plane: normal (3), centroid (3), basis vectors E1 (3) and E2 (3), tolerance (1).
+`plane_of_cell` tells which plane the points of a cell may lie on: its number, -1 for none, and -2 - q for those in row
+q of `several`.
 """
 
 import numpy as np
@@ -10,19 +12,21 @@ from numba import njit
 from algorithms.arrays import Array
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _nearest(x: float, y: float, z: float, cell: int, candidates: Array, frames: Array) -> tuple[int, int]:
-    """Give the nearest of the cell's candidate planes, -1 for none, and how many hold the point in their tolerance."""
+@njit(cache=True, nogil=True)
+def _nearest(points: Array, i: int, row: Array, frames: Array) -> tuple[int, int]:
+    """Give the nearest of the planes in a row, -1 for none, and how many hold point i within their tolerance."""
     best = np.inf
     label = -1
     hits = 0
-    for k in range(candidates.shape[1]):
-        p = candidates[cell, k]
+    for p in row:
         if p < 0:
             break
-        f = frames[p]
-        gap = abs((x - f[3]) * f[0] + (y - f[4]) * f[1] + (z - f[5]) * f[2])
-        if gap > f[12]:
+        gap = abs(
+            (points[i, 0] - frames[p, 3]) * frames[p, 0]
+            + (points[i, 1] - frames[p, 4]) * frames[p, 1]
+            + (points[i, 2] - frames[p, 5]) * frames[p, 2]
+        )
+        if gap > frames[p, 12]:
             continue
         hits += 1
         if gap < best:
@@ -32,35 +36,60 @@ def _nearest(x: float, y: float, z: float, cell: int, candidates: Array, frames:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _add(m: Array, x: float, y: float, z: float) -> None:
-    """Add a point to the sums: count, coordinates, products."""
-    m[0] += 1.0
-    m[1] += x
-    m[2] += y
-    m[3] += z
-    m[4] += x * x
-    m[5] += x * y
-    m[6] += x * z
-    m[7] += y * y
-    m[8] += y * z
-    m[9] += z * z
+def _add(out: Array, p: int, sums: tuple[float, ...]) -> None:
+    """Add sums of points to those of plane p."""
+    for k in range(10):
+        out[p, k] += sums[k]
 
 
 @njit(cache=True, nogil=True)
-def sum_planes(points: Array, cell_of_point: Array, candidates: Array, frames: Array, start: int, end: int) -> Array:
+def sum_planes(
+    points: Array, cell_of_point: Array, plane_of_cell: Array, several: Array, frames: Array, start: int, end: int
+) -> Array:
     """Sum the points nearest to each plane: (k, 10) count, coordinates about its centroid, their products.
 
     Points within the tolerance of two planes are left out: near an edge they belong to both, and must not shape one.
     """
     out = np.zeros((frames.shape[0], 10))
+    plane = -1  # sums stay in registers while neighbours in recording order lie on the same plane
+    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    nx = ny = nz = cx = cy = cz = tolerance = 0.0
     for i in range(start, end):
         cell = cell_of_point[i]
         if cell < 0:
             continue
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        p, hits = _nearest(x, y, z, cell, candidates, frames)
-        if hits == 1:
-            _add(out[p], x - frames[p, 3], y - frames[p, 4], z - frames[p, 5])
+        p = plane_of_cell[cell]
+        if p == -1:
+            continue
+        if p < -1:
+            p, hits = _nearest(points, i, several[-2 - p], frames)
+            if hits != 1:
+                continue
+        if p != plane:
+            if plane >= 0:
+                _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
+            n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+            plane = p
+            nx, ny, nz = frames[p, 0], frames[p, 1], frames[p, 2]
+            cx, cy, cz = frames[p, 3], frames[p, 4], frames[p, 5]
+            tolerance = frames[p, 12]
+        x = points[i, 0] - cx
+        y = points[i, 1] - cy
+        z = points[i, 2] - cz
+        if abs(x * nx + y * ny + z * nz) > tolerance:
+            continue
+        n += 1.0
+        sx += x
+        sy += y
+        sz += z
+        xx += x * x
+        xy += x * y
+        xz += x * z
+        yy += y * y
+        yz += y * z
+        zz += z * z
+    if plane >= 0:
+        _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
     return out
 
 
@@ -68,7 +97,8 @@ def sum_planes(points: Array, cell_of_point: Array, candidates: Array, frames: A
 def label_points(
     points: Array,
     cell_of_point: Array,
-    candidates: Array,
+    plane_of_cell: Array,
+    several: Array,
     frames: Array,
     start: int,
     end: int,
@@ -88,30 +118,34 @@ def label_points(
     extents[:, 2:] = -np.inf
     for i in range(start, end):
         cell = cell_of_point[i]
-        labels[i] = -1
-        shared[i] = False
-        if cell < 0:
-            continue
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        p, hits = _nearest(x, y, z, cell, candidates, frames)
-        if hits == 0:
-            continue
+        p = -1 if cell < 0 else plane_of_cell[cell]
+        hits = 1
+        if p < -1:
+            p, hits = _nearest(points, i, several[-2 - p], frames)
+        elif p >= 0:
+            gap = (
+                (points[i, 0] - frames[p, 3]) * frames[p, 0]
+                + (points[i, 1] - frames[p, 4]) * frames[p, 1]
+                + (points[i, 2] - frames[p, 5]) * frames[p, 2]
+            )
+            if abs(gap) > frames[p, 12]:
+                p = -1
         labels[i] = p
         shared[i] = hits > 1
+        if p < 0:
+            continue
         counts[p] += 1
-        f = frames[p]
-        x -= f[3]
-        y -= f[4]
-        z -= f[5]
+        x = points[i, 0] - frames[p, 3]
+        y = points[i, 1] - frames[p, 4]
+        z = points[i, 2] - frames[p, 5]
         if hits == 1:
-            _add(out[p], x, y, z)
-        u = x * f[6] + y * f[7] + z * f[8]
-        v = x * f[9] + y * f[10] + z * f[11]
-        e = extents[p]
-        e[0] = min(e[0], u)
-        e[1] = min(e[1], v)
-        e[2] = max(e[2], u)
-        e[3] = max(e[3], v)
+            _add(out, p, (1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z))
+        u = x * frames[p, 6] + y * frames[p, 7] + z * frames[p, 8]
+        v = x * frames[p, 9] + y * frames[p, 10] + z * frames[p, 11]
+        extents[p, 0] = min(extents[p, 0], u)
+        extents[p, 1] = min(extents[p, 1], v)
+        extents[p, 2] = max(extents[p, 2], u)
+        extents[p, 3] = max(extents[p, 3], v)
     return out, counts, extents
 
 
@@ -123,15 +157,17 @@ def sum_patches(
     numbers: Array,
     frames: Array,
     corners: Array,
-    patch_sizes: Array,
+    per_patch: Array,
     starts: Array,
+    rows: Array,
     columns: Array,
     start: int,
     end: int,
 ) -> Array:
     """Sum unshared points per rectangular patch of every plane: (patches, 5) count, u, v, residual, squared residual.
 
-    `numbers` gives the plane of each label, -1 for none; `corners` (k, 2) is where the patches of a plane begin.
+    `numbers` gives the plane of each label, -1 for none; `corners` (k, 2) is where the patches of a plane begin, and
+    `per_patch` (k, 2) the reciprocal of their sizes.
     """
     out = np.zeros((starts[-1], 5))
     for i in range(start, end):
@@ -140,24 +176,21 @@ def sum_patches(
         p = numbers[labels[i]]
         if p < 0:
             continue
-        f = frames[p]
-        x = points[i, 0] - f[3]
-        y = points[i, 1] - f[4]
-        z = points[i, 2] - f[5]
-        r = x * f[0] + y * f[1] + z * f[2]
-        u = x * f[6] + y * f[7] + z * f[8]
-        v = x * f[9] + y * f[10] + z * f[11]
-        wide = columns[p]
-        high = (starts[p + 1] - starts[p]) // wide
+        x = points[i, 0] - frames[p, 3]
+        y = points[i, 1] - frames[p, 4]
+        z = points[i, 2] - frames[p, 5]
+        r = x * frames[p, 0] + y * frames[p, 1] + z * frames[p, 2]
+        u = x * frames[p, 6] + y * frames[p, 7] + z * frames[p, 8]
+        v = x * frames[p, 9] + y * frames[p, 10] + z * frames[p, 11]
         # points at the rim may lie outside by rounding and by the tilt since the rectangle was measured
-        column = min(max(int((u - corners[p, 0]) / patch_sizes[p, 0]), 0), wide - 1)
-        row = min(max(int((v - corners[p, 1]) / patch_sizes[p, 1]), 0), high - 1)
-        s = out[starts[p] + row * wide + column]
-        s[0] += 1.0
-        s[1] += u
-        s[2] += v
-        s[3] += r
-        s[4] += r * r
+        column = min(max(int((u - corners[p, 0]) * per_patch[p, 0]), 0), columns[p] - 1)
+        row = min(max(int((v - corners[p, 1]) * per_patch[p, 1]), 0), rows[p] - 1)
+        s = starts[p] + row * columns[p] + column
+        out[s, 0] += 1.0
+        out[s, 1] += u
+        out[s, 2] += v
+        out[s, 3] += r
+        out[s, 4] += r * r
     return out
 
 
@@ -168,7 +201,7 @@ def fill_rasters(
     numbers: Array,
     frames: Array,
     origins: Array,
-    cell_sizes: Array,
+    per_cell: Array,
     starts: Array,
     rows: Array,
     columns: Array,
@@ -176,19 +209,21 @@ def fill_rasters(
     end: int,
     out: Array,
 ) -> None:
-    """Mark the occupied raster cells of every plane in one flat uint8 array; every block writes the same mark."""
+    """Mark the occupied raster cells of every plane in one flat uint8 array; every block writes the same mark.
+
+    `per_cell` (k,) is the reciprocal of the size of the cells.
+    """
     for i in range(start, end):
         if labels[i] < 0:
             continue
         p = numbers[labels[i]]
         if p < 0:
             continue
-        f = frames[p]
-        x = points[i, 0] - f[3]
-        y = points[i, 1] - f[4]
-        z = points[i, 2] - f[5]
-        u = x * f[6] + y * f[7] + z * f[8]
-        v = x * f[9] + y * f[10] + z * f[11]
-        row = min(max(int((v - origins[p, 1]) / cell_sizes[p]), 0), rows[p] - 1)
-        column = min(max(int((u - origins[p, 0]) / cell_sizes[p]), 0), columns[p] - 1)
+        x = points[i, 0] - frames[p, 3]
+        y = points[i, 1] - frames[p, 4]
+        z = points[i, 2] - frames[p, 5]
+        u = x * frames[p, 6] + y * frames[p, 7] + z * frames[p, 8]
+        v = x * frames[p, 9] + y * frames[p, 10] + z * frames[p, 11]
+        row = min(max(int((v - origins[p, 1]) * per_cell[p]), 0), rows[p] - 1)
+        column = min(max(int((u - origins[p, 0]) * per_cell[p]), 0), columns[p] - 1)
         out[starts[p] + row * columns[p] + column] = 1

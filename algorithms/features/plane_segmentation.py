@@ -9,12 +9,14 @@ from scipy.sparse.csgraph import connected_components
 
 from algorithms.arrays import Array, Labels, Points, Scalars, Vector3
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
-from algorithms.features.plane_curvature import curved_regions
-from algorithms.features.plane_points import frames_of_moments
+from algorithms.features.plane_curvature import LEAST_HALF_WIDTH_M, bent
+from algorithms.features.plane_curvature_kernels import sums_of_cells
+from algorithms.features.plane_points import CellPlanes, frames_of_moments
 from algorithms.features.plane_segmentation_kernels import (
     candidate_labels,
     dilate_labels,
     grow_regions,
+    region_moments,
     touching_labels,
 )
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
@@ -122,7 +124,7 @@ def segment_planes(
     )
     labels = _drop(labels, _curved(cells, labels, count))
     labels = _merge(cells, labels, noise_std_m, sensor_m, cap)
-    moments = region_moments(cells.moments, labels, int(labels.max(initial=-1)) + 1, cap)
+    moments = region_moments(cells.moments, cells.counts, labels, int(labels.max(initial=-1)) + 1, cap)
     _, region_normals, deviations = frames_of_moments(moments)
     region_normals = _orient(region_normals, normals, labels)
     centroids = np.ascontiguousarray(moments[:, 1:4])
@@ -133,30 +135,9 @@ def segment_planes(
     return PlaneRegions(labels, region_normals, centroids, noise)
 
 
-def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> Array:
-    """List the planes each cell's points may belong to, (m, CANDIDATES) int32, -1 padded."""
-    return candidate_labels(regions.cell_labels, cells.neighbours, CANDIDATES)
-
-
-def region_moments(moments: Float64[Array, "n 10"], labels: Labels, count: int, cap: float) -> Float64[Array, "k 10"]:
-    """Add the cells of every region, each with at most `cap` points: count, mean, central sums of products."""
-    member = np.flatnonzero(labels >= 0)
-    which = labels[member]
-    weights = np.minimum(moments[member, 0], cap)
-    share = weights / moments[member, 0]
-
-    def add(values: Array) -> Array:
-        return np.bincount(which, values, minlength=count)
-
-    total = add(weights)
-    mean = np.stack([add(weights * moments[member, a]) for a in (1, 2, 3)], axis=1) / total[:, None]
-    offset = moments[member, 1:4] - mean[which]
-    out = np.empty((count, 10))
-    out[:, 0] = total
-    out[:, 1:4] = mean
-    for column, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), start=4):
-        out[:, column] = add(share * moments[member, column] + weights * offset[:, a] * offset[:, b])
-    return out
+def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> CellPlanes:
+    """List the planes that each cell's points may belong to: those of the cell and of its neighbours."""
+    return CellPlanes(*candidate_labels(regions.cell_labels, cells.neighbours, CANDIDATES))
 
 
 def _drop(labels: Labels, dropped: Bool[Array, "k"]) -> Labels:
@@ -175,15 +156,11 @@ def _orient(region_normals: Float64[Array, "k 3"], normals: Points, labels: Labe
 
 def _curved(cells: SurfaceCells, labels: Labels, count: int) -> Bool[Array, "k"]:
     """Find bent regions from the means of their cells."""
-    moments = region_moments(np.column_stack([np.ones(len(cells)), cells.moments[:, 1:]]), labels, count, 1.0)
-    bases, normals, deviations = frames_of_moments(moments)
-    member = np.flatnonzero(labels >= 0)
-    which = labels[member]
-    offset = cells.means[member] - moments[which, 1:4]
-    positions = np.einsum("ij,ijk->ik", offset, bases[which])
-    heights = np.einsum("ij,ij->i", offset, normals[which])
+    regions = region_moments(cells.moments, np.ones(len(cells)), labels, count, 1.0)
+    bases, normals, deviations = frames_of_moments(regions)
     # an evenly filled strip is sqrt(3) standard deviations wide to each side
-    return curved_regions(which, positions, heights, np.ones(len(which)), np.sqrt(3.0) * deviations[:, :2])
+    half = np.maximum(np.sqrt(3.0) * deviations[:, :2], LEAST_HALF_WIDTH_M)
+    return bent(sums_of_cells(labels, cells.moments, regions, normals, bases, half), half)
 
 
 def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Vector3 | None, cap: float) -> Labels:
@@ -191,7 +168,7 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Ve
     count = int(labels.max(initial=-1)) + 1
     if count < 2:
         return labels
-    moments = region_moments(cells.moments, labels, count, cap)
+    moments = region_moments(cells.moments, cells.counts, labels, count, cap)
     touch = touching_labels(labels, cells.neighbours, count)
     numbers: Array = np.arange(count)
     for _ in range(5):
@@ -208,7 +185,7 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Ve
         graph = coo_array((np.ones(len(joined)), np.array(joined).T), shape=(len(moments), len(moments)))
         groups, group = connected_components(graph, directed=False)
         numbers = group[numbers]
-        moments = region_moments(moments, group.astype(np.int32), int(groups), np.inf)
+        moments = region_moments(moments, moments[:, 0], group.astype(np.int32), int(groups), np.inf)
         wider = np.zeros((groups, groups), dtype=np.bool_)
         i, j = np.nonzero(touch)
         wider[group[i], group[j]] = True

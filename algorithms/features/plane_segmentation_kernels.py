@@ -149,19 +149,82 @@ def touching_labels(labels: Array, neighbours: Array, count: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def candidate_labels(labels: Array, neighbours: Array, width: int) -> Array:
-    """List the different labels of each cell and its neighbours, own first: (m, width) int32, -1 padded."""
-    out = np.full((labels.shape[0], width), -1, dtype=np.int32)
-    for cell in range(labels.shape[0]):
-        found = 0
+def candidate_labels(labels: Array, neighbours: Array, width: int) -> tuple[Array, Array]:
+    """List the different labels of each cell and its neighbours, own first.
+
+    Returns (m,) int32: the label where there is but one, -1 for none, -2 - q for those in row q of the other array; and
+    that, (rows, width) int32, -1 padded.
+    """
+    m = labels.shape[0]
+    only = np.full(m, -1, dtype=np.int32)
+    several = np.full((64, width), -1, dtype=np.int32)
+    rows = 0
+    found = np.empty(width, dtype=np.int32)
+    for cell in range(m):
+        count = 0
         for k in range(-1, neighbours.shape[1]):
             other = cell if k < 0 else neighbours[cell, k]
-            if other < 0 or labels[other] < 0 or found == width:
+            if other < 0 or labels[other] < 0 or count == width:
                 continue
+            label = labels[other]
             known = False
-            for i in range(found):
-                known = known or out[cell, i] == labels[other]
+            for i in range(count):
+                known = known or found[i] == label
             if not known:
-                out[cell, found] = labels[other]
-                found += 1
+                found[count] = label
+                count += 1
+        if count == 1:
+            only[cell] = found[0]
+        elif count > 1:
+            if rows == several.shape[0]:
+                wider = np.full((2 * rows, width), -1, dtype=np.int32)
+                wider[:rows] = several
+                several = wider
+            several[rows, :count] = found[:count]
+            only[cell] = -2 - rows
+            rows += 1
+    return only, several[:rows].copy()
+
+
+@njit(cache=True, nogil=True)
+def region_moments(moments: Array, counts: Array, labels: Array, count: int, cap: float) -> Array:
+    """Add the cells of every region, each with at most `cap` of its `counts`: count, mean, central sums of products."""
+    origins = np.zeros((count, 3))
+    out = np.zeros((count, 10))
+    for cell in range(labels.shape[0]):
+        p = labels[cell]
+        if p < 0:
+            continue
+        if out[p, 0] == 0.0:  # the first cell's mean is near enough to the region's to keep the digits
+            for a in range(3):
+                origins[p, a] = moments[cell, 1 + a]
+        w = min(counts[cell], cap)
+        f = w / counts[cell]
+        x = moments[cell, 1] - origins[p, 0]
+        y = moments[cell, 2] - origins[p, 1]
+        z = moments[cell, 3] - origins[p, 2]
+        out[p, 0] += w
+        out[p, 1] += w * x
+        out[p, 2] += w * y
+        out[p, 3] += w * z
+        out[p, 4] += f * moments[cell, 4] + w * x * x
+        out[p, 5] += f * moments[cell, 5] + w * x * y
+        out[p, 6] += f * moments[cell, 6] + w * x * z
+        out[p, 7] += f * moments[cell, 7] + w * y * y
+        out[p, 8] += f * moments[cell, 8] + w * y * z
+        out[p, 9] += f * moments[cell, 9] + w * z * z
+    for p in range(count):
+        n = out[p, 0]
+        x = out[p, 1] / n
+        y = out[p, 2] / n
+        z = out[p, 3] / n
+        out[p, 4] -= n * x * x
+        out[p, 5] -= n * x * y
+        out[p, 6] -= n * x * z
+        out[p, 7] -= n * y * y
+        out[p, 8] -= n * y * z
+        out[p, 9] -= n * z * z
+        out[p, 1] = x + origins[p, 0]
+        out[p, 2] = y + origins[p, 1]
+        out[p, 3] = z + origins[p, 2]
     return out
