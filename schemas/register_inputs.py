@@ -4,7 +4,8 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
-from schemas.base import NotYet, NotYetList, RequestModel
+from schemas.approximate_pose import Approximate
+from schemas.base import NotYetList, RequestModel
 from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
@@ -42,12 +43,21 @@ class Station(RequestModel):
     """What was measured there."""
     photos: list[StationPhoto] = Field(default=[], max_length=MAX_PHOTOS)
     """Photos taken from the same set-up, with the camera on the scanner."""
-    levelled_std_gon: NotYet = None
-    """Standard deviation of the levelling; not supported yet."""
-    approximate_pose: NotYet = None
-    """A first guess; none is needed, and none is supported yet."""
-    point_std_m: NotYet = None
-    """Standard deviation of single points; it is estimated from the scan, giving it is not supported yet."""
+    levelled_std_gon: float | None = Field(default=None, ge=1e-5, le=10.0)
+    """Standard deviation with which the scan's z axis is vertical, about each horizontal axis; null: the instrument
+    was not levelled, or nobody knows [gon]. Between two levelled stations no pose is tried that tilts them against each
+    other by more than 4 standard deviations (and 4.5 gon, the roughness of the search), and a pose that does in the end
+    is doubtful. The levelling is no observation of the adjustment."""
+    approximate_pose: Approximate | None = None
+    """Roughly known world_from_scan: a 4×4 matrix, row by row, or an object with `matrix` and `std`; none is needed. It
+    is tried as a hypothesis, tells which of many stations are too far apart to be registered with each other, and
+    decides where the scans allow several poses (significance 1e-5). It makes no pose better accepted than the scans do:
+    a pose that contradicts the approximate poses of both stations is at best `doubtful`, with their names among the
+    reasons."""
+    point_std_m: float | None = Field(default=None, ge=1e-6, le=1.0)
+    """Standard deviation of single points across a surface that faces the instrument; null: estimated from the scan
+    [m]. It sets how far points of one surface may lie off it and widens the limits of the search; the covariances of
+    planes and lines follow from the residuals of their own points in any case."""
 
 
 class RegisterInputs(RequestModel):

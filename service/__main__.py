@@ -74,10 +74,17 @@ def register(
     photos: Annotated[
         Path | None,
         typer.Option(
-            help="JSON file that names the photos of each station with their cameras and poses (see README).",
+            help="JSON file that names the photos of each station with their cameras and poses (see README); its "
+            "stations may also have `levelled_std_gon`, `approximate_pose` and `point_std_m`.",
             exists=True,
             dir_okay=False,
         ),
+    ] = None,
+    levelled_std_gon: Annotated[
+        float | None, typer.Option(help="All stations were levelled, with this standard deviation [gon].")
+    ] = None,
+    point_std_m: Annotated[
+        float | None, typer.Option(help="Standard deviation of single points [m]; left out: estimated from the scans.")
     ] = None,
     url: Annotated[
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
@@ -88,7 +95,9 @@ def register(
     from service.register_command import register_files
 
     console = Console()
-    _finish(lambda: register_files(scans, photos, url, output, console))
+    stated = {"levelled_std_gon": levelled_std_gon, "point_std_m": point_std_m}
+    known = {name: value for name, value in stated.items() if value is not None}
+    _finish(lambda: register_files(scans, photos, url, output, console, known=known))
 
 
 @app.command(epilog=EXIT_CODES)

@@ -22,7 +22,13 @@ Document = dict[str, Any]
 
 
 def register_files(
-    paths: Sequence[Path], photos: Path | None, url: str | None, output: Path | None, console: Console
+    paths: Sequence[Path],
+    photos: Path | None,
+    url: str | None,
+    output: Path | None,
+    console: Console,
+    *,
+    known: Document | None = None,
 ) -> bool:
     """Upload, register, print the parameters; tell whether all stations were registered.
 
@@ -38,6 +44,8 @@ def register_files(
         Where to write the result document.
     console
         Where to print.
+    known
+        What holds for every station of which the JSON file does not say otherwise, such as ``levelled_std_gon``.
 
     Raises
     ------
@@ -52,6 +60,7 @@ def register_files(
     with chosen_service(url, console) as address, ServiceClient(address) as client:
         files = upload_files(client, [*paths, *listed.paths], console)
         stations = stations_with_photos(listed, files[: len(paths)], files[len(paths) :])
+        stations = [{**(known or {}), **station} for station in stations]
         result = run_job(client, "register", {**listed.inputs, "stations": stations}, console)
     if output is not None:
         output.write_text(json.dumps(result, indent=1), encoding="utf-8")

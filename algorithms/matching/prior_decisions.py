@@ -78,12 +78,8 @@ def decided_with_priors(
     best = _place(left.target_from_source, ranked.poses)
     if found.ambiguous:
         # only poses between which the scans themselves cannot decide are left to other knowledge
-        open_between = best == first or described(_selected(ranked, np.array(sorted({first, best})))).ambiguous
-        return (
-            replace(left, remarks=(*left.remarks, _left_out(priors, len(agree) - len(agreeing))))
-            if (open_between)
-            else found
-        )
+        undecided = best == first or described(_selected(ranked, np.array(sorted({first, best})))).ambiguous
+        return replace(left, remarks=(*left.remarks, _left_out(priors))) if undecided else found
     if left.score <= LEAST_SHARE_OF_BEST * found.score:
         return found
     reason = (
@@ -100,13 +96,15 @@ def decided_with_priors(
     )
 
 
-def _left_out(priors: PairPriors, count: int) -> str:
-    known = "the levelling" if priors.target_from_source is None else "the approximate poses"
-    if priors.tilt_std_rad is not None and priors.target_from_source is not None:
-        known = "the levelling or the approximate poses"
+def _left_out(priors: PairPriors) -> str:
+    known = [
+        what
+        for what, fact in (("the levelling", priors.tilt_std_rad), ("the approximate poses", priors.target_from_source))
+        if fact is not None
+    ]
     return (
-        f"{count} other poses that the scans do not exclude were left out because they contradict {known} of "
-        f"{priors.source.name} and {priors.target.name}"
+        f"the scans alone leave several poses possible; those that contradict {' or '.join(known)} of "
+        f"{priors.source.name} and {priors.target.name} were left out"
     )
 
 

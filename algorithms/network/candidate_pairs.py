@@ -1,9 +1,10 @@
 """Which pairs of many stations are worth a registration: growth instead of all n².
 
 Up to eight stations every pair is tried. Beyond, in rounds: first neighbours in the order of the list (stations are
-mostly recorded as the surveyor walked), the most alike scans, and, where positions are known, the nearest; then, as
-long as the network is in parts, pairs that may join them; and pairs of connected stations that overlap according to the
-poses found so far, so that every station is controlled by loops. The number of pairs is bounded by n (3 + 2 log2 n).
+mostly recorded as the surveyor walked), the most alike scans, and, where positions are roughly known, the nearest;
+then, as long as the network is in parts, pairs that may join them; and pairs of connected stations that overlap
+according to the poses found so far, so that every station is controlled by loops. Stations whose scans cannot reach
+each other according to their approximate poses are never paired. The number of pairs is bounded by n (3 + 2 log2 n).
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -13,11 +14,11 @@ from math import ceil, log2
 from typing import TypeAlias
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Matrix, Points
 from algorithms.network.options import ALL_PAIRS_UP_TO
+from algorithms.network.whereabouts import NOWHERE, Whereabouts
 
 PairOfStations: TypeAlias = tuple[int, int]
 """Numbers of two stations, the smaller one first."""
@@ -56,29 +57,30 @@ def most_pairs(stations: int) -> int:
     return every if stations <= ALL_PAIRS_UP_TO else min(every, ceil(stations * (3.0 + 2.0 * log2(stations))))
 
 
-def first_pairs(alike: Matrix, positions_m: Points | None = None) -> list[PairOfStations]:
+def first_pairs(alike: Matrix, whereabouts: Whereabouts = NOWHERE) -> list[PairOfStations]:
     """Give the pairs of the first round.
 
     Parameters
     ----------
     alike
         (n, n) how alike the scans are (`similarities`).
-    positions_m
-        (n, 3) known positions of the stations in one frame [m].
+    whereabouts
+        Where stations are, roughly.
     """
     n = len(alike)
     if n <= ALL_PAIRS_UP_TO:
         return list(combinations(range(n), 2))
     pairs = {(k, k + 1) for k in range(n - 1)}
     for k in range(n):
-        pairs |= {_sorted(k, other) for other in _best(alike[k], MOST_ALIKE, {k})}
-    if positions_m is not None:
-        nearest = np.asarray(cKDTree(positions_m).query(positions_m, k=min(NEAREST + 1, n))[1])
-        pairs |= {_sorted(k, int(other)) for k in range(n) for other in nearest[k] if int(other) != k}
-    return sorted(pairs)
+        excluded = {k, *(other for other in range(n) if whereabouts.are_apart(k, other))}
+        pairs |= {_sorted(k, other) for other in _best(alike[k], MOST_ALIKE, excluded)}
+    pairs |= set(whereabouts.nearest(NEAREST))
+    return sorted(pair for pair in pairs if not whereabouts.are_apart(*pair))
 
 
-def next_pairs(alike: Matrix, surfaces: Sequence[Points], tried: Tried) -> list[PairOfStations]:
+def next_pairs(
+    alike: Matrix, surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts = NOWHERE
+) -> list[PairOfStations]:
     """Give the pairs of a further round; none when nothing promising is left or the bound is reached.
 
     Parameters
@@ -89,12 +91,14 @@ def next_pairs(alike: Matrix, surfaces: Sequence[Points], tried: Tried) -> list[
         Thinned surface points (k, 3) of each station in its own frame [m].
     tried
         What is known so far.
+    whereabouts
+        Where stations are, roughly.
     """
     n = len(alike)
     left = most_pairs(n) - len(tried.pairs)
     if n <= ALL_PAIRS_UP_TO or left <= 0:
         return []
-    known = set(tried.pairs)
+    known = {*tried.pairs, *whereabouts.apart}
     joining = _joining(alike, tried, known)
     closing = _closing(surfaces, tried, known)
     return sorted({*joining[:left], *closing[: max(left - len(joining), 0)]})

@@ -145,6 +145,23 @@ def pairs_to_try(inputs: Json) -> Sequence[tuple[str, str]]:
     return list(combinations([station["name"] for station in inputs["stations"]], 2))
 
 
+def known_of_stations(inputs: Json) -> Json:
+    """Give what a `register` job says of stations beforehand, by name; stations of which nothing is said are missing.
+
+    Parameters
+    ----------
+    inputs
+        Of the job.
+    """
+    said = {
+        station["name"]: {
+            name: station[name] for name in ("levelled_std_gon", "approximate_pose") if station.get(name) is not None
+        }
+        for station in inputs["stations"]
+    }
+    return {name: known for name, known in said.items() if known}
+
+
 @dataclass(frozen=True)
 class _Pairs:
     """How far the pairs of a job are."""
@@ -183,6 +200,7 @@ def _pair_calls(
     job: Json, features: Sequence[Json], pairs: Sequence[Sequence[str]], first_number: int
 ) -> list[StepCall]:
     names = [station["name"] for station in job["inputs"]["stations"]]
+    known = known_of_stations(job["inputs"])
     keys = {name: output["features"] for name, output in zip(names, features, strict=True)}
     return [
         StepCall(
@@ -190,8 +208,8 @@ def _pair_calls(
             {
                 "job_id": job["id"],
                 "number": number,
-                "target": {"name": target, "features": keys[target]},
-                "source": {"name": source, "features": keys[source]},
+                "target": {"name": target, "features": keys[target], "known": known.get(target)},
+                "source": {"name": source, "features": keys[source], "known": known.get(source)},
                 "method": job["inputs"]["method"],
             },
             f"registering {source} to {target}",
@@ -202,7 +220,7 @@ def _pair_calls(
 
 
 def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
-    arguments = {**_network_arguments(job, features), "pairs": pairs}
+    arguments = {**_network_arguments(job, features), "pairs": pairs, "known": known_of_stations(job["inputs"])}
     return StepCall("choose-pairs", arguments, "choosing pairs of stations", weight=CHOICE_WEIGHT)
 
 
@@ -229,13 +247,19 @@ def _features_call(job: Json, station: Json, options: Json | None, photo_options
             "filename": file["name"],
             "sha256": file["sha256"],
             "index": station["scan"]["index"],
-            "options": options or {},
+            "options": {**(options or {}), **_stated_noise(station)},
             "photos": _photos_of(job, station),
             "photo_options": photo_options or {},
         },
         f"features of {station['name']}",
         weight=2.0,
     )
+
+
+def _stated_noise(station: Json) -> Json:
+    """Give the option of the extraction that a station states for itself."""
+    stated = station.get("point_std_m")
+    return {} if stated is None else {"point_std_m": stated}
 
 
 def _photos_of(job: Json, station: Json) -> list[Json]:

@@ -21,12 +21,13 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     from algorithms.registration.base import RegistrationProblem
     from service.use_cases.line_counts import line_counts
     from service.use_cases.pair_documents import pair_document, photo_line_counts
+    from service.use_cases.station_priors import priors_of_pair
     from service.use_cases.timed_progress import TimedProgress
 
     target, source = arguments["target"], arguments["source"]
-    problem = RegistrationProblem(
-        *(load_features(context.blobs.local_path(side["features"])) for side in (target, source))
-    )
+    features = [load_features(context.blobs.local_path(side["features"])) for side in (target, source)]
+    priors = priors_of_pair(target, source, features[0].origin_m, features[1].origin_m)
+    problem = RegistrationProblem(features[0], features[1], priors)
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
     result = method.register(problem, progress=progress, rng=np.random.default_rng(SEED))

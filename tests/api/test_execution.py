@@ -97,8 +97,20 @@ def test_a_bad_field_of_a_registration_is_pointed_at(
         ({"name": "A"}, "name"),
         ({"photos": [{"file": "x"}]}, "photos/0/file"),
         ({"photos": "x"}, "photos"),
-        ({"levelled_std_gon": 0.01}, "levelled_std_gon"),
-        ({"approximate_pose": IDENTITY}, "approximate_pose"),
+        ({"levelled_std_gon": 0}, "levelled_std_gon"),
+        ({"levelled_std_gon": -0.01}, "levelled_std_gon"),
+        ({"levelled_std_gon": 50}, "levelled_std_gon"),
+        ({"levelled_std_gon": True}, "levelled_std_gon"),
+        ({"approximate_pose": "here"}, "approximate_pose"),
+        ({"approximate_pose": IDENTITY[:3]}, "approximate_pose"),
+        ({"approximate_pose": [[-1, 0, 0, 0], *IDENTITY[1:]]}, "approximate_pose"),
+        ({"approximate_pose": [[2, 0, 0, 0], *IDENTITY[1:]]}, "approximate_pose"),
+        ({"approximate_pose": {}}, "approximate_pose/matrix"),
+        ({"approximate_pose": {"matrix": IDENTITY, "std": {"tx_m": 0}}}, "approximate_pose/std/tx_m"),
+        ({"approximate_pose": {"matrix": IDENTITY, "std": {"tx_m": 1e300}}}, "approximate_pose/std/tx_m"),
+        ({"approximate_pose": {"matrix": IDENTITY, "std": {"kappa_gon": -1}}}, "approximate_pose/std/kappa_gon"),
+        ({"approximate_pose": {"matrix": IDENTITY, "covariance": []}}, "approximate_pose/covariance"),
+        ({"point_std_m": -0.003}, "point_std_m"),
         ({"point_std_m": 0}, "point_std_m"),
         ({"point_std_m": "3"}, "point_std_m"),
         ({"point_std_m": 1e300}, "point_std_m"),
@@ -114,6 +126,21 @@ def test_a_bad_field_of_a_station_is_pointed_at(
 ) -> None:
     inputs["stations"][1] = {**inputs["stations"][1], **change}
     assert pointers(client.submit(inputs)) == [f"/inputs/stations/1/{pointer}"]
+
+
+def test_what_is_known_of_a_station_reaches_the_job(client: Client, adapters: Adapters, inputs: dict[str, Any]) -> None:
+    known = {
+        "levelled_std_gon": 0.005,
+        "approximate_pose": {"matrix": IDENTITY, "std": {"tx_m": 2.0}},
+        "point_std_m": 0.003,
+    }
+    inputs["stations"][1] = {**inputs["stations"][1], **known}
+    job = adapters.jobs.get(client.submit(inputs).json()["jobID"])
+    assert job is not None
+    station = job.inputs["stations"][1]
+    assert (station["levelled_std_gon"], station["point_std_m"]) == (0.005, 0.003)
+    assert station["approximate_pose"]["std"]["tx_m"] == 2.0
+    assert station["approximate_pose"]["std"]["kappa_gon"] == 20.0
 
 
 @pytest.mark.parametrize("index", [1, -1, "0", 0.5, 10**30])

@@ -11,8 +11,10 @@ from line_scenes import LineScene, random_motion
 from plane_rooms import plane_rooms, seen_from
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, next_pairs
 from algorithms.network.similarity import distance_profile, similarities
+from algorithms.network.whereabouts import Whereabouts, whereabouts_of
 from service.use_cases.plans import RegisterPlan
 
 NO_LINES = LineScene(np.empty((0, 3)), np.empty((0, 3)))
@@ -88,7 +90,7 @@ def test_known_positions_bring_the_nearest_stations_together() -> None:
     order = rng.permutation(30)
     positions = np.zeros((30, 3))
     positions[order, 0] = 4.0 * np.arange(30)
-    pairs = set(first_pairs(np.zeros((30, 30)), positions))
+    pairs = set(first_pairs(np.zeros((30, 30)), Whereabouts(dict(enumerate(positions)))))
     assert {tuple(sorted((int(order[k]), int(order[k + 1])))) for k in range(29)} <= pairs
 
 
@@ -181,3 +183,44 @@ def test_pairs_are_numbered_through_over_all_rounds() -> None:
 
 def test_growth_ends_even_if_there_is_always_something_to_try() -> None:
     assert len(stages(9, [[["S0", "S1"]]] * 12)) == 1 + 24 + 2
+
+
+def roughly(x: float, *, turn_rad: float = 0.05, shift_m: float = 0.5) -> PoseEstimate:
+    """Give an approximate pose along the corridor."""
+    covariance = np.diag([turn_rad**2] * 3 + [shift_m**2] * 3)
+    return PoseEstimate(RigidTransform.from_translation([x, 0.0, 0.0]), covariance)
+
+
+def test_stations_whose_scans_cannot_reach_each_other_are_apart() -> None:
+    surfaces = [surface_at(0.0)] * 4
+    places = whereabouts_of(surfaces, {k: roughly(15.0 * k) for k in range(4)})
+    # boxes of 10 m, widened by 2.5 m for the place and 1.3 m for the turn on either side
+    assert places.apart == {(0, 2), (0, 3), (1, 3)}
+
+
+def test_an_unknown_orientation_lets_a_scan_reach_around_its_station() -> None:
+    surfaces = [surface_at(20.0)] * 3
+    poses = {0: roughly(0.0, turn_rad=2.0), 1: roughly(0.0), 2: roughly(-45.0)}
+    assert (0, 1) not in whereabouts_of(surfaces, poses).apart
+
+
+def test_nothing_is_concluded_from_a_pose_far_from_all_others() -> None:
+    surfaces = [surface_at(0.0)] * 4
+    places = whereabouts_of(surfaces, {0: roughly(0.0), 1: roughly(10.0), 2: roughly(9e4), 3: roughly(15.0)})
+    assert places.apart == frozenset()
+    assert set(places.positions_m) == {0, 1, 3}
+
+
+def test_stations_that_are_apart_are_never_paired() -> None:
+    n = 30
+    surfaces = [surface_at(0.0)] * n
+    places = whereabouts_of(surfaces, {k: roughly(6.0 * k) for k in range(n)})
+    alike = 1.0 - np.eye(n)
+    tried, fresh = [], first_pairs(alike, places)
+    while fresh:
+        tried += fresh
+        parts = [[k] for k in range(n)]
+        nothing = Tried(tried, [], {k: RigidTransform.identity() for k in range(n)}, parts)
+        fresh = next_pairs(alike, surfaces, nothing, places)
+    assert tried
+    assert not any(places.are_apart(*pair) for pair in tried)
