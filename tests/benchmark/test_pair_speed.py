@@ -1,13 +1,11 @@
 """Reading speed, and wall time and peak memory of a whole pair of 2 x 5 million points through the service."""
 
-import threading
 import time
 from pathlib import Path
-from typing import Self
 
 import numpy as np
-import psutil
 import pytest
+from memory_watch import MemoryWatch
 
 from algorithms.simulation.pipe_hall import pipe_hall_scene
 from algorithms.simulation.scanner import scanner_with_step
@@ -45,33 +43,6 @@ def test_reading_speed_is_printed(files: list[Path]) -> None:
         seconds = time.perf_counter() - started
         print(f"\nreading {path.suffix}: {points} points in {seconds:.2f} s = {points / seconds / 1e6:.2f} M points/s")
         assert points > 4_000_000
-
-
-class MemoryWatch:
-    """Note the largest sum of the proportional memory of this process's descendants."""
-
-    def __init__(self) -> None:
-        self.peak = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._watch)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-
-    def _watch(self) -> None:
-        while not self._stop.wait(0.1):
-            total = 0
-            for process in psutil.Process().children(recursive=True):
-                try:
-                    total += process.memory_full_info().pss
-                except (psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess):
-                    continue
-            self.peak = max(self.peak, total)
 
 
 def test_a_pair_of_five_million_points_each_takes_under_40_s_and_3_gb(files: list[Path]) -> None:
