@@ -15,12 +15,12 @@ from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
-from algorithms.scans.mixed_pixels_kernels import grid_ranges
+from algorithms.scans.mixed_pixels import grid_ranges
 from algorithms.scans.range_image import spherical_range_image
 from algorithms.scans.range_noise import range_noise
 from algorithms.scans.scan import Scan
 from algorithms.scans.sensor_position import estimate_sensor_position
-from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces, orient
+from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces, orient, pool_cells, widened
 from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
 
 LEAST_VOXEL_M = 0.08
@@ -108,12 +108,11 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
     """Cut a scan into cells, give each its tangent plane, and tell the noise that the ranges of a grid show [m]."""
     if scan.grid is not None:
         sensor: Vector3 = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
-        cells = grid_cells(scan.points, scan.grid, sensor)
-        narrow = cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0)
-        along = range_noise(grid_ranges(scan.points, scan.grid.index, sensor))
-        noise = max(along, typical_noise(cells, narrow, sensor)) if options.point_std_m is None else options.point_std_m
-        width = WIDTH_IN_NOISE * noise
-        return cells, cell_surfaces(cells, cap=CAP_POINTS, min_count=6.0, wanted_width_m=width), noise
+        ranges = grid_ranges(scan.points, scan.grid, sensor)
+        cells = grid_cells(scan.points, scan.grid, sensor, ranges)
+        pooled = pool_cells(cells, cap=CAP_POINTS, min_count=6.0)
+        noise = max(range_noise(ranges), typical_noise(cells, pooled.surfaces, sensor))
+        return cells, widened(cells, pooled, WIDTH_IN_NOISE * noise), noise
     size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
     while True:
         if options.voxel_size_m is None:

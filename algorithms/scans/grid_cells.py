@@ -3,10 +3,12 @@
 import math
 
 import numpy as np
+from jaxtyping import Float32
 
-from algorithms.arrays import Points, Vector3
-from algorithms.scans.grid_cells_kernels import block_moments, block_neighbours
-from algorithms.scans.mixed_pixels import angular_step, mixed_pixels
+from algorithms.arrays import Array, Points, Vector3
+from algorithms.scans import grid_cells_kernels as kernels
+from algorithms.scans.mixed_pixels import angular_step, grid_ranges, mixed_pixels
+from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.scan import ScanGrid
 from algorithms.scans.surface_cells import SurfaceCells
 
@@ -18,18 +20,49 @@ LEAST_JUMP_M = 0.01
 """Differences of range below this never part blocks [m]."""
 
 
-def grid_cells(points: Points, grid: ScanGrid, sensor_m: Vector3) -> SurfaceCells:
+LEAST_BLOCKS = 1 << 13
+"""Fewer blocks are not worth a thread's while."""
+
+
+def grid_cells(
+    points: Points, grid: ScanGrid, sensor_m: Vector3, ranges: Float32[Array, "rows columns"] | None = None
+) -> SurfaceCells:
     """Cut a structured scan into square blocks of pixels, without its mixed pixels.
 
     Blocks are single pixels for small scans and grow with the scan so that there are at most about `MOST_CELLS`.
+
+    Parameters
+    ----------
+    points, grid, sensor_m
+        The scan and where the instrument stood [m].
+    ranges
+        What `grid_ranges` gives of them, if it is known already [m].
     """
     step = angular_step(points, grid, sensor_m)
-    mixed = mixed_pixels(points, grid, sensor_m, step)
+    if ranges is None:
+        ranges = grid_ranges(points, grid, sensor_m)
+    mixed = mixed_pixels(points, grid, sensor_m, step, ranges)
     block = max(1, math.ceil(math.sqrt(grid.index.size / MOST_CELLS)))
     slope = math.tan(STEEPEST_RAD)
-    cell_of_point, moments, cell_of_block = block_moments(
-        points, grid.index, mixed, sensor_m, block, slope * step * block, LEAST_JUMP_M
-    )
-    neighbours, spacing = block_neighbours(moments, cell_of_block, sensor_m, block * step, slope, LEAST_JUMP_M)
+    cell_of_block, count = kernels.number_blocks(grid.index, mixed, block)
+    cell_of_point = np.full(len(points), -1, dtype=np.int32)
+    moments = np.empty((count, 10))
+    neighbours = np.empty((count, 8), dtype=np.int32)
+    spacing = np.empty(count)
+
+    def add_up(start: int, end: int) -> None:
+        kernels.block_moments(
+            points, grid.index, mixed, ranges, cell_of_block, block, slope * step * block, LEAST_JUMP_M,
+            start, end, cell_of_point, moments,
+        )  # fmt: skip
+
+    def link(start: int, end: int) -> None:
+        kernels.block_neighbours(
+            moments, cell_of_block, sensor_m, block * step, slope, LEAST_JUMP_M, start, end, neighbours, spacing
+        )
+
+    least = max(1, LEAST_BLOCKS // max(cell_of_block.shape[1], 1))
+    over_blocks(add_up, len(cell_of_block), least=least)
+    over_blocks(link, len(cell_of_block), least=least)
     linked = spacing > 0
     return SurfaceCells(cell_of_point, moments, neighbours, float(np.median(spacing[linked])) if linked.any() else step)

@@ -7,102 +7,159 @@ from numba import njit
 
 from algorithms.arrays import Array
 
+TILE = 16
+"""Blocks are visited in squares of so many: whether a scan was recorded by rows or by columns, its points are near."""
+
 
 @njit(cache=True, nogil=True)
-def block_moments(  # noqa: PLR0915 - one compiled loop
-    points: Array, index: Array, mixed: Array, sensor: Array, block: int, depth: float, least_depth: float
-) -> tuple[Array, Array, Array]:
-    """Sum the moments of blocks of block x block pixels.
+def number_blocks(index: Array, mixed: Array, block: int) -> tuple[Array, int]:
+    """Give the blocks that hold points which are not mixed numbers, row by row; the others get -1."""
+    rows, columns = index.shape
+    out = np.full(((rows + block - 1) // block, (columns + block - 1) // block), -1, dtype=np.int32)
+    count = 0
+    for bi in range(out.shape[0]):
+        for i in range(bi * block, min(rows, (bi + 1) * block)):
+            for j in range(columns):
+                if index[i, j] >= 0 and not mixed[i, j]:
+                    out[bi, j // block] = 0
+        for bj in range(out.shape[1]):
+            if out[bi, bj] == 0:
+                out[bi, bj] = count
+                count += 1
+    return out, count
+
+
+@njit(cache=True, nogil=True)
+def _middle(values: Array, count: int) -> float:
+    """Give the upper median of the first few values, which are sorted in place."""
+    for i in range(1, count):
+        value = values[i]
+        k = i
+        while k > 0 and values[k - 1] > value:
+            values[k] = values[k - 1]
+            k -= 1
+        values[k] = value
+    return float(values[count // 2])
+
+
+@njit(cache=True, nogil=True)
+def block_moments(  # noqa: C901, PLR0915 - one compiled loop
+    points: Array,
+    index: Array,
+    mixed: Array,
+    ranges: Array,
+    cell_of_block: Array,
+    block: int,
+    depth: float,
+    least_depth: float,
+    first_row: int,
+    end_row: int,
+    cell_of_point: Array,
+    moments: Array,
+) -> None:
+    """Sum the moments of blocks of block x block pixels, for some rows of blocks.
 
     A block keeps the points whose range is within `depth` times the middle range plus `least_depth` of the middle one:
-    a block at a depth edge stands for one of the two surfaces. Returns cell of each point (n,), -1 where left out;
-    moments (m, 10): count, mean, central sums of products; and the cell of each block (block rows, block columns).
+    a block at a depth edge stands for one of the two surfaces. Writes the cell of each point, -1 where left out, and
+    the moments: count, mean, central sums of products.
     """
     rows, columns = index.shape
-    block_rows = (rows + block - 1) // block
-    block_columns = (columns + block - 1) // block
-    cell_of_point = np.full(points.shape[0], -1, dtype=np.int32)
-    moments = np.zeros((block_rows * block_columns, 10))
-    cell_of_block = np.full((block_rows, block_columns), -1, dtype=np.int32)
     members = np.empty(block * block, dtype=np.int64)
-    ranges = np.empty(block * block)
-    count = 0
-    for bi in range(block_rows):
-        for bj in range(block_columns):
-            found = 0
-            for i in range(bi * block, min(rows, (bi + 1) * block)):
-                for j in range(bj * block, min(columns, (bj + 1) * block)):
-                    p = index[i, j]
-                    if p < 0 or mixed[i, j]:
+    own = np.empty(block * block)
+    ordered = np.empty(block * block)
+    for top in range(first_row, end_row, TILE):
+        for left in range(0, cell_of_block.shape[1], TILE):
+            for bi in range(top, min(top + TILE, end_row)):
+                for bj in range(left, min(left + TILE, cell_of_block.shape[1])):
+                    found = 0
+                    low = np.inf
+                    high = 0.0
+                    for i in range(bi * block, min(rows, (bi + 1) * block)):
+                        for j in range(bj * block, min(columns, (bj + 1) * block)):
+                            p = index[i, j]
+                            if p < 0:
+                                continue
+                            if mixed[i, j]:
+                                cell_of_point[p] = -1
+                                continue
+                            r = ranges[i, j]
+                            members[found] = p
+                            own[found] = r
+                            low = min(low, r)
+                            high = max(high, r)
+                            found += 1
+                    if found == 0:
                         continue
-                    x = points[p, 0] - sensor[0]
-                    y = points[p, 1] - sensor[1]
-                    z = points[p, 2] - sensor[2]
-                    members[found] = p
-                    ranges[found] = math.sqrt(x * x + y * y + z * z)
-                    found += 1
-            if found == 0:
-                continue
-            middle = np.sort(ranges[:found])[found // 2]
-            gate = depth * middle + least_depth
-            m = moments[count]
-            origin = members[0]
-            for k in range(found):
-                if abs(ranges[k] - middle) > gate:
-                    continue
-                p = members[k]
-                x = points[p, 0] - points[origin, 0]
-                y = points[p, 1] - points[origin, 1]
-                z = points[p, 2] - points[origin, 2]
-                m[0] += 1.0
-                m[1] += x
-                m[2] += y
-                m[3] += z
-                m[4] += x * x
-                m[5] += x * y
-                m[6] += x * z
-                m[7] += y * y
-                m[8] += y * z
-                m[9] += z * z
-                cell_of_point[p] = count
-            n = m[0]
-            x = m[1] / n
-            y = m[2] / n
-            z = m[3] / n
-            m[4] -= n * x * x
-            m[5] -= n * x * y
-            m[6] -= n * x * z
-            m[7] -= n * y * y
-            m[8] -= n * y * z
-            m[9] -= n * z * z
-            m[1] = x + points[origin, 0]
-            m[2] = y + points[origin, 1]
-            m[3] = z + points[origin, 2]
-            cell_of_block[bi, bj] = count
-            count += 1
-    return cell_of_point, moments[:count].copy(), cell_of_block
+                    middle = low
+                    if high - low > depth * low + least_depth:  # else all are within the gate of any middle one
+                        ordered[:found] = own[:found]
+                        middle = _middle(ordered, found)
+                    gate = depth * middle + least_depth
+                    cell = cell_of_block[bi, bj]
+                    ox, oy, oz = points[members[0], 0], points[members[0], 1], points[members[0], 2]
+                    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+                    for k in range(found):
+                        p = members[k]
+                        if abs(own[k] - middle) > gate:
+                            cell_of_point[p] = -1
+                            continue
+                        x = points[p, 0] - ox
+                        y = points[p, 1] - oy
+                        z = points[p, 2] - oz
+                        n += 1.0
+                        sx += x
+                        sy += y
+                        sz += z
+                        xx += x * x
+                        xy += x * y
+                        xz += x * z
+                        yy += y * y
+                        yz += y * z
+                        zz += z * z
+                        cell_of_point[p] = cell
+                    x = sx / n
+                    y = sy / n
+                    z = sz / n
+                    moments[cell, 0] = n
+                    moments[cell, 1] = x + ox
+                    moments[cell, 2] = y + oy
+                    moments[cell, 3] = z + oz
+                    moments[cell, 4] = xx - n * x * x
+                    moments[cell, 5] = xy - n * x * y
+                    moments[cell, 6] = xz - n * x * z
+                    moments[cell, 7] = yy - n * y * y
+                    moments[cell, 8] = yz - n * y * z
+                    moments[cell, 9] = zz - n * z * z
 
 
 @njit(cache=True, nogil=True)
 def block_neighbours(  # noqa: C901 - one compiled loop
-    moments: Array, cell_of_block: Array, sensor: Array, step_rad: float, slope: float, least_jump: float
-) -> tuple[Array, Array]:
-    """Link blocks that touch in the grid and in space.
+    moments: Array,
+    cell_of_block: Array,
+    sensor: Array,
+    step_rad: float,
+    slope: float,
+    least_jump: float,
+    first_row: int,
+    end_row: int,
+    neighbours: Array,
+    spacing: Array,
+) -> None:
+    """Link blocks that touch in the grid and in space, for some rows of blocks.
 
     Two blocks are linked when the difference of their ranges is no more than a surface of the given slope shows over
     their distance across the ray, and that distance is no more than three blocks; so the last column is linked to the
-    first only where the scan goes full circle. Returns (m, 8) neighbours, -1 where there is none, and (m,) the mean
+    first only where the scan goes full circle. Writes (m, 8) neighbours, -1 where there is none, and (m,) the mean
     distance of each cell from its linked neighbours.
     """
     block_rows, block_columns = cell_of_block.shape
-    m = moments.shape[0]
-    neighbours = np.full((m, 8), -1, dtype=np.int32)
-    spacing = np.zeros(m)
-    for bi in range(block_rows):
+    for bi in range(first_row, end_row):
         for bj in range(block_columns):
             cell = cell_of_block[bi, bj]
             if cell < 0:
                 continue
+            neighbours[cell] = -1
+            spacing[cell] = 0.0
             x = moments[cell, 1] - sensor[0]
             y = moments[cell, 2] - sensor[1]
             z = moments[cell, 3] - sensor[2]
@@ -133,4 +190,3 @@ def block_neighbours(  # noqa: C901 - one compiled loop
                 links += 1
             if links > 0:
                 spacing[cell] = total / links
-    return neighbours, spacing

@@ -7,21 +7,45 @@ from numba import njit
 
 from algorithms.arrays import Array
 
+TILE = 48
+"""Pixels are visited in squares of so many: whether a scan was recorded by rows or by columns, its points are near."""
+
 
 @njit(cache=True, nogil=True)
-def grid_ranges(points: Array, index: Array, sensor: Array) -> Array:
-    """Give the range of every grid pixel, (rows, columns) float32, 0 where nothing came back."""
-    rows, columns = index.shape
-    out = np.zeros((rows, columns), dtype=np.float32)
-    for i in range(rows):
-        for j in range(columns):
-            p = index[i, j]
-            if p >= 0:
-                x = points[p, 0] - sensor[0]
-                y = points[p, 1] - sensor[1]
-                z = points[p, 2] - sensor[2]
-                out[i, j] = math.sqrt(x * x + y * y + z * z)
-    return out
+def grid_ranges(points: Array, index: Array, sensor: Array, first_row: int, end_row: int, out: Array) -> None:
+    """Write the range of the pixels of some rows, (rows, columns) float32, 0 where nothing came back."""
+    columns = index.shape[1]
+    for top in range(first_row, end_row, TILE):
+        for left in range(0, columns, TILE):
+            for i in range(top, min(top + TILE, end_row)):
+                for j in range(left, min(left + TILE, columns)):
+                    p = index[i, j]
+                    if p < 0:
+                        out[i, j] = 0.0
+                        continue
+                    x = points[p, 0] - sensor[0]
+                    y = points[p, 1] - sensor[1]
+                    z = points[p, 2] - sensor[2]
+                    out[i, j] = math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True, nogil=True)
+def neighbour_tangents(points: Array, index: Array, sensor: Array, line: int) -> Array:
+    """Give the tangents of the angles between neighbours along one row of the grid, inf from a right angle on."""
+    out = np.empty(index.shape[1])
+    found = 0
+    for j in range(1, index.shape[1]):
+        a = index[line, j - 1]
+        b = index[line, j]
+        if a < 0 or b < 0:
+            continue
+        ux, uy, uz = points[a, 0] - sensor[0], points[a, 1] - sensor[1], points[a, 2] - sensor[2]
+        vx, vy, vz = points[b, 0] - sensor[0], points[b, 1] - sensor[1], points[b, 2] - sensor[2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        dot = ux * vx + uy * vy + uz * vz
+        out[found] = math.sqrt(x * x + y * y + z * z) / dot if dot > 0.0 else np.inf
+        found += 1
+    return out[:found]
 
 
 @njit(cache=True, nogil=True)
@@ -42,12 +66,14 @@ def _torn(before2: float, before: float, own: float, after: float, after2: float
 
 
 @njit(cache=True, nogil=True)
-def torn_pixels(ranges: Array, step_rad: float, slope: float, least_jump: float) -> Array:
-    """Mark pixels whose range jumps to both neighbours of its row or of its column, (rows, columns) bool."""
+def torn_pixels(
+    ranges: Array, step_rad: float, slope: float, least_jump: float, first_row: int, end_row: int, out: Array
+) -> None:
+    """Mark pixels of some rows whose range jumps to both neighbours of its row or of its column, in `out`."""
     rows, columns = ranges.shape
-    out = np.zeros((rows, columns), dtype=np.bool_)
-    for i in range(rows):
+    for i in range(first_row, end_row):
         for j in range(columns):
+            out[i, j] = False
             own = ranges[i, j]
             if own <= 0.0:
                 continue
@@ -60,4 +86,3 @@ def torn_pixels(ranges: Array, step_rad: float, slope: float, least_jump: float)
                 before2 = ranges[i - 2, j] if i > 1 else 0.0
                 after2 = ranges[i + 2, j] if i < rows - 2 else 0.0
                 out[i, j] = _torn(before2, ranges[i - 1, j], own, ranges[i + 1, j], after2, limit)
-    return out

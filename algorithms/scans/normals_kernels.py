@@ -57,79 +57,119 @@ def smallest_axis(xx: float, xy: float, xz: float, yy: float, yz: float, zz: flo
 
 
 @njit(cache=True, nogil=True)
-def pool_moments(moments: Array, neighbours: Array, cap: float, wanted: Array) -> Array:
-    """Add the moments of every wanted cell and its neighbours, each with a weight of at most `cap` points.
+def _pool(moments: Array, neighbours: Array, cap: float, cell: int, out: Array) -> None:
+    """Add the moments of a cell and its neighbours, each with a weight of at most `cap` points.
 
     Moments are count, mean, central sums of products; so are the pooled ones. Sums are formed about the cell's own
     mean.
     """
-    m = moments.shape[0]
-    pooled = np.zeros((m, 10))
-    for cell in range(m):
-        if not wanted[cell]:
+    ox, oy, oz = moments[cell, 1], moments[cell, 2], moments[cell, 3]
+    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    for k in range(-1, neighbours.shape[1]):
+        other = cell if k < 0 else neighbours[cell, k]
+        if other < 0:
             continue
-        own = moments[cell]
-        n = 0.0
-        sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
-        for k in range(-1, neighbours.shape[1]):
-            other = cell if k < 0 else neighbours[cell, k]
-            if other < 0:
-                continue
-            part = moments[other]
-            if part[0] <= 0.0:
-                continue
-            w = min(part[0], cap)
-            f = w / part[0]
-            x = part[1] - own[1]
-            y = part[2] - own[2]
-            z = part[3] - own[3]
-            n += w
-            sx += w * x
-            sy += w * y
-            sz += w * z
-            xx += f * part[4] + w * x * x
-            xy += f * part[5] + w * x * y
-            xz += f * part[6] + w * x * z
-            yy += f * part[7] + w * y * y
-            yz += f * part[8] + w * y * z
-            zz += f * part[9] + w * z * z
-        if n <= 0.0:
+        count = moments[other, 0]
+        if count <= 0.0:
             continue
-        sx /= n
-        sy /= n
-        sz /= n
-        out = pooled[cell]
-        out[0] = n
-        out[1] = own[1] + sx
-        out[2] = own[2] + sy
-        out[3] = own[3] + sz
-        out[4] = xx - n * sx * sx
-        out[5] = xy - n * sx * sy
-        out[6] = xz - n * sx * sz
-        out[7] = yy - n * sy * sy
-        out[8] = yz - n * sy * sz
-        out[9] = zz - n * sz * sz
-    return pooled
+        w = min(count, cap)
+        f = w / count
+        x = moments[other, 1] - ox
+        y = moments[other, 2] - oy
+        z = moments[other, 3] - oz
+        n += w
+        sx += w * x
+        sy += w * y
+        sz += w * z
+        xx += f * moments[other, 4] + w * x * x
+        xy += f * moments[other, 5] + w * x * y
+        xz += f * moments[other, 6] + w * x * z
+        yy += f * moments[other, 7] + w * y * y
+        yz += f * moments[other, 8] + w * y * z
+        zz += f * moments[other, 9] + w * z * z
+    out[0] = n
+    if n <= 0.0:
+        out[1:] = 0.0
+        return
+    sx /= n
+    sy /= n
+    sz /= n
+    out[1] = ox + sx
+    out[2] = oy + sy
+    out[3] = oz + sz
+    out[4] = xx - n * sx * sx
+    out[5] = xy - n * sx * sy
+    out[6] = xz - n * sx * sz
+    out[7] = yy - n * sy * sy
+    out[8] = yz - n * sy * sz
+    out[9] = zz - n * sz * sz
 
 
 @njit(cache=True, nogil=True)
-def surface_of_moments(moments: Array, min_count: float) -> tuple[Array, Array, Array]:
-    """Give normal, standard deviation across it, and the middle standard deviation, for every row of moments."""
-    m = moments.shape[0]
-    normals = np.zeros((m, 3))
-    residual = np.full(m, np.inf)
-    width = np.zeros(m)
-    for cell in range(m):
-        row = moments[cell]
-        n = row[0]
-        if n < min_count:
-            continue
-        l1, l2, l3, x, y, z = smallest_axis(row[4] / n, row[5] / n, row[6] / n, row[7] / n, row[8] / n, row[9] / n)
-        if x * x + y * y + z * z < 0.5 or l2 <= 1e-6 * l3:
-            continue  # points on a line or in a spot span no surface
-        normals[cell, 0] = x
-        normals[cell, 1] = y
-        normals[cell, 2] = z
-        residual[cell] = math.sqrt(max(l1, 0.0))
-        width[cell] = math.sqrt(max(l2, 0.0))
-    return normals, residual, width
+def _fit(row: Array, min_count: float, cell: int, normals: Array, residual: Array, width: Array) -> None:
+    """Write normal, standard deviation across it, and the middle standard deviation of a row of moments."""
+    normals[cell] = 0.0
+    residual[cell] = np.inf
+    width[cell] = 0.0
+    n = row[0]
+    if n < min_count:
+        return
+    l1, l2, l3, x, y, z = smallest_axis(row[4] / n, row[5] / n, row[6] / n, row[7] / n, row[8] / n, row[9] / n)
+    if x * x + y * y + z * z < 0.5 or l2 <= 1e-6 * l3:
+        return  # points on a line or in a spot span no surface
+    normals[cell, 0] = x
+    normals[cell, 1] = y
+    normals[cell, 2] = z
+    residual[cell] = math.sqrt(max(l1, 0.0))
+    width[cell] = math.sqrt(max(l2, 0.0))
+
+
+@njit(cache=True, nogil=True)
+def pooled_surfaces(
+    moments: Array,
+    neighbours: Array,
+    cap: float,
+    min_count: float,
+    start: int,
+    end: int,
+    pooled: Array,
+    normals: Array,
+    residual: Array,
+    width: Array,
+) -> None:
+    """Pool the moments around the cells from `start` to `end`, and fit a tangent plane to each."""
+    for cell in range(start, end):
+        _pool(moments, neighbours, cap, cell, pooled[cell])
+        _fit(pooled[cell], min_count, cell, normals, residual, width)
+
+
+@njit(cache=True, nogil=True)
+def wider_surfaces(
+    pooled: Array,
+    neighbours: Array,
+    narrow: Array,
+    min_count: float,
+    start: int,
+    end: int,
+    normals: Array,
+    residual: Array,
+    width: Array,
+) -> None:
+    """Pool the pooled moments of the narrow cells from `start` to `end` once more, and fit their tangent planes."""
+    row = np.empty(10)
+    for cell in range(start, end):
+        if narrow[cell]:
+            _pool(pooled, neighbours, np.inf, cell, row)
+            _fit(row, min_count, cell, normals, residual, width)
+
+
+@njit(cache=True, nogil=True)
+def turn_normals(normals: Array, moments: Array, sensor: Array) -> None:
+    """Turn the normals of cells towards the sensor, in place."""
+    for cell in range(normals.shape[0]):
+        away = 0.0
+        for a in range(3):
+            away += normals[cell, a] * (moments[cell, 1 + a] - sensor[a])
+        if away > 0.0:
+            for a in range(3):
+                normals[cell, a] = -normals[cell, a]

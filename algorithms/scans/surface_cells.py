@@ -6,7 +6,11 @@ import numpy as np
 from jaxtyping import Float64, Int32
 
 from algorithms.arrays import Array, Labels, Points, Scalars, Vector3
-from algorithms.scans.normals_kernels import pool_moments, surface_of_moments
+from algorithms.scans import normals_kernels as kernels
+from algorithms.scans.point_blocks import over_blocks
+
+LEAST_CELLS = 1 << 13
+"""Fewer cells are not worth a thread's while."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +52,48 @@ class CellSurfaces:
     """(m,) standard deviation of points along the narrower direction of the neighbourhood [m]."""
 
 
+@dataclass(frozen=True, eq=False)
+class PooledCells:
+    """m cells with the sums of their neighbourhoods and the tangent planes that these give."""
+
+    moments: Float64[Array, "m 10"]
+    """(m, 10) of every cell and its neighbours."""
+    min_count: float
+    """Least number of points in a neighbourhood."""
+    surfaces: CellSurfaces
+
+
+def pool_cells(cells: SurfaceCells, *, cap: float, min_count: float) -> PooledCells:
+    """Add up the neighbourhood of every cell and fit tangent planes; see `cell_surfaces`."""
+    m = len(cells)
+    pooled = np.empty((m, 10))
+    surfaces = CellSurfaces(np.empty((m, 3)), np.empty(m), np.empty(m))
+
+    def work(start: int, end: int) -> None:
+        kernels.pooled_surfaces(
+            cells.moments, cells.neighbours, cap, min_count, start, end,
+            pooled, surfaces.normals, surfaces.residual_std_m, surfaces.width_std_m,
+        )  # fmt: skip
+
+    over_blocks(work, m, least=LEAST_CELLS)
+    return PooledCells(pooled, min_count, surfaces)
+
+
+def widened(cells: SurfaceCells, pooled: PooledCells, wanted_width_m: float) -> CellSurfaces:
+    """Fit tangent planes to wider neighbourhoods where they are narrower than wanted; changes those of `pooled`."""
+    surfaces = pooled.surfaces
+    narrow = (surfaces.width_std_m < wanted_width_m) & np.isfinite(surfaces.residual_std_m)
+
+    def work(start: int, end: int) -> None:
+        kernels.wider_surfaces(
+            pooled.moments, cells.neighbours, narrow, pooled.min_count, start, end,
+            surfaces.normals, surfaces.residual_std_m, surfaces.width_std_m,
+        )  # fmt: skip
+
+    over_blocks(work, len(cells), least=LEAST_CELLS)
+    return surfaces
+
+
 def cell_surfaces(
     cells: SurfaceCells, *, cap: float, min_count: float, wanted_width_m: float = 0.0, least_width_m: float = 0.0
 ) -> CellSurfaces:
@@ -67,22 +113,17 @@ def cell_surfaces(
     least_width_m
         Neighbourhoods narrower than this are no surface: a single scan line across a wall does not tell its normal.
     """
-    pooled = pool_moments(cells.moments, cells.neighbours, cap, np.ones(len(cells), dtype=np.bool_))
-    normals, residual, width = surface_of_moments(pooled, min_count)
-    narrow = (width < wanted_width_m) & np.isfinite(residual)
-    if narrow.any():
-        wider = pool_moments(pooled, cells.neighbours, np.inf, narrow)
-        which = np.flatnonzero(narrow)
-        normals[which], residual[which], width[which] = surface_of_moments(wider[which], min_count)
-    too_narrow = width < least_width_m
-    normals[too_narrow] = 0.0
-    residual[too_narrow] = np.inf
-    return CellSurfaces(normals, residual, width)
+    surfaces = widened(cells, pool_cells(cells, cap=cap, min_count=min_count), wanted_width_m)
+    too_narrow = surfaces.width_std_m < least_width_m
+    surfaces.normals[too_narrow] = 0.0
+    surfaces.residual_std_m[too_narrow] = np.inf
+    return surfaces
 
 
 def orient(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3 | None) -> CellSurfaces:
     """Turn normals towards the sensor; without one they stay as they are."""
     if sensor_m is None:
         return surfaces
-    away = np.einsum("ij,ij->i", surfaces.normals, cells.means - sensor_m) > 0
-    return replace(surfaces, normals=np.where(away[:, None], -surfaces.normals, surfaces.normals))
+    normals = surfaces.normals.copy()
+    kernels.turn_normals(normals, cells.moments, sensor_m)
+    return replace(surfaces, normals=normals)
