@@ -6,7 +6,7 @@ from jaxtyping import Float64
 from algorithms.arrays import Array, Labels
 from algorithms.features.scan_features import SurfaceSample
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
-from algorithms.scans.voxel_grid import voxel_cells
+from algorithms.scans.voxel_grid import fullest_of_voxels
 
 LARGEST_SAMPLE = 60_000
 """Points kept at most."""
@@ -25,16 +25,14 @@ def sample_surface(
     used = np.flatnonzero((cell_labels >= 0) | (cells.counts >= LEAST_COUNT))
     size = cells.size_m
     if len(used) > LARGEST_SAMPLE:
-        means = np.ascontiguousarray(cells.means[used])
+        means, counts = np.ascontiguousarray(cells.means[used]), cells.counts[used]
         while True:
             size *= 1.25 if size > cells.size_m else max(1.0, (len(used) / LARGEST_SAMPLE) ** 0.5)
-            voxels = voxel_cells(means, size)
-            if len(voxels) <= LARGEST_SAMPLE:
+            fullest = fullest_of_voxels(means, size, counts)
+            if len(fullest) <= LARGEST_SAMPLE:
                 break
-            size *= max(1.0, (len(voxels) / LARGEST_SAMPLE) ** 0.5 / 1.25)
-        order = np.lexsort((-cells.counts[used], voxels.cell_of_point))
-        _, first = np.unique(voxels.cell_of_point[order], return_index=True)
-        used = np.sort(used[order[first]])
+            size *= max(1.0, (len(fullest) / LARGEST_SAMPLE) ** 0.5 / 1.25)
+        used = used[fullest]
     labels = cell_labels[used]
     normals = surfaces.normals[used]
     on_plane = labels >= 0

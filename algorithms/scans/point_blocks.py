@@ -18,13 +18,18 @@ MOST_BLOCKS = 16
 """Sums are kept once per block, so there are not too many."""
 
 
-def blocks_of(count: int, *, least: int = LEAST_BLOCK) -> list[tuple[int, int]]:
-    """Cut 0..count into consecutive ranges (start, end) of at least `least` numbers, `MOST_BLOCKS` at most."""
-    blocks = min(max(count // least, 1), MOST_BLOCKS)
+def blocks_of(count: int, *, least: int = LEAST_BLOCK, most: int = MOST_BLOCKS) -> list[tuple[int, int]]:
+    """Cut 0..count into consecutive ranges (start, end) of at least `least` numbers: 1, 2, 4 ... `most` of them.
+
+    Powers of two share out evenly among processors.
+    """
+    blocks = min(1 << (max(count // least, 1).bit_length() - 1), most)
     return [(count * i // blocks, count * (i + 1) // blocks) for i in range(blocks)]
 
 
-def over_blocks(work: Callable[[int, int], T], count: int, *, least: int = LEAST_BLOCK) -> list[T]:
+def over_blocks(
+    work: Callable[[int, int], T], count: int, *, least: int = LEAST_BLOCK, most: int = MOST_BLOCKS
+) -> list[T]:
     """Call `work(start, end)` for every block of 0..count and give what it returns, in the order of the blocks.
 
     Parameters
@@ -33,10 +38,10 @@ def over_blocks(work: Callable[[int, int], T], count: int, *, least: int = LEAST
         Calls a compiled kernel. Blocks are worked on at the same time, so it must write only to places of its own.
     count
         Number of points (or rows, or cells).
-    least
-        Least size of a block.
+    least, most
+        Least size of a block, and how many there may be (a power of two).
     """
-    blocks = blocks_of(count, least=least)
+    blocks = blocks_of(count, least=least, most=most)
     threads = min(len(blocks), int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     if threads == 1:
         return [work(start, end) for start, end in blocks]

@@ -8,6 +8,9 @@ import numpy as np
 
 from algorithms.arrays import Array, Labels, Points, Vector3
 
+POINTS_PER_IMAGE = 1 << 19
+"""Fewer points are not worth a range image of their own, which all must be united."""
+
 
 @dataclass(frozen=True, eq=False)
 class SphericalRangeImage:
@@ -59,12 +62,21 @@ def spherical_range_image(
     Range image; directions without a point stay unknown.
     """
     from algorithms.scans import range_image_kernels as kernels
+    from algorithms.scans.point_blocks import over_blocks
 
     rows = max(2, math.ceil(math.pi / cell_rad - 1e-9))
     cell = math.pi / rows
-    nearest = np.full((rows, 2 * rows), np.inf, dtype=np.float32)
-    farthest = np.zeros((rows, 2 * rows), dtype=np.float32)
-    kernels.fill(np.ascontiguousarray(points), np.ascontiguousarray(sensor_m), cell, float(splat_m), nearest, farthest)
+    points, sensor = np.ascontiguousarray(points), np.ascontiguousarray(sensor_m)
+
+    def work(start: int, end: int) -> tuple[Array, Array]:
+        nearest = np.full((rows, 2 * rows), np.inf, dtype=np.float32)
+        farthest = np.zeros((rows, 2 * rows), dtype=np.float32)
+        kernels.fill(points, sensor, cell, float(splat_m), start, end, nearest, farthest)
+        return nearest, farthest
+
+    parts = over_blocks(work, len(points), least=POINTS_PER_IMAGE)
+    nearest = np.minimum.reduce([part[0] for part in parts])
+    farthest = np.maximum.reduce([part[1] for part in parts])
     return SphericalRangeImage(np.asarray(sensor_m, dtype=np.float64), cell, nearest, farthest)
 
 

@@ -8,41 +8,89 @@ from numba import njit
 
 from algorithms.arrays import Array
 
+ATAN = (
+    0.999999999614526,
+    -0.333333236656277,
+    0.199995958541901,
+    -0.142790484170748,
+    0.110537847542098,
+    -0.0879611756048448,
+    0.0671011399484662,
+    -0.0442736683407883,
+    0.022203454966291,
+    -0.0071661649176158,
+    0.00108449275467796,
+)
+"""Coefficients of atan(t) / t by powers of t squared, for t from 0 to 1: least squares, to within 3e-10 rad."""
 
-@njit(cache=True)
+
+@njit(cache=True, nogil=True, inline="always")
+def _angle(y: float, x: float) -> float:
+    """Give atan2(y, x) to within 3e-10 rad, in a third of the time."""
+    wide = abs(x)
+    high = abs(y)
+    t = min(wide, high) / max(wide, high, 1e-300)
+    square = t * t
+    value = ATAN[10]
+    for k in range(9, -1, -1):
+        value = value * square + ATAN[k]
+    value *= t
+    if high > wide:
+        value = 0.5 * math.pi - value
+    if x < 0.0:
+        value = math.pi - value
+    return -value if y < 0.0 else value
+
+
+@njit(cache=True, nogil=True)
 def fill(
-    points: Array, sensor: Array, cell_rad: float, splat_m: float, nearest: Array, farthest: Array
+    points: Array,
+    sensor: Array,
+    cell_rad: float,
+    splat_m: float,
+    start: int,
+    end: int,
+    nearest: Array,
+    farthest: Array,
 ) -> Any:  # pragma: no cover - compiled
-    """Enter every point with its range; a point covers the cells within `splat_m` of it across the ray."""
+    """Enter the points from `start` to `end` with their ranges; each covers the cells within `splat_m` of it."""
     rows, columns = nearest.shape
-    for k in range(points.shape[0]):
+    # The cell of the splat nearest to the equator decides how many columns the disc covers at most.
+    widest = np.empty(rows)
+    for i in range(rows):
+        widest[i] = 1.0 / max(math.sin((i + 0.5) * cell_rad), 0.5 * cell_rad)
+    per_cell = 1.0 / cell_rad
+    for k in range(start, end):
         x = points[k, 0] - sensor[0]
         y = points[k, 1] - sensor[1]
         z = points[k, 2] - sensor[2]
-        r = math.sqrt(x * x + y * y + z * z)
+        square = x * x + y * y
+        r = math.sqrt(square + z * z)
         if r < 1e-6:
             continue
-        zenith = math.acos(min(1.0, max(-1.0, z / r)))
-        azimuth = math.atan2(y, x) + math.pi
-        row = min(rows - 1, int(zenith / cell_rad))
-        column = min(columns - 1, int(azimuth / cell_rad))
+        zenith = _angle(math.sqrt(square), z)
+        azimuth = _angle(y, x) + math.pi
         value = np.float32(r)
         if splat_m <= 0.0:
+            row = min(rows - 1, int(zenith * per_cell))
+            column = min(columns - 1, int(azimuth * per_cell))
             nearest[row, column] = min(nearest[row, column], value)
             farthest[row, column] = max(farthest[row, column], value)
             continue
         reach = min(splat_m / r, 0.2)
-        for i in range(max(0, int((zenith - reach) / cell_rad)), min(rows - 1, int((zenith + reach) / cell_rad)) + 1):
-            # The cell of the splat nearest to the equator decides how many columns the disc covers at most.
-            widest = max(math.sin((i + 0.5) * cell_rad), 0.5 * cell_rad)
-            half = reach / widest
+        for i in range(max(0, int((zenith - reach) * per_cell)), min(rows - 1, int((zenith + reach) * per_cell)) + 1):
+            half = reach * widest[i]
             if half > 0.5 * math.pi:
                 first, last = 0, columns - 1
             else:
-                first = math.floor((azimuth - half) / cell_rad)
-                last = math.floor((azimuth + half) / cell_rad)
+                first = math.floor((azimuth - half) * per_cell)
+                last = math.floor((azimuth + half) * per_cell)
             for j in range(first, last + 1):
-                m = j % columns
+                m = j
+                if m < 0:
+                    m += columns
+                elif m >= columns:
+                    m -= columns
                 nearest[i, m] = min(nearest[i, m], value)
                 farthest[i, m] = max(farthest[i, m], value)
 

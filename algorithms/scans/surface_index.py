@@ -141,7 +141,7 @@ def direction_weights(normals: Points) -> Scalars:
 
 def evidence_of(
     rotations: Matrices3, translations_m: Points, moved: SurfaceIndex, fixed: SurfaceIndex, *, points: int,
-    limits: EvidenceLimits,
+    limits: EvidenceLimits, sifting: bool = False,
 ) -> Evidence:  # fmt: skip
     """Lay the first `points` surface points of one scan into the other in every pose, and collect what fits.
 
@@ -155,6 +155,8 @@ def evidence_of(
         How many surface points of `moved` to try.
     limits
         What fits and what violates.
+    sifting
+        Give a pose up as soon as clearly more stands in free space than fits; its shares are of the points until then.
     """
     from algorithms.scans import surface_index_kernels as kernels
 
@@ -164,7 +166,7 @@ def evidence_of(
     kernels.evidence(
         np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m), moved.points[:m], normals,
         weights, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m, fixed.nearest_m, fixed.sensor_m,
-        fixed.cell_rad, limits.as_array(), out,
+        fixed.cell_rad, limits.as_array(), sifting, out,
     )  # fmt: skip
     total = max(float(weights.sum()), 1e-12)
     fitting = out[:, 0] / total

@@ -1,16 +1,26 @@
 """Voxels: points hashed into cubes, with a size that follows from the points themselves."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64, Int64
 
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Array, Indices, Labels, Points, Scalars
 from algorithms.errors import InvalidInputError
+from algorithms.scans import voxel_grid_kernels as kernels
+from algorithms.scans.point_blocks import blocks_of, over_blocks
 from algorithms.scans.surface_cells import SurfaceCells
-from algorithms.scans.voxel_grid_kernels import BITS, bounds, centre_moments, hash_points, voxel_neighbours
+from algorithms.scans.voxel_grid_kernels import BITS
 
 POINTS_PER_VOXEL = 3.2
 """A voxel of 1.3 times the distance to the sixth neighbour holds that many points of a surface: 6 / pi * 1.3^2."""
+
+
+POINTS_PER_TABLE, MOST_TABLES = 1 << 19, 4
+"""Fewer points are not worth a hash table of their own; all must be united, and kept until then."""
+LEAST_CELLS = 1 << 13
+"""Fewer voxels are not worth a thread's while."""
 
 
 def voxel_cells(points: Points, size_m: float) -> SurfaceCells:
@@ -21,8 +31,7 @@ def voxel_cells(points: Points, size_m: float) -> SurfaceCells:
     InvalidInputError
         If the extent needs more than 2^20 voxels along one axis.
     """
-    size, keys, table, moments, cell_of_point = _hash(points, size_m)
-    return SurfaceCells(cell_of_point, moments, voxel_neighbours(keys, table), size)
+    return _linked(_hash(points, size_m))
 
 
 def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -> SurfaceCells:
@@ -35,28 +44,75 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
     size = max(least_size_m, extent / (2**BITS - 4))
     while True:
         hashed = _hash(points, size)
-        counts = np.sort(hashed[3][:, 0])
+        counts = np.sort(hashed.moments[:, 0])
         weight = np.cumsum(counts)
         at_quantile = counts[np.searchsorted(weight, 0.4 * weight[-1])]
         if at_quantile >= POINTS_PER_VOXEL or size > extent:
-            _, keys, table, moments, cell_of_point = hashed
-            return SurfaceCells(cell_of_point, moments, voxel_neighbours(keys, table), size)
+            return _linked(hashed)
         size *= min(1.4, max(1.15, math.sqrt(POINTS_PER_VOXEL / at_quantile)))
+
+
+def fullest_of_voxels(points: Points, size_m: float, counts: Scalars) -> Indices:
+    """Pick the row of the largest count, of equals the first, from every voxel: (voxels,) in ascending order."""
+    hashed = _hash(points, size_m)
+    return np.sort(kernels.fullest(hashed.cell_of_point, counts, len(hashed.keys)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Hashed:
+    """Points in voxels."""
+
+    size_m: float
+    keys: Int64[Array, "m"]
+    """(m,) voxels, numbered in the order in which they first appear."""
+    moments: Float64[Array, "m 10"]
+    """(m, 10) count, mean, central sums of products."""
+    cell_of_point: Labels
+    """(n,)."""
 
 
 def _bounds(points: Points) -> tuple[Array, Array]:
     """Give the smallest and largest coordinates, refusing an empty cloud."""
     if len(points) == 0:
         raise InvalidInputError("points", "there are none")
-    return bounds(points)
+    parts = over_blocks(lambda start, end: kernels.bounds(points, start, end), len(points))
+    return np.min([low for low, _ in parts], axis=0), np.max([high for _, high in parts], axis=0)
 
 
-def _hash(points: Points, size_m: float) -> tuple[float, Array, Array, Array, Array]:
-    """Hash points and centre the moments: size, keys, table, moments, cell of each point."""
+def _hash(points: Points, size_m: float) -> _Hashed:
+    """Hash points and centre the moments."""
     low, high = _bounds(points)
     lower = low - 1.5 * size_m  # a free border keeps neighbour keys inside the bit fields
     if float(np.max(high - low)) / size_m > 2**BITS - 4:
         raise InvalidInputError("points", f"their extent needs more than {2**BITS} voxels of {size_m:.3g} m")
-    cell_of_point, keys, table, moments = hash_points(points, lower, size_m)
-    centre_moments(moments, keys, lower, size_m)
-    return size_m, keys, table, moments, cell_of_point
+    cell_of_point = np.empty(len(points), dtype=np.int32)
+
+    def work(start: int, end: int) -> tuple[Array, Array]:
+        found: tuple[Array, Array] = kernels.hash_points(points, lower, size_m, start, end, cell_of_point)
+        return found
+
+    parts = over_blocks(work, len(points), least=POINTS_PER_TABLE, most=MOST_TABLES)
+    keys, moments = parts[0]
+    starts = [start for start, _ in blocks_of(len(points), least=POINTS_PER_TABLE, most=MOST_TABLES)]
+    numbers: dict[int, Array] = {}
+    for start, (more_keys, more_moments) in list(zip(starts, parts, strict=True))[1:]:
+        keys, moments, numbers[start] = kernels.unite(keys, moments, more_keys, more_moments)
+    if numbers:
+        numbers[0] = np.arange(len(parts[0][0]), dtype=np.int32)
+        over_blocks(
+            lambda start, end: kernels.renumber(cell_of_point, numbers[start], start, end),
+            len(points), least=POINTS_PER_TABLE, most=MOST_TABLES,
+        )  # fmt: skip
+    kernels.centre_moments(moments, keys, lower, size_m)
+    return _Hashed(size_m, keys, moments, cell_of_point)
+
+
+def _linked(hashed: _Hashed) -> SurfaceCells:
+    """Find the touching voxels."""
+    m = len(hashed.keys)
+    table = kernels.table_of(hashed.keys, m, 1 << max(4 * m, 2).bit_length())
+    neighbours = np.full((m, 26), -1, dtype=np.int32)
+    over_blocks(
+        lambda start, end: kernels.voxel_neighbours(hashed.keys, table, start, end, neighbours), m, least=LEAST_CELLS
+    )
+    return SurfaceCells(hashed.cell_of_point, hashed.moments, neighbours, hashed.size_m)
