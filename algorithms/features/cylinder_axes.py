@@ -3,7 +3,7 @@
 import numpy as np
 
 from algorithms.arrays import Array, Points, Vector3
-from algorithms.features.cylinder_axes_kernels import adjust_cylinder, search_cylinders
+from algorithms.features.cylinder_axes_kernels import adjust_cylinder, axis_misfits, search_cylinders
 from algorithms.features.cylinder_fitting import FittedCylinder, fit_cylinder
 from algorithms.features.options import FeatureOptions
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
@@ -142,11 +142,10 @@ def _refine(points: Points, own: Array, row: Array, noise_std_m: float) -> tuple
     for _ in range(2):
         if len(own) < MIN_POINTS:
             return None
-        thin = points[own[:: max(1, len(own) // THINNED)]]
-        radius = float(adjust_cylinder(thin, anchor, direction, radius, 5, huber)[0])
-        offset = points[own] - anchor
-        misfit = np.abs(np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1) - radius)
-        limit = 3.5 * max(1.4826 * float(np.median(misfit)), NUMERICAL_STD_M)
+        step = max(1, len(own) // THINNED)
+        radius = float(adjust_cylinder(points[own[::step]], anchor, direction, radius, 5, huber)[0])
+        misfit = axis_misfits(points, own, anchor, direction, radius)
+        limit = 3.5 * max(1.4826 * float(np.median(misfit[::step])), NUMERICAL_STD_M)
         own = own[misfit <= limit]
     if len(own) < MIN_POINTS or not radius > 0:
         return None

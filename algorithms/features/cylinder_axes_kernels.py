@@ -28,7 +28,7 @@ def _frame(d: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int, huber: float) -> Array:  # noqa: C901 - one compiled loop
+def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int, huber: float) -> Array:  # noqa: PLR0915 - one compiled loop
     """Fit a cylinder geometrically (distance to axis minus radius) by Gauss-Newton with Huber weights.
 
     Five parameters: two tilts and two shifts of the axis across itself, and the radius. `c` and `d` are changed in
@@ -44,10 +44,9 @@ def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int
     rms = 0.0
     for _ in range(iterations):
         e1, e2 = _frame(d)
-        N = np.zeros((5, 5))
-        g = np.zeros(5)
         total = 0.0
-        row = np.empty(5)
+        n1 = nu = nv = nuu = nuv = nvv = su = sv = suu = suv = svv = ssuu = ssuv = ssvv = 0.0
+        g0 = g1 = g2 = g3 = g4 = 0.0
         for i in range(n):
             x = points[i, 0] - c[0]
             y = points[i, 1] - c[1]
@@ -62,21 +61,41 @@ def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int
             u /= q
             v /= q
             total += misfit * misfit
+            # the row of the Jacobian is (s u, s v, u, v, 1)
             w = 1.0 if abs(misfit) <= huber else huber / abs(misfit)
-            row[0] = s * u
-            row[1] = s * v
-            row[2] = u
-            row[3] = v
-            row[4] = 1.0
-            for a in range(5):
-                g[a] += w * row[a] * misfit
-                for b in range(a + 1):
-                    N[a, b] += w * row[a] * row[b]
-        trace = 0.0
-        for a in range(5):
-            for b in range(a):
-                N[b, a] = N[a, b]
-            trace += N[a, a]
+            wm = w * misfit
+            wu = w * u
+            wv = w * v
+            n1 += w
+            nu += wu
+            nv += wv
+            nuu += wu * u
+            nuv += wu * v
+            nvv += wv * v
+            su += s * wu
+            sv += s * wv
+            suu += s * wu * u
+            suv += s * wu * v
+            svv += s * wv * v
+            ssuu += s * s * wu * u
+            ssuv += s * s * wu * v
+            ssvv += s * s * wv * v
+            g0 += wm * s * u
+            g1 += wm * s * v
+            g2 += wm * u
+            g3 += wm * v
+            g4 += wm
+        N = np.array(
+            [
+                [ssuu, ssuv, suu, suv, su],
+                [ssuv, ssvv, suv, svv, sv],
+                [suu, suv, nuu, nuv, nu],
+                [suv, svv, nuv, nvv, nv],
+                [su, sv, nu, nv, n1],
+            ]
+        )
+        g = np.array([g0, g1, g2, g3, g4])
+        trace = ssuu + ssvv + nuu + nvv + n1
         for a in range(5):
             N[a, a] += 1e-14 * trace  # keeps a hopeless hypothesis solvable; it fails the later tests
         x5 = np.linalg.solve(N, g)
@@ -90,6 +109,23 @@ def adjust_cylinder(points: Array, c: Array, d: Array, r: float, iterations: int
         if step < 1e-10 or not 0.0 < r < 1e3:
             break
     return np.array([r, rms, step])
+
+
+@njit(cache=True, nogil=True)
+def axis_misfits(points: Array, chosen: Array, c: Array, d: Array, r: float) -> Array:
+    """Give how far the chosen points are from a cylinder, (len(chosen),) [m]."""
+    out = np.empty(len(chosen))
+    for k in range(len(chosen)):
+        i = chosen[k]
+        x = points[i, 0] - c[0]
+        y = points[i, 1] - c[1]
+        z = points[i, 2] - c[2]
+        s = x * d[0] + y * d[1] + z * d[2]
+        x -= s * d[0]
+        y -= s * d[1]
+        z -= s * d[2]
+        out[k] = abs(math.sqrt(x * x + y * y + z * z) - r)
+    return out
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from algorithms.arrays import Array, Points, Vector3
+from algorithms.features import cylinder_fitting_kernels as kernels
 from algorithms.features.cylinder_axes_kernels import adjust_cylinder
 from algorithms.features.patch_covariance import NUMERICAL_STD_M, estimate_waviness, honest_covariance
 from algorithms.geometry.lines import bases_of
@@ -61,13 +62,8 @@ def fit_cylinder(
     if not (0.5 * radius_m < radius < 2.0 * radius_m and np.isfinite(d).all()):
         return None
     basis = bases_of(d[None])[0]
-    offset = points - c
-    along = offset @ d
-    across = offset @ basis
-    distance = np.linalg.norm(across, axis=1)
-    misfit = distance - radius
+    along, angle, misfit = kernels.unrolled(points, c, d, basis, radius)
     noise = float(np.sqrt(np.sum(misfit**2) / max(len(points) - 5, 1)))
-    angle = np.arctan2(across[:, 1], across[:, 0])
     low, high = np.quantile(along, [0.002, 0.998])
     middle = 0.5 * (low + high)
     seen = np.bincount(((angle + np.pi) / (2 * np.pi) * ARC_BINS).astype(np.int64) % ARC_BINS, minlength=ARC_BINS) > 0
@@ -96,23 +92,14 @@ def _block_covariance(
     size = np.sqrt(length * arc * radius / blocks)
     rows = max(3, round(length / size))
     columns = max(6, round(2 * np.pi * radius / size))
-    row = np.minimum(((along - along.min()) / length * rows).astype(np.int64), rows - 1)
-    column = ((angle + np.pi) / (2 * np.pi) * columns).astype(np.int64) % columns
-    which = row * columns + column
-    count = np.bincount(which, minlength=rows * columns).astype(np.float64)
-    used = count > 0
-
-    def mean(values: Array) -> Array:
-        return np.bincount(which, values, minlength=rows * columns)[used] / count[used]
-
-    n = count[used]
-    s = mean(along)
-    u, v = mean(np.cos(angle)), mean(np.sin(angle))
-    r = mean(misfit)
-    within = mean(misfit**2) - r**2
+    sums = kernels.sum_blocks(along, angle, misfit, length, rows, columns)
+    used = np.flatnonzero(sums[:, 0] > 0)
+    n = sums[used, 0]
+    s, u, v, r, squares = sums[used, 1:].T / n
+    within = squares - r**2
     variances = (n * np.maximum(within, 0.0) + 10.0 * noise**2) / (n + 9.0) / n + NUMERICAL_STD_M**2
     jacobian = np.stack([s * u, s * v, u, v, np.ones_like(u)], axis=1)
     waviness = estimate_waviness(jacobian, r, variances)
     covariance = honest_covariance(jacobian, r, variances, waviness)
-    fill = float(used.sum() / (rows * len(np.unique(column))))
+    fill = len(used) / (rows * len(np.unique(used % columns)))
     return fill, waviness, covariance

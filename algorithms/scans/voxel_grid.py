@@ -64,7 +64,7 @@ class _Hashed:
 
     size_m: float
     keys: Int64[Array, "m"]
-    """(m,) voxels, numbered in the order in which they first appear."""
+    """(m,) voxels in ascending order."""
     moments: Float64[Array, "m 10"]
     """(m, 10) count, mean, central sums of products."""
     cell_of_point: Labels
@@ -92,17 +92,20 @@ def _hash(points: Points, size_m: float) -> _Hashed:
         return found
 
     parts = over_blocks(work, len(points), least=POINTS_PER_TABLE, most=MOST_TABLES)
-    keys, moments = parts[0]
     starts = [start for start, _ in blocks_of(len(points), least=POINTS_PER_TABLE, most=MOST_TABLES)]
-    numbers: dict[int, Array] = {}
+    keys, moments = parts[0]
+    numbers = {0: np.arange(len(keys), dtype=np.int32)}
     for start, (more_keys, more_moments) in list(zip(starts, parts, strict=True))[1:]:
         keys, moments, numbers[start] = kernels.unite(keys, moments, more_keys, more_moments)
-    if numbers:
-        numbers[0] = np.arange(len(parts[0][0]), dtype=np.int32)
-        over_blocks(
-            lambda start, end: kernels.renumber(cell_of_point, numbers[start], start, end),
-            len(points), least=POINTS_PER_TABLE, most=MOST_TABLES,
-        )  # fmt: skip
+    # numbered by place, neighbours are near each other in memory, and the order of the points does not matter
+    order = np.argsort(keys)
+    places = np.empty(len(order), dtype=np.int32)
+    places[order] = np.arange(len(order), dtype=np.int32)
+    keys, moments = keys[order], moments[order]
+    over_blocks(
+        lambda start, end: kernels.renumber(cell_of_point, places[numbers[start]], start, end),
+        len(points), least=POINTS_PER_TABLE, most=MOST_TABLES,
+    )  # fmt: skip
     kernels.centre_moments(moments, keys, lower, size_m)
     return _Hashed(size_m, keys, moments, cell_of_point)
 
