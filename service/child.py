@@ -1,5 +1,7 @@
 """One computation in its own limited process: `python -m service.child`, one JSON request on standard input.
 
+With ``--channel`` it is a nursery instead, of which computations are copies (`service.adapters.nursery`).
+
 Reports go to the file descriptor given, one JSON document per line: ``{"fraction", "message"}`` any number of times,
 then ``{"result"}`` or ``{"problem"}``. What libraries print goes to the standard streams and cannot disturb it.
 """
@@ -9,14 +11,16 @@ import importlib
 import json
 import logging
 import os
+import socket
 import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 from service.adapters.local_files import LocalFiles
+from service.adapters.nursery import Nursery
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, limit_resources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
@@ -80,20 +84,36 @@ def load(reference: str) -> Any:
 
 
 def main() -> None:
-    """Read one request from standard input and run it."""
+    """Read one request from standard input and run it, or be a nursery."""
     parser = argparse.ArgumentParser(prog="service.child", description="Run one computation (started by a worker).")
     parser.add_argument("--steps", default=DEFAULT_STEPS)
     parser.add_argument("--parent", type=int, required=True)
-    parser.add_argument("--report-fd", type=int, required=True)
+    parser.add_argument("--report-fd", type=int)
+    parser.add_argument("--channel", type=int, help="descriptor of the socket over which a nursery takes orders")
+    parser.add_argument("--warm-up", default="", help="module:function by which a nursery loads libraries")
+    parser.add_argument("--practice", default="", help="module:function by which it loads compiled kernels later")
     options = parser.parse_args()
     die_with_parent(options.parent)
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
+    if options.channel is not None:
+        _be_a_nursery(options)
     request = json.loads(sys.stdin.buffer.readline())
     done = run_step(cast("Steps", load(options.steps)), request, ReportPipe(options.report_fd))
     sys.stdout.flush()
     sys.stderr.flush()
     # threads of C++ libraries sometimes hang or crash at exit; the result is safe, so nothing is waited for
     os._exit(0 if done else 1)
+
+
+def _be_a_nursery(options: argparse.Namespace) -> NoReturn:
+    """Load what computations need, and start them as ordered."""
+    steps = cast("Steps", load(options.steps))
+    if options.warm_up:
+        load(options.warm_up)()
+    practice = load(options.practice) if options.practice else None
+    with socket.socket(fileno=options.channel) as channel:
+        Nursery(channel, lambda request, reports: run_step(steps, request, ReportPipe(reports)), practice).serve()
+    os._exit(0)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from service.adapters.database import DatabaseFileStore, DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_tables import connect
 from service.adapters.local_files import LocalFiles
+from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
 from service.engine import DbosQueue
 from service.routes import files, health, jobs, landing, processes, registrations
@@ -26,17 +27,19 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings)
     queue = DbosQueue(settings, DatabaseExecutors(database))
+    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
     adapters = Adapters(
         jobs=DatabaseJobStore(database, queue.enqueue),
         files=DatabaseFileStore(database),
         blobs=LocalFiles(settings.data_dir),
         queue=queue,
-        steps=ChildProcesses(settings),
+        steps=readers,
     )
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
         yield
+        readers.close()
         queue.close()
         database.dispose()
 

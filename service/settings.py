@@ -31,6 +31,8 @@ class Settings(BaseSettings):
     """Computations side by side in one worker."""
     threads: int = Field(default=0, ge=0)
     """Threads per computation; 0: all cores divided by the slots."""
+    nursery: bool = True
+    """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
     """Largest upload."""
     max_points: int = Field(default=200_000_000, ge=1)

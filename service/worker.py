@@ -7,17 +7,19 @@ import threading
 from collections.abc import Mapping
 from typing import cast
 
-from service.adapters.child_process import ChildProcesses, remove_left_scratch
+from service.adapters.child_process import NOTHING_WARM, ChildProcesses, remove_left_scratch
 from service.adapters.database import DatabaseFileStore, DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_tables import connect
 from service.adapters.log_output import configure_log
+from service.adapters.nursery_client import WarmUp
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.engine import DbosQueue, Engine, Tools
 from service.ports import Plan
 from service.settings import Settings
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+WARM_UP = WarmUp("service.use_cases.warm_up:load_for_registration", "service.use_cases.warm_up:practise")
 
 
 def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS, plans: str = DEFAULT_PLANS) -> None:
@@ -34,6 +36,8 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     executors = DatabaseExecutors(database)
     queue = DbosQueue(settings, executors)
     jobs = DatabaseJobStore(database, queue.enqueue)
+    runner = ChildProcesses(settings, steps, WARM_UP if steps == DEFAULT_STEPS else NOTHING_WARM)
+    runner.warm_up()
     module, _, attribute = plans.partition(":")
     tools = Tools(
         settings=settings,
@@ -41,7 +45,7 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         ledger=jobs,
         files=DatabaseFileStore(database),
         executors=executors,
-        runner=ChildProcesses(settings, steps),
+        runner=runner,
         plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
         queue=queue,
     )
@@ -49,6 +53,7 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     engine.start()
     stop.wait()
     engine.stop()
+    runner.close()
     queue.close()
     database.dispose()
 

@@ -1,4 +1,4 @@
-"""Run one step in a process of its own: `python -m service.child`."""
+"""Run one step in a process of its own: a copy of a nursery, or where there is none a fresh `service.child`."""
 
 import asyncio
 import contextlib
@@ -9,19 +9,23 @@ import secrets
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field
+from typing import IO
 
 import psutil
 import structlog
 
+from service.adapters.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
 from service.adapters.process_limits import DEFAULT_STEPS, this_host, threads_per_step
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepFailedError
 from service.settings import Settings
 
+NOTHING_WARM = WarmUp()
 LAST_WORDS_LINES = 12
 LINE_BYTES = 1 << 26
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -57,13 +61,25 @@ class ChildProcesses:
         Limits, number of threads and place of the data; handed to the child.
     steps
         ``module:attribute`` of the mapping of step names to functions.
+    warm_up
+        What they find loaded.
     """
 
-    def __init__(self, settings: Settings, steps: str = DEFAULT_STEPS) -> None:
+    def __init__(self, settings: Settings, steps: str = DEFAULT_STEPS, warm_up: WarmUp = NOTHING_WARM) -> None:
         self._settings = settings
         self._steps = steps
+        self._nursery = NurseryClient(steps, warm_up, environment(settings))
         self._scratch = settings.data_dir.resolve() / "scratch"
         self._scratch.mkdir(parents=True, exist_ok=True)
+
+    def warm_up(self) -> None:
+        """Load libraries already now."""
+        if self._settings.nursery:
+            self._nursery.start()
+
+    def close(self) -> None:
+        """End what is kept for computations to come, and computations."""
+        self._nursery.close()
 
     async def run(
         self, step: str, arguments: Json, *, timeout_s: float, on_progress: Callable[[float, str], None] | None = None
@@ -95,44 +111,78 @@ class ChildProcesses:
         self, request: Json, heard: _Conversation, timeout_s: float, on_progress: Callable[[float, str], None]
     ) -> int:
         """Start the child, listen until it ends; kill it and all it started whatever happens."""
-        reports, writing_end = os.pipe()
         try:
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "service.child"),
-                *("--steps", self._steps, "--parent", str(os.getpid()), "--report-fd", str(writing_end)),
-                stdin=asyncio.subprocess.PIPE,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.STDOUT,
-                start_new_session=True,
-                pass_fds=(writing_end,),
-                limit=LINE_BYTES,
-                env={**os.environ, **self._environment()},
-            )
+            return await self._attempt(request, heard, timeout_s, on_progress)
+        except NotWarmError:
+            return await self._attempt(request, heard, timeout_s, on_progress)
+
+    async def _attempt(
+        self, request: Json, heard: _Conversation, timeout_s: float, on_progress: Callable[[float, str], None]
+    ) -> int:
+        reports, reports_end = os.pipe()
+        output, output_end = os.pipe()
+        try:
+            with tempfile.TemporaryFile(dir=self._scratch) as file:
+                file.write(json.dumps(request).encode() + b"\n")
+                file.seek(0)
+                process = await self._started(str(request["step"]), file, reports_end, output_end)
         except BaseException:
             os.close(reports)
+            os.close(output)
             raise
         finally:
-            os.close(writing_end)
+            os.close(reports_end)
+            os.close(output_end)
         listeners = [
             asyncio.ensure_future(_listen(reports, heard, on_progress)),
-            asyncio.ensure_future(_overhear(process, heard, str(request["step"]))),
+            asyncio.ensure_future(_overhear(output, heard, str(request["step"]))),
         ]
         try:
             async with asyncio.timeout(timeout_s):
-                await _send(process, request)
                 return await process.wait()
         finally:
-            # the group has the child's number, so grandchildren that hold a pipe open end too
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
             await asyncio.shield(asyncio.gather(process.wait(), *listeners, return_exceptions=True))
 
-    def _environment(self) -> Mapping[str, str]:
-        """Set what must be known before the libraries are imported."""
-        return {
-            **dict.fromkeys(THREAD_VARIABLES, str(threads_per_step(self._settings))),
-            **dict.fromkeys(SINGLE_THREAD_VARIABLES, "1"),
-        }
+    async def _started(self, step: str, request: IO[bytes], reports: int, output: int) -> "_ColdProcess | WarmProcess":
+        if self._settings.nursery and self._nursery.usable:
+            return self._nursery.begin(step, request, reports, output)
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "service.child"),
+            *("--steps", self._steps, "--parent", str(os.getpid()), "--report-fd", str(reports)),
+            stdin=request,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            pass_fds=(reports,),
+            env={**os.environ, **environment(self._settings)},
+        )
+        return _ColdProcess(process)
+
+
+@dataclass(frozen=True)
+class _ColdProcess:
+    """A child that loads its libraries itself."""
+
+    process: asyncio.subprocess.Process
+
+    async def wait(self) -> int:
+        """Give the exit code, negative for a signal."""
+        return await self.process.wait()
+
+    def kill(self) -> None:
+        """End it and all that it started."""
+        # the group has the child's number, so grandchildren that hold a pipe open end too
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+
+def environment(settings: Settings) -> Mapping[str, str]:
+    """Give the variables that must be known before the libraries are imported."""
+    return {
+        **dict.fromkeys(THREAD_VARIABLES, str(threads_per_step(settings))),
+        **dict.fromkeys(SINGLE_THREAD_VARIABLES, "1"),
+    }
 
 
 def remove_left_scratch(settings: Settings) -> None:
@@ -154,46 +204,40 @@ def _host_mark() -> str:
     return hashlib.sha256(this_host().encode()).hexdigest()[:8]
 
 
-async def _send(process: asyncio.subprocess.Process, request: Json) -> None:
-    if process.stdin is None:  # pragma: no cover - a pipe was asked for
-        return
-    # a child that dies early is reported by its exit code, not by the broken pipe
-    with contextlib.suppress(BrokenPipeError, ConnectionResetError):
-        process.stdin.write(json.dumps(request).encode() + b"\n")
-        await process.stdin.drain()
-    process.stdin.close()
-
-
 async def _listen(reports: int, heard: _Conversation, on_progress: Callable[[float, str], None]) -> None:
     """Read the child's report pipe to its end."""
+    async for line in _lines(reports):
+        if not line.endswith(b"\n"):
+            break  # the child was killed while writing
+        report = json.loads(line)
+        if "result" in report:
+            heard.result = report["result"]
+        elif "problem" in report:
+            heard.problem = report["problem"]
+        else:
+            heard.doing = report["message"]
+            on_progress(report["fraction"], report["message"])
+
+
+async def _overhear(output: int, heard: _Conversation, step: str) -> None:
+    """Pass what the child prints on to the log, and remember its last words."""
+    async for line in _lines(output):
+        text = line.decode(errors="replace").rstrip()
+        heard.words.append(text[:500])
+        log.info("said by the computing process", step=step, text=text)
+
+
+async def _lines(pipe: int) -> AsyncIterator[bytes]:
+    """Read a pipe to its end, and close it."""
     reader = asyncio.StreamReader(limit=LINE_BYTES)
     transport, _ = await asyncio.get_running_loop().connect_read_pipe(
-        lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(reports, "rb", buffering=0)
+        lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
     )
     try:
         async for line in reader:
-            if not line.endswith(b"\n"):
-                break  # the child was killed while writing
-            report = json.loads(line)
-            if "result" in report:
-                heard.result = report["result"]
-            elif "problem" in report:
-                heard.problem = report["problem"]
-            else:
-                heard.doing = report["message"]
-                on_progress(report["fraction"], report["message"])
+            yield line
     finally:
         transport.close()
-
-
-async def _overhear(process: asyncio.subprocess.Process, heard: _Conversation, step: str) -> None:
-    """Pass what the child prints on to the log, and remember its last words."""
-    if process.stdout is None:  # pragma: no cover - a pipe was asked for
-        return
-    async for line in process.stdout:
-        text = line.decode(errors="replace").rstrip()
-        heard.words.append(text[:500])
-        log.info("said by the computing process", step=step, pid=process.pid, text=text)
 
 
 def _ignore(_fraction: float, _message: str) -> None:

@@ -41,6 +41,8 @@ class RunningService:
     """A service on a free port, its data below `home`."""
 
     home: Path
+    settings: Mapping[str, str] = field(default_factory=lambda: {"SLOTS": "2"})
+    """Environment variables without their prefix."""
     url: str = ""
     http: httpx.Client = field(init=False)
     _launcher: subprocess.Popen[bytes] = field(init=False)
@@ -64,7 +66,11 @@ class RunningService:
         with (self.home / "service.log").open("ab") as log:
             self._launcher = subprocess.Popen(
                 [sys.executable, "-m", "service", "serve", "--port", "0", "--data-dir", str(self.data)],
-                env={**environment, "TMPDIR": str(self.temporary), "TIELINE_SLOTS": "2"},
+                env={
+                    **environment,
+                    "TMPDIR": str(self.temporary),
+                    **{f"TIELINE_{name}": value for name, value in self.settings.items()},
+                },
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -108,7 +114,14 @@ class RunningService:
         return self._running("service.worker")[0]
 
     def computations(self) -> Sequence[psutil.Process]:
-        return self._running("service.child")
+        """Give the computing processes: copies of a nursery, called like it."""
+        nurseries = {process.pid for process in self._running("service.child")}
+        found = []
+        for process in self._running("service.child"):
+            with suppress(psutil.NoSuchProcess):
+                if process.ppid() in nurseries:
+                    found.append(process)
+        return found
 
     def _running(self, module: str) -> Sequence[psutil.Process]:
         found = []
@@ -165,8 +178,8 @@ class RunningService:
 
 
 @contextmanager
-def running_service(home: Path) -> Iterator[RunningService]:
-    service = RunningService(home)
+def running_service(home: Path, **settings: str) -> Iterator[RunningService]:
+    service = RunningService(home, settings) if settings else RunningService(home)
     service.start()
     try:
         yield service

@@ -88,5 +88,5 @@ def test_sigterm_in_the_middle_of_a_job_leaves_no_process(
     service: RunningService, stations: Sequence[Document]
 ) -> None:
     comparing(service, service.execute("register", {"stations": stations}))
-    family = service.processes()
-    assert (len(family), service.stop(), all_ended(family)) == (4, 0, True)
+    family = service.processes()  # launcher, API, worker, its nursery, the computation
+    assert (len(family), service.stop(), all_ended(family)) == (5, 0, True)

@@ -1,0 +1,190 @@
+"""A process with the libraries loaded, of which each computation is a copy: `python -m service.child --channel`.
+
+Loading the libraries takes seconds, copying a process milliseconds. It only forks, reaps and kills, so it has one
+thread and little that could break. Each copy is a session of its own, limited, and ends after one step.
+A worker sends orders over a socket: ``{"number", "step"}`` with three descriptors (request, reports, output) starts a
+computation, ``{"kill": number}`` ends one with all that it started. Answers: ``{"ready"}`` once, ``{"number", "code"}``
+when a computation has ended.
+
+Compiled kernels are loaded later, in an idle moment after a computation has shown that they are compiled already.
+"""
+
+import contextlib
+import gc
+import json
+import os
+import selectors
+import signal
+import socket
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.adapters.process_limits import die_with_parent
+from service.ports import Json
+
+MESSAGE_BYTES = 4096
+DESCRIPTORS = 3
+IDLE_S = 2.0
+PRACTISED_STEP = "register-pair"
+"""When it has succeeded once, all kernels are compiled."""
+
+
+@dataclass(frozen=True)
+class _Computation:
+    """What runs in a process."""
+
+    number: int
+    step: str
+
+
+class Nursery:
+    """Starts, ends and reaps computations as a worker orders.
+
+    Parameters
+    ----------
+    channel
+        Socket to the worker that keeps messages apart (SOCK_SEQPACKET).
+    compute
+        Does what a request asks for, reports to a descriptor, and says whether it succeeded.
+    practice
+        Loads the compiled kernels; None: nothing to load.
+    """
+
+    def __init__(
+        self,
+        channel: socket.socket,
+        compute: Callable[[Json, int], bool],
+        practice: Callable[[], None] | None = None,
+    ) -> None:
+        self._channel = channel
+        self._compute = compute
+        self._practice = practice
+        self._may_practise = False
+        self._running: dict[int, _Computation] = {}
+        self._woken, self._waking = os.pipe()
+        for descriptor in (self._woken, self._waking):
+            os.set_blocking(descriptor, False)
+
+    def serve(self) -> None:
+        """Work until the worker closes its end; then end what still runs."""
+        if not _is_alone():
+            sys.exit("a library has started threads; computations start without copies")
+        _freeze()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker decides when to stop
+        signal.signal(signal.SIGCHLD, lambda *_: None)  # a handler is needed for the wake-up
+        signal.set_wakeup_fd(self._waking)
+        self._channel.send(b'{"ready": true}')
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._channel, selectors.EVENT_READ)
+            selector.register(self._woken, selectors.EVENT_READ)
+            while True:
+                wants = self._may_practise and self._practice is not None and not self._running
+                ready = {key.fd for key, _ in selector.select(IDLE_S if wants else None)}
+                if wants and not ready:
+                    self._practise()
+                if self._woken in ready:
+                    with contextlib.suppress(BlockingIOError):
+                        os.read(self._woken, MESSAGE_BYTES)
+                    self._reap()
+                if self._channel.fileno() in ready and not self._obey():
+                    break
+        for process in self._running:
+            _end(process)
+
+    def _obey(self) -> bool:
+        """Follow one order; False when there will be no more."""
+        try:
+            message, descriptors, _, _ = socket.recv_fds(self._channel, MESSAGE_BYTES, DESCRIPTORS)
+        except ConnectionResetError:
+            return False
+        if not message:
+            return False
+        order = json.loads(message)
+        if "kill" in order:
+            for process, computation in self._running.items():
+                if computation.number == order["kill"]:
+                    _end(process)
+            return True
+        parent = os.getpid()
+        process = os.fork()
+        if process == 0:
+            self._be_a_computation(parent, descriptors)
+        self._running[process] = _Computation(order["number"], order["step"])
+        for descriptor in descriptors:
+            os.close(descriptor)
+        return True
+
+    def _be_a_computation(self, parent: int, descriptors: Sequence[int]) -> None:
+        """Compute in this process, which never returns from here."""
+        done = False
+        try:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            os.setsid()
+            die_with_parent(parent)
+            self._channel.close()
+            os.close(self._woken)
+            os.close(self._waking)
+            request, reports, output = descriptors
+            os.dup2(output, sys.stdout.fileno())
+            os.dup2(output, sys.stderr.fileno())
+            os.close(output)
+            with os.fdopen(request, "rb") as file:
+                document = json.load(file)
+            done = self._compute(document, reports)
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:
+            # nothing of the libraries is waited for, nor may the parent's loop go on here
+            os._exit(0 if done else 1)
+
+    def _reap(self) -> None:
+        """Tell of computations that have ended, after ending what they left running."""
+        while True:
+            try:
+                ended = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+            except ChildProcessError:
+                return
+            if ended is None:
+                return
+            # the number of the group stays taken until its leader is reaped
+            _end(ended.si_pid)
+            _, status = os.waitpid(ended.si_pid, 0)
+            computation = self._running.pop(ended.si_pid, None)
+            if computation is not None:
+                code = os.waitstatus_to_exitcode(status)
+                self._may_practise |= code == 0 and computation.step == PRACTISED_STEP
+                answer = {"number": computation.number, "code": code}
+                with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+                    self._channel.send(json.dumps(answer).encode())
+
+    def _practise(self) -> None:
+        """Load the compiled kernels once, for all computations to come."""
+        if self._practice is not None:
+            self._practice()
+        self._practice = None
+        _freeze()
+
+
+def _freeze() -> None:
+    """Let later collections, in this process and its copies, touch (and so copy) nothing of what there is now."""
+    gc.collect()
+    gc.freeze()
+
+
+def _end(process: int) -> None:
+    """Kill a computation that is not reaped yet, and all that it started."""
+    try:
+        os.killpg(process, signal.SIGKILL)
+    except ProcessLookupError:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)  # it has not become a group of its own yet
+
+
+def _is_alone() -> bool:
+    """Tell whether this process has one thread: only then is a copy of it whole."""
+    tasks = Path("/proc/self/task")
+    return not tasks.exists() or len(list(tasks.iterdir())) == 1

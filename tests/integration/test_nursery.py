@@ -1,0 +1,147 @@
+"""Computations as copies of a process that has the libraries loaded."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from engine_harness import alive, wait_until
+
+from service.adapters.child_process import ChildProcesses
+from service.adapters.nursery_client import WarmUp
+from service.errors import ComputationFailedError
+from service.settings import Settings
+
+pytestmark = pytest.mark.service
+
+STEPS = "engine_steps:STEPS"
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> Iterator[ChildProcesses]:
+    made = ChildProcesses(Settings(data_dir=tmp_path), STEPS)
+    yield made
+    made.close()
+
+
+def nap(folder: Path, name: str, seconds: float = 0.05) -> dict[str, object]:
+    return {"name": name, "seconds": seconds, "trace": str(folder / "trace")}
+
+
+def started(folder: Path) -> list[int]:
+    """Give the processes of the naps that have begun."""
+    trace = folder / "trace"
+    lines = trace.read_text().splitlines() if trace.exists() else []
+    return [int(line.split()[2]) for line in lines if line.startswith("start")]
+
+
+def nursery_of(computation: int) -> int:
+    return psutil.Process(computation).ppid()
+
+
+async def napping(runner: ChildProcesses, folder: Path, name: str) -> tuple["asyncio.Task[object]", int]:
+    """Begin a long nap and wait until it sleeps."""
+    known = len(started(folder))
+    task = asyncio.create_task(runner.run("nap", nap(folder, name, 60.0), timeout_s=100))
+    await asyncio.to_thread(wait_until, lambda: len(started(folder)) > known)
+    return task, started(folder)[-1]
+
+
+def test_every_computation_has_a_process_of_its_own(runner: ChildProcesses, tmp_path: Path) -> None:
+    async def three() -> None:
+        for name in ("a", "b", "c"):
+            await runner.run("nap", nap(tmp_path, name), timeout_s=30)
+
+    asyncio.run(three())
+    assert len(set(started(tmp_path))) == 3
+
+
+def test_the_second_computation_starts_at_once(runner: ChildProcesses, tmp_path: Path) -> None:
+    async def second() -> float:
+        await runner.run("nap", nap(tmp_path, "a"), timeout_s=30)
+        begun = time.monotonic()
+        await runner.run("nap", nap(tmp_path, "b"), timeout_s=30)
+        return time.monotonic() - begun
+
+    assert asyncio.run(second()) < 0.5  # a fresh interpreter alone takes as long
+
+
+def test_computations_side_by_side_get_their_own_results(runner: ChildProcesses, tmp_path: Path) -> None:
+    async def together() -> list[object]:
+        runs = [runner.run("nap", nap(tmp_path, name, 0.3), timeout_s=30) for name in "abcdef"]
+        return list(await asyncio.gather(*runs))
+
+    assert asyncio.run(together()) == [{"name": name} for name in "abcdef"]
+
+
+def test_a_cancelled_computation_ends_within_a_second(runner: ChildProcesses, tmp_path: Path) -> None:
+    async def cancelled() -> tuple[float, int]:
+        task, process = await napping(runner, tmp_path, "long")
+        begun = time.monotonic()
+        task.cancel()
+        await asyncio.wait({task})
+        return time.monotonic() - begun, process
+
+    seconds, process = asyncio.run(cancelled())
+    assert (seconds < 1.0, alive(process)) == (True, False)
+
+
+def test_a_crash_is_told_with_its_signal_and_last_words(runner: ChildProcesses, tmp_path: Path) -> None:
+    with pytest.raises(ComputationFailedError, match=r"SIGSEGV.*the roof is on fire"):
+        asyncio.run(runner.run("crash", nap(tmp_path, "crash"), timeout_s=30))
+
+
+def test_the_death_of_the_nursery_ends_its_computations_and_is_got_over(runner: ChildProcesses, tmp_path: Path) -> None:
+    async def bereaved() -> tuple[int, object]:
+        task, process = await napping(runner, tmp_path, "long")
+        os.kill(nursery_of(process), signal.SIGKILL)
+        with pytest.raises(ComputationFailedError):
+            await task
+        return process, await runner.run("nap", nap(tmp_path, "next"), timeout_s=30)
+
+    process, after = asyncio.run(bereaved())
+    assert (alive(process), after) == (False, {"name": "next"})
+
+
+def test_a_closed_runner_leaves_no_process(tmp_path: Path) -> None:
+    async def closed() -> list[int]:
+        runner = ChildProcesses(Settings(data_dir=tmp_path), STEPS)
+        task, process = await napping(runner, tmp_path, "long")
+        family = [process, nursery_of(process)]
+        runner.close()
+        with pytest.raises(ComputationFailedError):
+            await task
+        return family
+
+    family = asyncio.run(closed())
+    assert not any(alive(process) for process in family)
+
+
+@pytest.mark.parametrize("settings", [{"nursery": False}, {"nursery": True}])
+def test_where_there_is_no_nursery_computations_load_their_own_libraries(
+    tmp_path: Path, settings: dict[str, bool]
+) -> None:
+    warm_up = WarmUp("engine_steps:not_there") if settings["nursery"] else WarmUp()
+    runner = ChildProcesses(Settings(data_dir=tmp_path, **settings), STEPS, warm_up)
+    result = asyncio.run(runner.run("nap", nap(tmp_path, "cold"), timeout_s=60))
+    runner.close()
+    assert result == {"name": "cold"}
+
+
+def test_loading_and_practising_leaves_one_thread(tmp_path: Path) -> None:
+    """Copies of a process with several threads are not whole."""
+    program = (
+        "import os; from service.use_cases.warm_up import load_for_registration, practise; "
+        "load_for_registration(); practise(); print(len(os.listdir('/proc/self/task')))"
+    )
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert done.stdout.strip() == "1"
