@@ -13,9 +13,11 @@ from algorithms.features.plane_curvature import LEAST_HALF_WIDTH_M, bent
 from algorithms.features.plane_curvature_kernels import sums_of_cells
 from algorithms.features.plane_points import CellPlanes, frames_of_moments
 from algorithms.features.plane_segmentation_kernels import (
+    agreements,
     candidate_labels,
     dilate_labels,
     grow_regions,
+    incidences,
     region_moments,
     touching_labels,
 )
@@ -66,9 +68,8 @@ def typical_noise(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3
     """
     flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
     if sensor_m is not None:
-        rays = cells.means - sensor_m
-        facing = np.einsum("ij,ij->i", rays, surfaces.normals) ** 2 > FACING**2 * np.einsum("ij,ij->i", rays, rays)
-        flat = flat & facing if np.count_nonzero(flat & facing) >= FEW_FACING else flat
+        facing = flat & (incidences(cells.means, surfaces.normals, sensor_m) > FACING)
+        flat = facing if np.count_nonzero(facing) >= FEW_FACING else flat
     return float(np.quantile(surfaces.residual_std_m[flat], 0.25)) if flat.any() else 0.0
 
 
@@ -79,8 +80,7 @@ def noise_across(noise_std_m: float, positions: Points, normals: Points, sensor_
     """
     if sensor_m is None:
         return np.full(len(positions), noise_std_m)
-    rays = positions - sensor_m
-    cosines = np.abs(np.einsum("ij,ij->i", rays, normals)) / np.maximum(np.linalg.norm(rays, axis=1), NUMERICAL_STD_M)
+    cosines = incidences(positions, normals, sensor_m)
     return np.asarray(noise_std_m * np.clip(cosines, LEAST_SHARE, 1.0))
 
 
@@ -118,7 +118,9 @@ def segment_planes(
     noise = noise_across(noise_std_m, cells.means, normals, sensor_m)
     seeds = np.flatnonzero(flat)
     quality = surfaces.residual_std_m[seeds] / surfaces.width_std_m[seeds]
-    order = seeds[np.argsort(quality, kind="stable")].astype(np.int32)
+    # in steps of a 65536th of the limit, which are sorted by counting
+    steps = (quality * (np.iinfo(np.uint16).max / FLATNESS)).astype(np.uint16)
+    order = seeds[np.argsort(steps, kind="stable")].astype(np.int32)
     labels, count = grow_regions(
         order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, thickness(noise), min_cells
     )
@@ -148,9 +150,7 @@ def _drop(labels: Labels, dropped: Bool[Array, "k"]) -> Labels:
 
 def _orient(region_normals: Float64[Array, "k 3"], normals: Points, labels: Labels) -> Float64[Array, "k 3"]:
     """Turn region normals to the side most of their cells' normals point to."""
-    member = labels >= 0
-    agreement = np.einsum("ij,ij->i", normals[member], region_normals[labels[member]])
-    side = np.bincount(labels[member], agreement, minlength=len(region_normals))
+    side = agreements(labels, normals, region_normals)
     return np.asarray(np.where(side[:, None] < 0, -region_normals, region_normals))
 
 

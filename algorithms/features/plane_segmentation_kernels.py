@@ -1,5 +1,7 @@
 """Compiled loops of plane segmentation: growing regions over cells, and labelling cells."""
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -227,4 +229,31 @@ def region_moments(moments: Array, counts: Array, labels: Array, count: int, cap
         out[p, 1] = x + origins[p, 0]
         out[p, 2] = y + origins[p, 1]
         out[p, 3] = z + origins[p, 2]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def incidences(positions: Array, normals: Array, sensor: Array) -> Array:
+    """Give the cosines, without sign, at which surfaces are met from the sensor, (n,); 0 where there is no normal."""
+    out = np.empty(positions.shape[0])
+    for i in range(positions.shape[0]):
+        dot = 0.0
+        square = 0.0
+        for a in range(3):
+            ray = positions[i, a] - sensor[a]
+            dot += ray * normals[i, a]
+            square += ray * ray
+        out[i] = abs(dot) / max(math.sqrt(square), 1e-9)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def agreements(labels: Array, normals: Array, region_normals: Array) -> Array:
+    """Add the scalar products of the cells' normals with their region's, (k,)."""
+    out = np.zeros(region_normals.shape[0])
+    for cell in range(labels.shape[0]):
+        p = labels[cell]
+        if p >= 0:
+            for a in range(3):
+                out[p] += normals[cell, a] * region_normals[p, a]
     return out
