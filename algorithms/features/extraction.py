@@ -111,7 +111,9 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         ranges = grid_ranges(scan.points, scan.grid, sensor)
         cells = grid_cells(scan.points, scan.grid, sensor, ranges)
         pooled = pool_cells(cells, cap=CAP_POINTS, min_count=6.0)
-        noise = max(range_noise(ranges), typical_noise(cells, pooled.surfaces, sensor))
+        noise = options.point_std_m
+        if noise is None:
+            noise = max(range_noise(ranges), typical_noise(cells, pooled.surfaces, sensor))
         return cells, widened(cells, pooled, WIDTH_IN_NOISE * noise), noise
     size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
     while True:
