@@ -143,8 +143,8 @@ def motions_between_pairs(target: LinePairs, source: LinePairs) -> PairMotions:
     a, b = source.directions_a[:, None, :], source.directions_b[:, None, :]
     first = np.where(swapped, b, a) * ASSIGNMENTS[None, :, 1:2]
     second = np.where(swapped, a, b) * ASSIGNMENTS[None, :, 2:3]
-    target_frames = _bisector_frames(target.directions_a, target.directions_b)[:, None]
-    rotations = rotation_from_frames(_bisector_frames(first, second), target_frames)
+    target_frames = bisector_frames(target.directions_a, target.directions_b)[:, None]
+    rotations = rotation_from_frames(bisector_frames(first, second), target_frames)
     target_middle = 0.5 * (target_geometry.feet_a + target_geometry.feet_b)
     source_middle = 0.5 * (source_geometry.feet_a + source_geometry.feet_b)
     translations = target_middle[:, None, :] - np.einsum("nhij,nj->nhi", rotations, source_middle)
@@ -162,7 +162,7 @@ def motions_between_pairs(target: LinePairs, source: LinePairs) -> PairMotions:
     )
 
 
-def _bisector_frames(first: Array, second: Array) -> Array:
+def bisector_frames(first: Array, second: Array) -> Array:
     """Build right-handed orthonormal frames (..., 3, 3): columns along d1 + d2, d1 - d2 and their cross product."""
     u, v = first + second, first - second
     u = u / np.linalg.norm(u, axis=-1, keepdims=True)

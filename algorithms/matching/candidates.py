@@ -1,7 +1,9 @@
 """Motions that lines and planes of two scans propose, before any of them is tested."""
 
+import numpy as np
+
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.matching.line_pairs import line_pair_motions
+from algorithms.matching.line_pairs import MAX_LINES, line_pair_motions
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import plane_motions
 from algorithms.matching.votes import Motions, joined, vote_motions
@@ -10,7 +12,14 @@ VOTE_RADIUS_RAD = 0.07
 MOST_ROTATIONS = 200
 
 
-def candidate_motions(target: ScanFeatures, source: ScanFeatures, options: MatchingOptions) -> Motions:
+def candidate_motions(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    options: MatchingOptions,
+    *,
+    max_lines: int = MAX_LINES,
+    max_plane_hypotheses: int | None = None,
+) -> Motions:
     """Let pairs of lines that look alike vote for motions, and planes propose more (MATH 1.7, 5.5).
 
     Parameters
@@ -19,9 +28,17 @@ def candidate_motions(target: ScanFeatures, source: ScanFeatures, options: Match
         Features of the two scans; both with surface points.
     options
         Limits.
+    max_lines
+        So many of the longest lines form pairs.
+    max_plane_hypotheses
+        So many of the motions that planes propose, those with most votes; None: all.
     """
     motions = line_pair_motions(
-        target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
+        target,
+        source,
+        max_angle_rad=options.max_angle_rad,
+        max_distance_m=options.max_distance_m,
+        max_lines=max_lines,
     )
     voted = vote_motions(
         motions,
@@ -31,4 +48,7 @@ def candidate_motions(target: ScanFeatures, source: ScanFeatures, options: Match
         most_rotations=MOST_ROTATIONS,
         most=options.max_line_hypotheses,
     )
-    return joined([voted, plane_motions(target, source, max_angle_rad=options.max_angle_rad)])
+    by_planes = plane_motions(target, source, max_angle_rad=options.max_angle_rad)
+    if max_plane_hypotheses is not None:
+        by_planes = by_planes[np.argsort(-by_planes.votes, kind="stable")[:max_plane_hypotheses]]
+    return joined([voted, by_planes])

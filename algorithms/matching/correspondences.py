@@ -105,7 +105,7 @@ def lines_near(
     anchors = target_from_source.apply(theirs.lines.anchors) if len(theirs.lines) else theirs.lines.anchors
     cosines = ours.lines.directions @ directions.T
     angles = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0))
-    i, j = np.nonzero((angles <= max_angle_rad) & _alike(ours, theirs, rotation))
+    i, j = np.nonzero((angles <= max_angle_rad) & alike_lines(ours, theirs, rotation))
     along = ours.lines.directions[i]
     starts = np.einsum("ij,ij->i", anchors[j] - ours.lines.anchors[i], along)
     reach = theirs.lines.extents[j] * np.sign(cosines[i, j])[:, None] + starts[:, None]
@@ -118,6 +118,18 @@ def lines_near(
     near = distances <= max_distance_m
     i, j = i[near], j[near]
     return NearLines(np.column_stack([i, j]), angles[i, j], distances[near], (high - low)[near])
+
+
+def alike_lines(ours: DescribedLines, theirs: DescribedLines, rotation: Array) -> Array:
+    """Say which lines can be the same by what they are made of, after a rotation target from source, (n, m)."""
+    same_kind = ours.kinds[:, None] == theirs.kinds[None, :]
+    edge = ~ours.are_axes[:, None]
+    bisectors = ours.bisectors @ (theirs.bisectors @ rotation.T).T > np.cos(MAX_BISECTOR_ANGLE_RAD)
+    difference = np.abs(ours.sizes[:, None] - theirs.sizes[None, :])
+    larger = np.maximum(ours.sizes[:, None], theirs.sizes[None, :])
+    radii = difference <= np.maximum(MAX_RADIUS_DIFFERENCE * larger, 0.01)
+    openings = difference <= MAX_BISECTOR_ANGLE_RAD
+    return np.asarray(same_kind & np.where(edge, bisectors & openings, radii))
 
 
 def corresponding_planes(
@@ -177,18 +189,6 @@ def mutual_best(cost: Array) -> IndexPairs:
     rows = np.arange(len(cost))
     good = np.isfinite(cost[rows, best_column]) & (best_row[best_column] == rows)
     return np.column_stack([rows[good], best_column[good]]).astype(np.int64)
-
-
-def _alike(ours: DescribedLines, theirs: DescribedLines, rotation: Array) -> Array:
-    """Say which lines can be the same by what they are made of, (n, m)."""
-    same_kind = ours.kinds[:, None] == theirs.kinds[None, :]
-    edge = ~ours.are_axes[:, None]
-    bisectors = ours.bisectors @ (theirs.bisectors @ rotation.T).T > np.cos(MAX_BISECTOR_ANGLE_RAD)
-    difference = np.abs(ours.sizes[:, None] - theirs.sizes[None, :])
-    larger = np.maximum(ours.sizes[:, None], theirs.sizes[None, :])
-    radii = difference <= np.maximum(MAX_RADIUS_DIFFERENCE * larger, 0.01)
-    openings = difference <= MAX_BISECTOR_ANGLE_RAD
-    return np.asarray(same_kind & np.where(edge, bisectors & openings, radii))
 
 
 def _common_pieces(

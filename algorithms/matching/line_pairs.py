@@ -5,29 +5,26 @@ the oriented normals of the two planes that meet in it, or the radius of the cyl
 of all pairs of one scan go into a k-d tree, those of the other scan look up their like.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Flags, IndexPairs, Labels, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.line_pairs_geometry import (
-    ASSIGNMENTS,
-    LinePairs,
-    line_pairs_of,
-    motions_between_pairs,
-    pair_geometry,
-)
+from algorithms.geometry.line_pairs_geometry import bisector_frames, line_pairs_of, pair_geometry
 from algorithms.geometry.lines import Lines, LineSource
-from algorithms.matching.votes import Motions
+from algorithms.geometry.rotations import rotation_from_frames
+from algorithms.matching.votes import Motions, joined
 
 MIN_PAIR_SINE = 0.25
 """Pairs with a smaller sine (16 gon) fix the motion badly and are left out."""
 MAX_LINES = 140
-"""So many of the longest lines of a scan form pairs."""
+"""So many of the longest lines of a scan form pairs unless told otherwise."""
 MAX_MATCHES = 120_000
-"""More pairs of pairs than this are thinned evenly."""
+"""Of more pairs of pairs than this the rarest are kept."""
+SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
+"""How the directions of a source pair may lie on those of a target pair; the orders are all among the pairs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +75,12 @@ def described_lines(features: ScanFeatures) -> DescribedLines:
 
 
 def line_pair_motions(
-    target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float, max_distance_m: float
+    target: ScanFeatures,
+    source: ScanFeatures,
+    *,
+    max_angle_rad: float,
+    max_distance_m: float,
+    max_lines: int = MAX_LINES,
 ) -> Motions:
     """Give a motion for every pair of lines of one scan that looks like a pair of the other.
 
@@ -88,17 +90,19 @@ def line_pair_motions(
         Features of the two scans.
     max_angle_rad, max_distance_m
         Within these limits angles and distances count as equal.
+    max_lines
+        So many of the longest lines of a scan form pairs.
 
     Returns
     -------
     Motions with one vote each: of the 8 assignments of a pair to a pair those that also lay normals on normals. Pairs
     of axes have no normals: all their proper assignments are kept.
     """
-    described = [_longest(described_lines(features)) for features in (target, source)]
+    described = [longest_lines(described_lines(features), max_lines) for features in (target, source)]
     pairs = [_pairs(lines.lines) for lines in described]
     if min(len(p) for p in pairs) == 0:
         return Motions.empty()
-    # Source pairs are entered in both orders, so that only assignments without exchange need to be looked at.
+    # Source pairs are entered in both orders, so that no exchange needs to be looked at.
     pairs[1] = np.concatenate([pairs[1], pairs[1][:, ::-1]])
     invariants = [
         _invariants(lines, p, max_angle_rad, max_distance_m) for lines, p in zip(described, pairs, strict=True)
@@ -106,26 +110,68 @@ def line_pair_motions(
     matches = _look_alikes(*invariants)
     if len(matches) == 0:
         return Motions.empty()
-    chosen = [pairs[0][matches[:, 0]], pairs[1][matches[:, 1]]]
-    geometry: list[LinePairs] = [line_pairs_of(lines.lines, p) for lines, p in zip(described, chosen, strict=True)]
-    motions = motions_between_pairs(geometry[0], geometry[1])
-    good = motions.proper(1.5 * max_angle_rad, 2.0 * max_distance_m) & (ASSIGNMENTS[:, 0] == 0)[None, :]
+    numbers = [pairs[0][matches[:, 0]], pairs[1][matches[:, 1]]]
+    return joined([_motions(described, numbers, signs, max_angle_rad, max_distance_m) for signs in SIGNS])
+
+
+def _motions(
+    described: list[DescribedLines],
+    numbers: list[IndexPairs],
+    signs: tuple[float, float],
+    max_angle_rad: float,
+    max_distance_m: float,
+) -> Motions:
+    """Lay pair on pair with the source lines' directions as given or reversed, where that also lays normals on normals.
+
+    The rotation turns bisectors of the directions onto bisectors, the translation lays the middle of the common
+    perpendicular on the middle of the other (MATH 1.7).
+    """
+    # what can be told without the rotation saves it for three in four
+    possible = np.ones(len(numbers[0]), dtype=np.bool_)
+    ours, theirs = (_signed(lines, pairs) for lines, pairs in zip(described, numbers, strict=True))
     for side in (0, 1):
-        wanted = described[0].bisectors[chosen[0][:, side]]
-        given = described[1].bisectors[chosen[1][:, side]]
-        turned = np.einsum("nhij,nj->nhi", motions.rotations, given)
-        agreement = np.einsum("nhi,ni->nh", turned, wanted)
-        unknown = described[0].are_axes[chosen[0][:, side]][:, None]
-        good &= unknown | (agreement > np.cos(3.0 * max_angle_rad))
-    which = np.nonzero(good)
-    rotations = motions.rotations[which]
-    return Motions(rotations, motions.translations_m[which], np.ones(len(rotations)))
+        possible &= (np.abs(ours[side] - signs[side] * theirs[side]) < 6.0 * max_angle_rad).all(axis=1)
+    wanted, given = (pairs[possible] for pairs in numbers)
+    target, source = line_pairs_of(described[0].lines, wanted), line_pairs_of(described[1].lines, given)
+    source = replace(source, directions_a=signs[0] * source.directions_a, directions_b=signs[1] * source.directions_b)
+    rotations = rotation_from_frames(
+        bisector_frames(source.directions_a, source.directions_b),
+        bisector_frames(target.directions_a, target.directions_b),
+    )
+    ours_there, theirs_there = pair_geometry(target), pair_geometry(source)
+    angles = [np.arccos(np.clip(geometry.cosines, -1.0, 1.0)) for geometry in (ours_there, theirs_there)]
+    good = np.abs(angles[0] - angles[1]) <= 1.5 * max_angle_rad
+    # with its sign: the side on which the second line passes the first
+    passes = [
+        geometry.moments_m / np.sin(angle) for geometry, angle in zip((ours_there, theirs_there), angles, strict=True)
+    ]
+    good &= np.abs(passes[0] - passes[1]) <= 2.0 * max_distance_m
+    for side in (0, 1):
+        turned = np.einsum("nij,nj->ni", rotations, described[1].bisectors[given[:, side]])
+        agreement = np.einsum("ni,ni->n", turned, described[0].bisectors[wanted[:, side]])
+        good &= described[0].are_axes[wanted[:, side]] | (agreement > np.cos(3.0 * max_angle_rad))
+    middles = [0.5 * (geometry.feet_a + geometry.feet_b)[good] for geometry in (ours_there, theirs_there)]
+    rotations = rotations[good]
+    translations = middles[0] - np.einsum("nij,nj->ni", rotations, middles[1])
+    return Motions(rotations, translations, np.ones(len(rotations)))
 
 
-def _longest(described: DescribedLines) -> DescribedLines:
-    """Keep the longest lines."""
-    order = np.argsort(-described.lines.lengths, kind="stable")[:MAX_LINES]
-    order = np.sort(order)
+def _signed(described: DescribedLines, pairs: IndexPairs) -> tuple[Array, Array]:
+    """Give for both lines of each pair what changes its sign with the line's direction, (n, 2) each."""
+    first, second = described.bisectors[pairs[:, 0]], described.bisectors[pairs[:, 1]]
+    normal = np.cross(first, second)
+    return tuple(  # type: ignore[return-value]
+        np.column_stack([np.einsum("ij,ij->i", direction, other), np.einsum("ij,ij->i", direction, normal)])
+        for direction, other in (
+            (described.lines.directions[pairs[:, 0]], second),
+            (described.lines.directions[pairs[:, 1]], first),
+        )
+    )
+
+
+def longest_lines(described: DescribedLines, most: int) -> DescribedLines:
+    """Keep the longest lines, in their order."""
+    order = np.sort(np.argsort(-described.lines.lengths, kind="stable")[:most])
     return DescribedLines(
         described.lines[order], described.kinds[order], described.bisectors[order], described.sizes[order]
     )

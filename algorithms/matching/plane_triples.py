@@ -1,19 +1,25 @@
 """Motions from planes: rotations from normals, translations from one-dimensional votes of offsets.
 
-Every pair of planes with equal normals fixes one component of the translation. The strongest votes of three independent
-directions, in all combinations, give the translations (MATCHING 2.4). This helps where lines are few.
+Every pair of planes with equal normals fixes one component of the translation, every pair of lines with equal
+directions the components across them. The strongest votes of three independent directions, in all combinations, give
+the translations (MATCHING 2.4). Pairs of lines alone fail where nearly all are parallel, as at a bridge: there two
+pillars and the water's level do.
 """
 
-from typing import TypeAlias
+from dataclasses import dataclass
 
 import numpy as np
 
-from algorithms.arrays import Array, Indices, Matrices3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.planes import Planes
+from algorithms.geometry.line_pairs_geometry import bisector_frames
+from algorithms.geometry.lines import bases_of
+from algorithms.matching.correspondences import alike_lines
+from algorithms.matching.line_pairs import DescribedLines, described_lines, longest_lines
 from algorithms.matching.votes import Motions, joined, nearest_rotations, rotation_clusters
 
 MAX_PLANES = 60
+MAX_LINES = 60
 MAX_DIRECTIONS = 10
 MAX_ROTATIONS = 48
 MAX_PEAKS = 10
@@ -21,10 +27,40 @@ SAME_DIRECTION_COSINE = 0.995
 """Normals within 5.7 degrees form one class."""
 AGREEING_COSINE = 0.985
 """Moved normals within 10 degrees of a normal of the other scan agree."""
+ACROSS_SINE = 0.1
+"""Lines within 6 degrees of perpendicular to an axis fix the place along it."""
+LEAST_SINE = 0.34
+"""Directions are independent from 20 degrees on."""
+LEAST_PLANES = 2
+LINE_WIDTH_M = 0.3
+"""A line speaks as much for a place as a strip of plane of this width."""
 VOTE_BIN_M = 0.1
 
-_Planes: TypeAlias = tuple[Array, Array, Array]
-"""Normals (p, 3), centroids (p, 3) and areas (p,)."""
+
+@dataclass(frozen=True, eq=False)
+class _Features:
+    """What votes: p planes and m lines of one scan."""
+
+    normals: Points
+    """(p, 3) towards the instrument."""
+    centroids: Points
+    """(p, 3) [m]."""
+    areas: Scalars
+    """(p,) [m2]."""
+    described: DescribedLines
+    """The m lines."""
+
+    @staticmethod
+    def of(features: ScanFeatures) -> "_Features":
+        """Take the largest planes and the longest lines."""
+        planes = features.planes
+        order = np.argsort(-planes.areas_m2, kind="stable")[:MAX_PLANES]
+        return _Features(
+            planes.normals[order],
+            planes.centroids[order],
+            planes.areas_m2[order],
+            longest_lines(described_lines(features), MAX_LINES),
+        )
 
 
 def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float) -> Motions:
@@ -41,11 +77,10 @@ def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: 
     -------
     Motions with the area that speaks for them [m2]; none if there are fewer than three independent directions.
     """
-    chosen = [_largest(features.planes) for features in (target, source)]
-    if min(len(planes[0]) for planes in chosen) < 3:
+    ours, theirs = _Features.of(target), _Features.of(source)
+    if min(len(each.normals) for each in (ours, theirs)) < LEAST_PLANES:
         return Motions.empty()
-    rotations = _rotations(chosen[0], chosen[1], max_angle_rad)
-    return joined([_translations(rotation, chosen[0], chosen[1]) for rotation in rotations])
+    return joined([_translations(rotation, ours, theirs) for rotation in _rotations(ours, theirs, max_angle_rad)])
 
 
 def direction_classes(normals: Points, weights: Scalars) -> tuple[Array, Array]:
@@ -64,16 +99,10 @@ def direction_classes(normals: Points, weights: Scalars) -> tuple[Array, Array]:
     return np.array(means).reshape(-1, 3)[order], np.array(totals)[order]
 
 
-def _largest(planes: Planes) -> _Planes:
-    """Give normals, centroids and areas of the largest planes."""
-    order = np.argsort(-planes.areas_m2, kind="stable")[:MAX_PLANES]
-    return planes.normals[order], planes.centroids[order], planes.areas_m2[order]
-
-
-def _rotations(target: _Planes, source: _Planes, max_angle_rad: float) -> Matrices3:
+def _rotations(target: _Features, source: _Features, max_angle_rad: float) -> Matrices3:
     """Find the rotations that lay most normals on normals: each pair of directions of equal angle proposes one."""
-    directions_t, weights_t = (part[:MAX_DIRECTIONS] for part in direction_classes(target[0], target[2]))
-    directions_s, weights_s = (part[:MAX_DIRECTIONS] for part in direction_classes(source[0], source[2]))
+    directions_t, weights_t = (part[:MAX_DIRECTIONS] for part in direction_classes(target.normals, target.areas))
+    directions_s, weights_s = (part[:MAX_DIRECTIONS] for part in direction_classes(source.normals, source.areas))
     pairs_t, pairs_s = _direction_pairs(directions_t), _direction_pairs(directions_s)
     if len(pairs_t) == 0 or len(pairs_s) == 0:
         return np.empty((0, 3, 3))
@@ -83,7 +112,7 @@ def _rotations(target: _Planes, source: _Planes, max_angle_rad: float) -> Matric
     )
     i, j = np.nonzero(np.abs(angles_t[:, None] - angles_s[None, :]) < 2.0 * max_angle_rad)
     frames_t, frames_s = (
-        _frames(d[p[:, 0]], d[p[:, 1]]) for d, p in ((directions_t, pairs_t[i]), (directions_s, pairs_s[j]))
+        bisector_frames(d[p[:, 0]], d[p[:, 1]]) for d, p in ((directions_t, pairs_t[i]), (directions_s, pairs_s[j]))
     )
     proposals = frames_t @ np.swapaxes(frames_s, 1, 2)
     # How well all directions agree: each source direction with the best target direction, weight the smaller area.
@@ -100,33 +129,30 @@ def _rotations(target: _Planes, source: _Planes, max_angle_rad: float) -> Matric
 def _direction_pairs(directions: Points) -> Array:
     """Give the ordered pairs of directions that are far from parallel."""
     sines = np.linalg.norm(np.cross(directions[:, None, :], directions[None, :, :]), axis=2)
-    return np.argwhere(sines > 0.34)
+    return np.argwhere(sines > LEAST_SINE)
 
 
-def _frames(first: Points, second: Points) -> Array:
-    """Build frames (n, 3, 3) from pairs of directions: bisector, difference, and their cross product as columns."""
-    u, v = first + second, first - second
-    u = u / np.linalg.norm(u, axis=1, keepdims=True)
-    v = v / np.linalg.norm(v, axis=1, keepdims=True)
-    return np.stack([u, v, np.cross(u, v)], axis=2)
-
-
-def _translations(rotation: Array, target: _Planes, source: _Planes) -> Motions:
+def _translations(rotation: Matrix3, target: _Features, source: _Features) -> Motions:
     """Combine the strongest offset votes of three independent directions."""
-    normals, centroids, areas = target
-    moved_normals, moved_centroids = source[0] @ rotation.T, source[1] @ rotation.T
-    agreeing = normals @ moved_normals.T > AGREEING_COSINE
-    directions, _ = direction_classes(normals, areas * agreeing.any(axis=1))
+    moved_normals, moved_centroids = source.normals @ rotation.T, source.centroids @ rotation.T
+    agreeing = target.normals @ moved_normals.T > AGREEING_COSINE
+    directions, weights = direction_classes(target.normals, target.areas * agreeing.any(axis=1))
+    lines = _line_offsets(rotation, target.described, source.described)
+    directions = directions[weights > 0.0]
     axes = _independent(directions)
+    if len(axes) < 3 and len(directions) and len(lines[2]):
+        axes = _independent(np.vstack([directions, _across_lines(lines[1], lines[2], directions[0])]))
     if len(axes) < 3:
         return Motions.empty()
     peaks = []
     for axis in axes:
-        t, s = np.nonzero(agreeing & (np.abs(normals @ axis) > AGREEING_COSINE)[:, None])
-        if len(t) == 0:
+        t, s = np.nonzero(agreeing & (np.abs(target.normals @ axis) > AGREEING_COSINE)[:, None])
+        across = np.abs(lines[1] @ axis) < ACROSS_SINE
+        offsets = np.concatenate([target.centroids[t] @ axis - moved_centroids[s] @ axis, lines[0][across] @ axis])
+        if len(offsets) == 0:
             return Motions.empty()
-        offsets = centroids[t] @ axis - moved_centroids[s] @ axis
-        peaks.append(_peaks(offsets, np.sqrt(np.minimum(areas[t], source[2][s]))))
+        areas = np.concatenate([np.minimum(target.areas[t], source.areas[s]), LINE_WIDTH_M * lines[2][across]])
+        peaks.append(_peaks(offsets, np.sqrt(areas)))
     grids = np.meshgrid(*[offsets for offsets, _ in peaks], indexing="ij")
     votes = np.meshgrid(*[weights for _, weights in peaks], indexing="ij")
     right_sides = np.stack(grids, axis=-1).reshape(-1, 3)
@@ -138,6 +164,33 @@ def _translations(rotation: Array, target: _Planes, source: _Planes) -> Motions:
     )
 
 
+def _line_offsets(rotation: Matrix3, ours: DescribedLines, theirs: DescribedLines) -> tuple[Points, Points, Scalars]:
+    """Pair lines that a rotation lays in parallel: how far they are apart, directions, lengths of the shorter ones."""
+    directions = theirs.lines.directions @ rotation.T
+    parallel = np.abs(ours.lines.directions @ directions.T) > AGREEING_COSINE
+    i, j = np.nonzero(parallel & alike_lines(ours, theirs, rotation))
+    middles = [np.mean(each.lines.end_points, axis=0) for each in (ours, theirs)]
+    return (
+        middles[0][i] - middles[1][j] @ rotation.T,
+        ours.lines.directions[i],
+        np.minimum(ours.lines.lengths[i], theirs.lines.lengths[j]),
+    )
+
+
+def _across_lines(directions: Array, lengths: Array, first: Vector3) -> Points:
+    """Give directions across the lines, those of the longest lines first, perpendicular to a given one if possible."""
+    # the sign of a line's direction means nothing
+    largest = np.argmax(np.abs(directions), axis=1)
+    signs = np.sign(directions[np.arange(len(directions)), largest])
+    along, _ = direction_classes(directions * signs[:, None], lengths)
+    across = np.cross(along, first)
+    sines = np.linalg.norm(across, axis=1)
+    aligned = sines < LEAST_SINE
+    across[aligned] = bases_of(along[aligned])[:, :, 0]
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack([across, np.cross(along, across)], axis=1).reshape(-1, 3)
+
+
 def _independent(directions: Points) -> Array:
     """Pick three directions, the heaviest first, each far from the span of those before; fewer if there are none."""
     chosen: list[Vector3] = []
@@ -145,7 +198,7 @@ def _independent(directions: Points) -> Array:
         rest = direction.copy()
         for axis in _orthonormal(chosen):
             rest -= (rest @ axis) * axis
-        if np.linalg.norm(rest) > 0.34:
+        if np.linalg.norm(rest) > LEAST_SINE:
             chosen.append(direction)
         if len(chosen) == 3:
             break

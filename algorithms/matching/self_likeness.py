@@ -16,9 +16,15 @@ from algorithms.scans.surface_index import SurfaceIndex
 
 LEAST_SUPPORT = 0.05
 """An alternative that lays less surface on surface could be anywhere."""
-SPOTLESS, LEAST_RELATIVE_SUPPORT = 0.0005, 1.0 / 3.0
+SPOTLESS, LEAST_RELATIVE_SUPPORT = 0.003, 1.0 / 3.0
 """Where less than the first share speaks against the best pose, an alternative must lay at least the second part of its
 surface on surface: that the next house looks the same is always possible, but then nothing could ever be known."""
+LEAST_TURN_RAD, TURNED_RELATIVE_SUPPORT = np.radians(20.0), 0.1
+TURNED_SUPPORT, TURNED_SHARE = 0.08, 0.005
+"""Unless it is turned: a bridge seen from corresponding places on both sides lays nearly all of its surface on surface
+in the wrong pose, and the right one has little in common. Then a turn makes the other pose possible from this part of
+the surface on, if it lays so much of both scans on themselves with less than `CONTRADICTED` against it, and if hardly
+more speaks against the other pose than against the best."""
 CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
 """An alternative is possible while the share that speaks against it is below the first value, or below the second times
 its support relative to the best pose's, or below the third times what speaks against the best pose."""
@@ -67,23 +73,28 @@ def is_possible_alternative(
     noise_m
         Standard deviation of single points [m].
     """
+
+    def likenesses() -> tuple[Contradiction, Contradiction]:
+        return (
+            self_likeness(target, other * pose.inv(), noise_m),
+            self_likeness(source, pose.inv() * other, noise_m),
+        )
+
     if alternative.support < LEAST_SUPPORT:
         return False
     relative = alternative.support / max(best.support, 1e-9)
     if best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT:
-        return False
+        if relative < TURNED_RELATIVE_SUPPORT or (other.rotation * pose.rotation.inv()).magnitude() < LEAST_TURN_RAD:
+            return False
+        return alternative.share <= TURNED_SHARE and all(
+            likeness.support >= TURNED_SUPPORT and likeness.share <= CONTRADICTED for likeness in likenesses()
+        )
     limit = max(CONTRADICTED, CONTRADICTED_PER_SUPPORT * relative, CONTRADICTED_AS_BEST * best.share)
     if alternative.share > limit:
         return False
     if alternative.share < CLEANER * best.share and best.share > CONTRADICTED:
         return True
-    return any(
-        likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED
-        for likeness in (
-            self_likeness(target, other * pose.inv(), noise_m),
-            self_likeness(source, pose.inv() * other, noise_m),
-        )
-    )
+    return any(likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED for likeness in likenesses())
 
 
 def self_likeness(scan: SurfaceIndex, motion: RigidTransform, noise_m: float) -> Contradiction:

@@ -10,10 +10,11 @@ from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.hypotheses import rank_hypotheses
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.self_likeness import SELF_CONTRADICTED, SELF_SUPPORT, Contradiction
-from algorithms.matching.votes import Motions
+from algorithms.matching.votes import Motions, motions_of
 
-MOST_HYPOTHESES, MOST_POLISHED = 2000, 16
-"""So many motions of a scan onto itself are tested, and so many looked at closely."""
+MAX_LINES, MOST_HYPOTHESES, MOST_POLISHED = 60, 2000, 16
+"""Of so many lines pairs are formed, so many motions of a scan onto itself that lines and that planes propose are
+tested, and so many looked at closely."""
 LEAST_TURN_RAD, LEAST_SHIFT_M = np.radians(4.5), 0.3
 """A smaller motion is none."""
 
@@ -42,16 +43,18 @@ def poses_by_symmetry(
     """
     found = [motion * pose for motion in _symmetries(target, options)]
     found += [pose * motion for motion in _symmetries(source, options)]
-    return Motions(
-        np.array([motion.rotation.as_matrix() for motion in found]).reshape(-1, 3, 3),
-        np.array([motion.translation for motion in found]).reshape(-1, 3),
-        np.ones(len(found)),
-    )
+    return motions_of(found)
 
 
 def _symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[RigidTransform]:
     """Find the motions that lay a scan onto itself without contradiction."""
-    motions = candidate_motions(scan, scan, replace(options, max_line_hypotheses=MOST_HYPOTHESES))
+    motions = candidate_motions(
+        scan,
+        scan,
+        replace(options, max_line_hypotheses=MOST_HYPOTHESES),
+        max_lines=MAX_LINES,
+        max_plane_hypotheses=MOST_HYPOTHESES,
+    )
     motions = motions[_moves(motions, scan)]
     if len(motions) == 0:
         return []
@@ -60,10 +63,12 @@ def _symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[RigidTrans
         Contradiction.of(float(support), float(violation))
         for support, violation in zip(ranked.scores.support, ranked.scores.violation, strict=True)
     ]
+    # polishing may have led back to where nothing moves
+    moved = _moves(motions_of(ranked.poses), scan)
     return [
         pose
-        for pose, like in zip(ranked.poses, likeness, strict=True)
-        if like.support >= SELF_SUPPORT and like.share <= SELF_CONTRADICTED
+        for pose, like, moves in zip(ranked.poses, likeness, moved, strict=True)
+        if moves and like.support >= SELF_SUPPORT and like.share <= SELF_CONTRADICTED
     ]
 
 

@@ -1,9 +1,10 @@
 """Find out on which motions many small pieces of evidence agree."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Indices, Matrices3, Points, Scalars, Vector3
 
@@ -29,10 +30,25 @@ class Motions:
         """Select motions by an index array, mask or slice."""
         return Motions(self.rotations[which], self.translations_m[which], self.votes[which])
 
+    @property
+    def poses(self) -> tuple[RigidTransform, ...]:
+        """The motions one by one."""
+        rotations = Rotation.from_matrix(self.rotations)
+        return tuple(RigidTransform.from_components(t, r) for t, r in zip(self.translations_m, rotations, strict=True))
+
     @staticmethod
     def empty() -> "Motions":
         """Give no motions."""
         return Motions(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
+
+
+def motions_of(poses: Sequence[RigidTransform]) -> Motions:
+    """Put poses together, with one vote each."""
+    return Motions(
+        np.array([pose.rotation.as_matrix() for pose in poses]).reshape(-1, 3, 3),
+        np.array([pose.translation for pose in poses]).reshape(-1, 3),
+        np.ones(len(poses)),
+    )
 
 
 def joined(parts: list[Motions]) -> Motions:
@@ -71,8 +87,7 @@ def rotation_clusters(rotations: Matrices3, weights: Scalars, *, radius_rad: flo
         return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
     quaternions = np.asarray(Rotation.from_matrix(rotations).as_quat(canonical=True))
     keys = np.round(quaternions / QUATERNION_BIN).astype(np.int64)
-    _, bins = np.unique(keys, axis=0, return_inverse=True)
-    bins = bins.reshape(-1)
+    _, bins = np.unique(_row_keys(keys)[0], return_inverse=True)
     bin_votes = np.bincount(bins, weights=weights)
     means = np.stack([np.bincount(bins, weights=weights * quaternions[:, k]) for k in range(4)], axis=1)
     means = means / np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1e-12)
@@ -131,8 +146,8 @@ def vote_motions(
         return Motions.empty()
     images = motions.rotations[kept] @ centre_m + motions.translations_m[kept]
     keys = np.column_stack([members[kept], np.floor(images / radius_m).astype(np.int64)])
-    cells, cell_of = np.unique(keys, axis=0, return_inverse=True)
-    cell_of = cell_of.reshape(-1)
+    _, first, cell_of = np.unique(_row_keys(keys)[0], return_index=True, return_inverse=True)
+    cells = keys[first]
     weights = motions.votes[kept]
     votes = np.bincount(cell_of, weights=weights)
     means = np.stack([np.bincount(cell_of, weights=weights * images[:, k]) / votes for k in range(3)], axis=1)
@@ -148,11 +163,7 @@ def vote_motions(
 
 def _with_neighbours(cells: Array, votes: Scalars) -> Scalars:
     """Add to the votes of each cell those of its 26 neighbours with the same rotation."""
-    low = cells.min(axis=0)
-    span = cells.max(axis=0) - low + 3
-    shifted = cells - low + 1
-    strides = np.array([span[1] * span[2] * span[3], span[2] * span[3], span[3], 1], dtype=np.int64)
-    keys = shifted @ strides
+    keys, strides = _row_keys(cells)
     order = np.argsort(keys)
     ranked = keys[order]
     total = np.zeros(len(cells))
@@ -163,3 +174,14 @@ def _with_neighbours(cells: Array, votes: Scalars) -> Scalars:
                 place = np.minimum(np.searchsorted(ranked, wanted), len(ranked) - 1)
                 total += np.where(ranked[place] == wanted, votes[order[place]], 0.0)
     return total
+
+
+def _row_keys(rows: Array) -> tuple[Array, Array]:
+    """Give one integer for each row of integers, in the rows' order, and how it changes with each column.
+
+    No row next to a given one has the number of another row.
+    """
+    low = rows.min(axis=0)
+    span = rows.max(axis=0) - low + 3
+    strides = np.append(np.cumprod(span[:0:-1])[::-1], 1).astype(np.int64)
+    return (rows - low + 1) @ strides, strides
