@@ -61,16 +61,16 @@ def hidden_shares(points: Points, normals: Points, positions: Array, *, cells: i
     (m,) shares, 0..1.
     """
     from algorithms.scans import sensor_position_kernels as kernels
+    from algorithms.scans.point_blocks import over_blocks
 
     shares = np.empty(len(positions))
-    kernels.hidden_shares(
-        np.ascontiguousarray(points),
-        np.ascontiguousarray(normals),
-        np.ascontiguousarray(positions),
-        cells,
-        spacing_m,
-        shares,
-    )
+    points, normals = np.ascontiguousarray(points), np.ascontiguousarray(normals)
+    positions = np.ascontiguousarray(positions)
+
+    def work(start: int, end: int) -> None:
+        kernels.hidden_shares(points, normals, positions, cells, spacing_m, start, end, shares)
+
+    over_blocks(work, len(positions), least=1)
     return shares
 
 

@@ -9,7 +9,7 @@ from numba import njit
 from algorithms.arrays import Array
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cube_cell(x: float, y: float, z: float, cells: int) -> Any:  # pragma: no cover - compiled
     """Find the cell that a ray passes on a cube of 6 faces of cells x cells around the eye: cheaper than angles."""
     ax, ay, az = abs(x), abs(y), abs(z)
@@ -24,16 +24,18 @@ def _cube_cell(x: float, y: float, z: float, cells: int) -> Any:  # pragma: no c
     return (face * cells + i) * cells + j
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def hidden_shares(
     points: Array,
     normals: Array,
     positions: Array,
     cells: int,
     spacing_m: float,
+    start: int,
+    end: int,
     shares: Array,
 ) -> Any:  # pragma: no cover - compiled
-    """Write for each position the share of points that lie behind another surface seen in the same direction.
+    """Write for positions from `start` to `end` the share of points behind another surface seen in the same direction.
 
     A point is hidden when the nearest point of its cell is clearly nearer and neither lies on the other's tangent
     plane: floors and walls seen at grazing incidence spread over a range within one cell without hiding themselves.
@@ -43,7 +45,7 @@ def hidden_shares(
     owner = np.empty(6 * cells * cells, dtype=np.int64)
     cell = np.empty(n, dtype=np.int64)
     ranges = np.empty(n)
-    for c in range(positions.shape[0]):
+    for c in range(start, end):
         nearest[:] = np.inf
         for k in range(n):
             x = points[k, 0] - positions[c, 0]
