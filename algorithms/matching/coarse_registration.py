@@ -42,7 +42,7 @@ class CoarseRegistration:
     support: int
     """How many lines and planes both scans see in this pose."""
     score: float
-    """Support share minus the penalty for violated free space; comparable between poses of one pair."""
+    """Support share, discounted for surface in free space; comparable between poses of one pair."""
     support_share: float
     """Mean of both scans' shares of surface that fits the other's, each a geometric mean over directions, 0..1."""
     violation_share: float
@@ -53,7 +53,7 @@ class CoarseRegistration:
     """The best clearly different pose (more than 5 gon or 0.3 m away) that the lines do not refute; None if there is
     none."""
     runner_up_score: float
-    """Its score; 0 if there is none."""
+    """Its score, judged charitably (`PoseScores.charitable`); 0 if there is none."""
     runner_up_support: int
     """How many lines and planes both scans see there; 0 if there is none."""
     hypotheses_tested: int
@@ -156,7 +156,7 @@ def _described(
     pose, scores = ranked.poses[weighed.first], ranked.scores
     best = float(scores.score[weighed.first])
     second = next(iter([*weighed.symmetric, *weighed.rivals]), None)
-    runner_up_score = 0.0 if second is None else float(scores.score[second])
+    runner_up_score = 0.0 if second is None else float(scores.charitable[second])
     close = runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
     free_space_known = target.index.knows_free_space and source.index.knows_free_space
     reasons, remarks = [], []
@@ -207,12 +207,12 @@ def _weighed(
     options: MatchingOptions,
 ) -> _Weighed:
     """Let the lines decide between poses that fit the surfaces alike, and find those that symmetry makes possible."""
-    score = ranked.scores.score
+    score, charitable = ranked.scores.score, ranked.scores.charitable
     judged = [
         Contradiction.of(float(support), float(violation))
         for support, violation in zip(ranked.scores.support, ranked.scores.violation, strict=True)
     ]
-    close = [k for k in range(1, len(score)) if score[k] > LEAST_RIVAL_RATIO * score[0]]
+    close = [k for k in range(1, len(score)) if charitable[k] > LEAST_RIVAL_RATIO * score[0]]
     witness = LineWitness(target, source)
     fitted = {k: feature_pose_near(target, source, ranked.poses[k]) for k in (0, *close)}
     first = 0
@@ -235,7 +235,7 @@ def _weighed(
         )
         if k in fitted or possible:
             other = fitted[k] if k in fitted else feature_pose_near(target, source, ranked.poses[k])
-            alone = possible or score[k] >= options.ambiguity_ratio * score[first]
+            alone = possible or charitable[k] >= options.ambiguity_ratio * score[first]
             found = witness.refutation(fitted[first], other, alpha=LINES_ALONE_ALPHA if alone else LINES_TOO_ALPHA)
             if found is not None:
                 refuted.append((k, *found))
@@ -243,6 +243,7 @@ def _weighed(
         rivals.append(k)
         if possible:
             symmetric.append(k)
+    rivals.sort(key=lambda k: -charitable[k])
     symmetric.sort(key=lambda k: -judged[k].support)
     return _Weighed(first, rivals, refuted, symmetric)
 

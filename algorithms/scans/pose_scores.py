@@ -15,6 +15,9 @@ objects, mixed pixels, margins. Right poses of the development sets show a hundr
 position is known, up to a tenth where it was estimated among trees; wrong ones that fit well 4 to 20 %."""
 CONTRADICTION_PENALTY = 18.0
 """Each further percent costs so many percent of the support."""
+VIOLATION_FLOOR, VIOLATION_PENALTY = 0.01, 8.0
+"""The charitable score: a share of the whole surface up to the first value may stand in free space, and what goes beyond
+costs this multiple of support."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,15 @@ class PoseScores:
     """(h,) larger of both scans' shares that fit: the smaller scan decides."""
     score: Scalars
     """(h,) support minus the penalty for violation above the floor."""
+
+    @property
+    def charitable(self) -> Scalars:
+        """(h,) what a pose is worth as a rival of a better one: contradictions count less than in its own favour.
+
+        Where little of the surface can be judged at all, a few points in free space refute nothing.
+        """
+        lenient = self.support - VIOLATION_PENALTY * np.maximum(self.violation - VIOLATION_FLOOR, 0.0)
+        return np.asarray(np.maximum(self.score, lenient))
 
 
 def score_poses(
