@@ -9,7 +9,7 @@ from schemas.base import NotYetList, RequestModel
 from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
-from schemas.registration_methods import AutoMethod, MethodRequest
+from schemas.registration_methods import DefaultMethod, MethodRequest
 
 StationName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^\w[\w .()+-]*$")]
 """Letters, digits, `_`, blank, `.`, `(`, `)`, `+`, `-`; it names stations in results and downloads."""
@@ -67,7 +67,7 @@ class RegisterInputs(RequestModel):
     """Two stations or more."""
     pairs: PairChoice = Field(default="auto", title="Pairs")
     """`auto`, or the list of [target, source] names to try."""
-    method: MethodRequest = Field(default_factory=AutoMethod, title="Method")
+    method: MethodRequest = Field(default_factory=DefaultMethod, title="Method")
     """Method of registration with its options."""
     photo_lines: PhotoLineOptionsRequest = Field(default_factory=PhotoLineOptionsRequest, title="Lines from photos")
     """Which edges of the photos become lines in space."""

@@ -2,27 +2,21 @@
 
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from pydantic import Field
 
-from algorithms.registration import RegistrationMethod
+from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
 from schemas.base import RequestModel
 from schemas.method_options import options_model
-
-
-class AutoMethod(RequestModel):
-    """Let the service choose the method; its defaults hold."""
-
-    method: Literal["auto"] = "auto"
-    """Name of the method."""
-
 
 METHODS: tuple[Any, ...] = get_args(RegistrationMethod) or (RegistrationMethod,)
 """Dataclasses of all methods; each carries its `name`."""
 
 if TYPE_CHECKING:
     MethodRequest = RequestModel
+    DefaultMethod = RequestModel
 else:
-    _MODELS = [AutoMethod, *(options_model(method, method.name) for method in METHODS)]
-    MethodRequest = Annotated[reduce(or_, _MODELS), Field(discriminator="method")]
+    _MODELS = {method: options_model(method, method.name) for method in METHODS}
+    MethodRequest = Annotated[reduce(or_, _MODELS.values()), Field(discriminator="method")]
+    DefaultMethod = _MODELS[DEFAULT_METHOD]

@@ -91,6 +91,30 @@ class PhotoLineCounts(Document):
     )
 
 
+class PosePart(Document):
+    """What a pose is made of."""
+
+    name: str
+    share: float = Field(description="Of the information, averaged over the motions that the pose determines, 0 to 1.")
+
+
+class SurfaceFigures(Document):
+    """The pose by surfaces alone, on which the answer rests or against which it was tested."""
+
+    distances: int = Field(description="Distances between corresponding surfaces that count.")
+    spread_m: float = Field(description="Their robust standard deviation.")
+    neighbourhoods: int = Field(description="Their misfits count as one observation each.")
+    neighbourhood_m: float = Field(description="Edge of a neighbourhood.")
+    largest_std_m: float | None = Field(
+        description="Of the worst determined motion, turns as the shift they cause; null: it is open."
+    )
+    hidden_shift_m: float = Field(
+        description="Largest shift of the pose by a neighbourhood that lies wrong by as much as does most harm."
+    )
+    iterations: int
+    converged: bool
+
+
 class Pair(Document):
     """What came out for two stations."""
 
@@ -99,6 +123,14 @@ class Pair(Document):
     status: str = Field(description="accepted, doubtful, rejected, ambiguous or degenerate")
     reasons: list[str]
     target_from_source: Pose | None
+    estimator: str | None = Field(
+        default=None,
+        description="Of methods that may choose: what gave the pose; lines+planes+surfaces, planes+surfaces, surfaces, "
+        "lines+planes or planes.",
+    )
+    estimator_reason: str | None = Field(default=None, description="Why, in words with figures.")
+    pose_parts: list[PosePart] = Field(default=[], description="What that pose is made of, the largest share first.")
+    surfaces: SurfaceFigures | None = Field(default=None, description="Null: the method does not use surfaces.")
     coarse: Coarse | None
     adjustment: Adjustment | None = Field(
         description="The rigorous adjustment, also where the method has an estimator of its own; with correspondences, "

@@ -1,12 +1,17 @@
 """Scan to scan: every method in a file of its own, all of them in one union."""
 
+from algorithms.registration.auto import AutoMethod
 from algorithms.registration.icl import IclMethod
+from algorithms.registration.icp_plane import IcpPlaneMethod
 from algorithms.registration.lines import LinesMethod
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
 from algorithms.registration.lines_compat import LinesCompatMethod
+from algorithms.registration.planes import PlanesMethod
 
-RegistrationMethod = LinesMethod | LinesCompatMethod | LinesAlshawaMethod | IclMethod
+RegistrationMethod = (
+    AutoMethod | LinesMethod | PlanesMethod | IcpPlaneMethod | LinesCompatMethod | LinesAlshawaMethod | IclMethod
+)
 """All methods, `A | B | ...`; validation, documentation and dispatch follow from it."""
 
-DEFAULT_METHOD = LinesMethod
-"""What `auto` stands for."""
+DEFAULT_METHOD = AutoMethod
+"""What a request without a method gets."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import EstimatorStep
+from algorithms.adjustment.rank import CentredFrame
 from algorithms.arrays import IndexPairs, OtherIndexPairs, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
@@ -15,6 +16,7 @@ from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.priors import PairPriors
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import Verification
+from algorithms.registration.surface_estimate import SurfaceEstimate
 
 
 class PairStatus(StrEnum):
@@ -77,6 +79,42 @@ class OwnFigures:
     """What was chosen where the source of the method leaves a choice, in words."""
 
 
+@dataclass(frozen=True)
+class PosePart:
+    """What one estimate contributes to a pose."""
+
+    name: str
+    """What it rests on, in words."""
+    share: float
+    """Its share of the information, averaged over the motions that the pose determines, 0..1."""
+
+
+@dataclass(frozen=True, eq=False)
+class FinalPose:
+    """The pose of methods that may choose between estimates, or use surfaces, and where it comes from."""
+
+    pose: PoseEstimate
+    """Target from source between the files' full coordinates."""
+    reduced: PoseEstimate
+    """The same between the reduced frames."""
+    centred: CentredFrame
+    """Centre, reduced target frame, and rms radius of what the pose rests on."""
+    centre_m: Vector3
+    """(3,) the same centre in full target coordinates [m]."""
+    estimator: str
+    """Which estimator gave the answer: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes or planes."""
+    reason: str
+    """Why, in words with figures."""
+    parts: tuple[PosePart, ...]
+    """What the pose is made of, the largest share first."""
+    surfaces: SurfaceEstimate | None
+    """The estimate by surfaces alone; None where too little surface lies on surface."""
+    free_directions: tuple[str, ...] = ()
+    """Motions that nothing determines, in words."""
+    advice: str = ""
+    """What to add then."""
+
+
 @dataclass(frozen=True, eq=False)
 class PairResult:
     """What came out for two scans. Parts that a failure left out are None, with the reason in `reasons`."""
@@ -99,6 +137,9 @@ class PairResult:
     correspondences between the files' full coordinates, with its a-posteriori covariance."""
     own_figures: OwnFigures | None = None
     """What such a method says of itself."""
+    final: FinalPose | None = None
+    """For methods that may choose between estimates, or use surfaces: the pose, and which estimator gave it. The pose
+    of `fine`, where there is one, is the same then, and its adjustment is that of the lines and planes in it."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":

@@ -1,40 +1,61 @@
-"""The work of the method `lines`: matching, adjustment with correspondences found anew, verification."""
+"""The work of the methods `lines` and `planes`: matching, adjustment with correspondences found anew, verification."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_adjustment import adjust_lines
 from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.arrays import Array, IndexPairs, OtherIndexPairs
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
+from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.lines import LinesMethod
 from algorithms.registration.pair_verdict import expected_supporters, searched, status_of_pair
 
 
-def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progress: Progress) -> PairResult:
+@dataclass(frozen=True)
+class FeatureUse:
+    """Which features carry the pose, and how far corresponding ones may lie apart."""
+
+    lines: bool = True
+    planes: bool = True
+    gates: tuple[tuple[float, float], ...] = GATES
+    """Largest angle [rad] and distance [m] of corresponding features in each round."""
+
+
+def register_by_features(
+    problem: RegistrationProblem,
+    use: FeatureUse,
+    matching: MatchingOptions,
+    adjustment: AdjustmentOptions,
+    progress: Progress,
+) -> PairResult:
     """Register two scans; every failure becomes a result with its status and reasons.
 
     Parameters
     ----------
     problem
         Features of both scans.
-    method
+    use
+        Which of them carry the pose.
+    matching, adjustment
         Options.
     progress
         Is told the steps.
     """
     progress.report(0.0, "matching")
-    coarse = searched(problem, method.matching)
+    coarse = searched(problem, matching)
     if isinstance(coarse, PairResult):
         return coarse
     progress.report(0.6, "adjustment")
     try:
-        fine = _adjusted(problem, method, coarse.target_from_source)
+        fine = adjusted_features(problem, use, adjustment, coarse.target_from_source)
     except TooFewCorrespondencesError as error:
         return PairResult(
             PairStatus.REJECTED, (f"a pose was found, but nothing to adjust it by: {error}",), coarse, None, None
@@ -46,26 +67,53 @@ def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progres
     return PairResult(status, reasons, coarse, fine, verification)
 
 
-def _adjusted(problem: RegistrationProblem, method: LinesMethod, start: RigidTransform) -> FineRegistration:
-    """Adjust, find the correspondences anew in the better pose, and so on until they stay the same."""
-    target, source = problem.target, problem.source
+def adjusted_features(
+    problem: RegistrationProblem, use: FeatureUse, options: AdjustmentOptions, start: RigidTransform
+) -> FineRegistration:
+    """Adjust, find the correspondences anew in the better pose, and so on until they stay the same.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    use
+        Which of them carry the pose.
+    options
+        Of the adjustment.
+    start
+        Target from source between the reduced frames, good to about the first gate.
+
+    Raises
+    ------
+    TooFewCorrespondencesError
+        Below two corresponding features.
+    """
     pose, fine = start, None
-    for max_angle_rad, max_distance_m in GATES:
-        limits = {"max_angle_rad": max_angle_rad, "max_distance_m": max_distance_m}
-        lines = corresponding_lines(target, source, pose, **limits)
-        planes = corresponding_planes(target, source, pose, **limits) if method.planes else _no_pairs()
+    for gate in use.gates:
+        lines, planes = _corresponding(problem, use, pose, gate)
         if fine is not None and np.array_equal(fine.lines, lines) and np.array_equal(fine.planes, planes):
             break
-        fine = _fine(problem, method, pose, lines, planes)
+        fine = _fine(problem, options, pose, lines, planes)
         pose = fine.adjustment.pose.target_from_source
     if fine is None:
         raise TooFewCorrespondencesError(0, 2, "lines and planes")
-    return _with_moved_features(problem, method, fine)
+    return _with_moved_features(problem, use, options, fine)
+
+
+def _corresponding(
+    problem: RegistrationProblem, use: FeatureUse, pose: RigidTransform, gate: tuple[float, float]
+) -> tuple[IndexPairs, OtherIndexPairs]:
+    """Find the lines and planes that both scans see, of the kinds in use."""
+    limits = {"max_angle_rad": gate[0], "max_distance_m": gate[1]}
+    return (
+        corresponding_lines(problem.target, problem.source, pose, **limits) if use.lines else _no_pairs(),
+        corresponding_planes(problem.target, problem.source, pose, **limits) if use.planes else _no_pairs(),
+    )
 
 
 def _fine(
     problem: RegistrationProblem,
-    method: LinesMethod,
+    options: AdjustmentOptions,
     start: RigidTransform,
     lines: IndexPairs,
     planes: OtherIndexPairs,
@@ -82,7 +130,7 @@ def _fine(
         target_photo_covariances=target.photo_covariances,
         source_photo_covariances=source.photo_covariances,
         doubted=doubted,
-        options=method.adjustment,
+        options=options,
     )
     return FineRegistration(
         lines,
@@ -93,23 +141,22 @@ def _fine(
     )
 
 
-def _with_moved_features(problem: RegistrationProblem, method: LinesMethod, fine: FineRegistration) -> FineRegistration:
+def _with_moved_features(
+    problem: RegistrationProblem, use: FeatureUse, options: AdjustmentOptions, fine: FineRegistration
+) -> FineRegistration:
     """Add pairs that lie farther apart than the last gate, as doubted ones: they bend nothing, but are reported.
 
     A door or cupboard that was moved by some centimetres between the scans shows so, instead of vanishing.
     """
-    target, source, pose = problem.target, problem.source, fine.adjustment.pose.target_from_source
-    limits = {"max_angle_rad": GATES[0][0], "max_distance_m": GATES[0][1]}
-    lines = _others(corresponding_lines(target, source, pose, **limits), fine.lines)
-    planes = (
-        _others(corresponding_planes(target, source, pose, **limits), fine.planes) if method.planes else _no_pairs()
-    )
+    pose = fine.adjustment.pose.target_from_source
+    near = _corresponding(problem, use, pose, use.gates[0])
+    lines, planes = _others(near[0], fine.lines), _others(near[1], fine.planes)
     if len(lines) + len(planes) == 0:
         return fine
     sizes = [len(fine.lines), len(lines), len(fine.planes), len(planes)]
     return _fine(
         problem,
-        method,
+        options,
         pose,
         np.vstack([fine.lines, lines]),
         np.vstack([fine.planes, planes]),

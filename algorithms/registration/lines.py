@@ -49,6 +49,7 @@ class LinesMethod:
         rng
             Not used: the method is deterministic.
         """
-        from algorithms.registration.line_registration import register_by_lines
+        from algorithms.registration.line_registration import FeatureUse, register_by_features
 
-        return register_by_lines(problem, self, progress)
+        use = FeatureUse(planes=self.planes)
+        return register_by_features(problem, use, self.matching, self.adjustment, progress)

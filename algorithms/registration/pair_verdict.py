@@ -72,7 +72,7 @@ def status_of_pair(
     Status, and the reasons in words with figures.
     """
     adjustment = fine.adjustment
-    reasons = [*verdict.reasons, *coarse.remarks, *_mount_remarks(problem), *_remarks(adjustment)]
+    reasons = [*verdict.reasons, *coarse.remarks, *remarks_on(problem, fine), *_weak_remarks(adjustment)]
     if verdict.status is AcceptanceStatus.REJECTED:
         return PairStatus.REJECTED, tuple(reasons)
     if adjustment.rank < 6:
@@ -101,10 +101,7 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
             f"only {adjustment.redundancy} conditions more than parameters: errors could hide "
             f"({LEAST_REDUNDANCY} would be needed)"
         )
-    kept = [states != CorrespondenceState.REMOVED for states in (adjustment.lines.states, adjustment.planes.states)]
-    used, all_ = sum(int(k.sum()) for k in kept), expected_supporters(fine)
-    if used < LEAST_USED_SHARE * all_:
-        doubts.append(f"only {used} of {all_} corresponding lines and planes agree with each other")
+    doubts += agreement_doubts(fine)
     scale = np.sqrt(adjustment.variance_factor)
     hidden = largest_hidden_shift_m(adjustment)
     if hidden > WORST_HIDDEN_M:
@@ -119,6 +116,16 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
         if weak.std_m * scale > WORST_STD_M
     ]
     return doubts
+
+
+def agreement_doubts(fine: FineRegistration) -> list[str]:
+    """Say it where fewer than half of the corresponding lines and planes agree with each other."""
+    reports = fine.adjustment.lines, fine.adjustment.planes
+    used = sum(int(np.count_nonzero(report.states != CorrespondenceState.REMOVED)) for report in reports)
+    all_ = expected_supporters(fine)
+    if used >= LEAST_USED_SHARE * all_:
+        return []
+    return [f"only {used} of {all_} corresponding lines and planes agree with each other"]
 
 
 def largest_hidden_shift_m(adjustment: LineAdjustment) -> float:
@@ -186,30 +193,36 @@ def _position_stds(pose: PoseEstimate, points: Points) -> Array:
     return np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
 
 
-def _mount_remarks(problem: RegistrationProblem) -> list[str]:
-    """Say which station's photos do not fit its own scan."""
+def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> list[str]:
+    """Say what the reader of a pose should know of its features.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans: which station's photos do not fit its own scan.
+    fine
+        The lines and planes in the pose: larger residuals than the noise explains, wrong mounts; None: there are none.
+    """
     remarks = []
     for features, side in ((problem.target, "target"), (problem.source, "source")):
         words = None if features.mount_test is None else features.mount_test.in_words()
         if words is not None:
             remarks.append(f"{side}: {words}")
-    return remarks
-
-
-def _remarks(adjustment: LineAdjustment) -> list[str]:
-    """Say what the reader of an accepted pose should know."""
-    remarks = []
+    if fine is None:
+        return remarks
+    adjustment = fine.adjustment
     if adjustment.sigma0 is not None and adjustment.global_test.verdict is GlobalVerdict.TOO_LARGE:
         remarks.append(
             f"the residuals are {adjustment.sigma0:.1f} times what the scans' own noise explains (uneven surfaces, or "
             "objects that moved); the standard deviations are enlarged accordingly"
         )
-    remarks += [mount.in_words() for mount in adjustment.mount_errors]
+    return remarks + [mount.in_words() for mount in adjustment.mount_errors]
+
+
+def _weak_remarks(adjustment: LineAdjustment) -> list[str]:
+    """Say what is determined much worse than the rest."""
     scale = np.sqrt(adjustment.variance_factor)
-    remarks += [
-        f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak
-    ]
-    return remarks
+    return [f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak]
 
 
 def expected_supporters(fine: FineRegistration) -> int:

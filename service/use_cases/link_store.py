@@ -6,36 +6,40 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.errors import InvalidInputError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
-from algorithms.registration.base import FineRegistration
+from algorithms.registration.base import FinalPose, FineRegistration
 
 
-def link_of(fine: FineRegistration, target: ScanFeatures, source: ScanFeatures) -> StationLink:
-    """Take from an accepted registration what a network needs; the stations get their numbers when it is loaded.
+def link_of(
+    fine: FineRegistration | None, target: ScanFeatures, source: ScanFeatures, final: FinalPose | None = None
+) -> StationLink:
+    """Take from a registration what a network needs; the stations get their numbers when it is loaded.
 
     Parameters
     ----------
     fine
-        The adjusted pose.
+        The adjusted lines and planes; None: the pose rests on surfaces alone.
     target, source
         Features of both stations.
+    final
+        The pose of methods that join estimates or use surfaces; None: that of `fine`.
     """
-    adjustment = fine.adjustment
-    lines, planes = (
-        report.states != int(CorrespondenceState.REMOVED) for report in (adjustment.lines, adjustment.planes)
-    )
-    return StationLink(
-        target=0,
-        source=1,
-        target_from_source=adjustment.pose_a_posteriori,
-        lines=fine.lines[lines],
-        planes=fine.planes[planes],
-        centroid_m=adjustment.centroid_m,
-        radius_m=adjustment.radius_m,
-        noise_m=max(target.noise_std_m, source.noise_std_m),
-    )
+    noise_m = max(target.noise_std_m, source.noise_std_m)
+    lines = planes = np.empty((0, 2), dtype=np.int64)
+    if fine is not None:
+        adjustment = fine.adjustment
+        lines = fine.lines[adjustment.lines.states != int(CorrespondenceState.REMOVED)]
+        planes = fine.planes[adjustment.planes.states != int(CorrespondenceState.REMOVED)]
+    if final is not None:
+        pose, centroid_m, radius_m = final.reduced, final.centred.centroid, final.centred.radius_m
+    elif fine is not None:
+        pose, centroid_m, radius_m = adjustment.pose_a_posteriori, adjustment.centroid_m, adjustment.radius_m
+    else:
+        raise InvalidInputError("registration", "it has no pose")
+    return StationLink(0, 1, pose, lines, planes, centroid_m, radius_m, noise_m)
 
 
 def save_link(path: Path, link: StationLink) -> None:

@@ -11,8 +11,17 @@ from algorithms.geometry.lines import LineSource
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.base import FineRegistration, PairResult
-from schemas.adjustment_figures import RankReport
-from schemas.registration_result import Coarse, Overlap, Pair, PhotoLineCounts, UnusedPhotoLine, WrongMount
+from schemas.adjustment_figures import RankReport, WeakDirection
+from schemas.poses import Pose
+from schemas.registration_result import (
+    Coarse,
+    Overlap,
+    Pair,
+    PhotoLineCounts,
+    PosePart,
+    UnusedPhotoLine,
+    WrongMount,
+)
 from service.use_cases.adjustment_documents import (
     accuracy_document,
     adjustment_document,
@@ -22,6 +31,7 @@ from service.use_cases.adjustment_documents import (
     weak_direction_documents,
 )
 from service.use_cases.correspondence_documents import line_correspondences, outliers, plane_correspondences
+from service.use_cases.final_pose_documents import final_rank_document, final_weak_directions, surface_document
 from service.use_cases.own_figures_documents import own_figures_document
 from service.use_cases.pose_documents import matrix_rows, pose_document
 from service.use_cases.run_lines_report import line_name
@@ -43,21 +53,17 @@ def pair_document(
     timings_s
         Seconds of each part.
     """
-    fine = result.fine
+    fine, final = result.fine, result.final
     return Pair(
         target=target,
         source=source,
         status=result.status.value,
         reasons=list(result.reasons),
-        target_from_source=None
-        if fine is None
-        else pose_document(
-            fine.pose,
-            target=target,
-            source=source,
-            centroid_m=fine.centroid_m,
-            a_posteriori=fine.adjustment.variance_factor > 1.0,
-        ),
+        target_from_source=_pose(result, target, source),
+        estimator=None if final is None else final.estimator,
+        estimator_reason=None if final is None else final.reason,
+        pose_parts=[] if final is None else [PosePart(name=part.name, share=part.share) for part in final.parts],
+        surfaces=None if final is None or final.surfaces is None else surface_document(final.surfaces),
         coarse=None if result.coarse is None else _coarse(result.coarse),
         adjustment=None if fine is None else adjustment_document(fine),
         correspondences=[] if fine is None else line_correspondences(fine, target_features, target, source),
@@ -66,9 +72,7 @@ def pair_document(
         accuracy=None if fine is None else accuracy_document(fine, result.rigorous or fine.pose, target_features),
         own_figures=own_figures_document(result, target=target, source=source),
         rank_report=_rank(result),
-        weak_directions=free_directions(result.free_directions, result.advice)
-        if fine is None
-        else weak_direction_documents(fine.adjustment),
+        weak_directions=_weak_directions(result),
         overlap=None if result.verification is None else _overlap(result.verification),
         timings_s=timings_s,
     )
@@ -164,7 +168,37 @@ def _coarse(coarse: CoarseRegistration) -> Coarse:
     )
 
 
+def _pose(result: PairResult, target: str, source: str) -> Pose | None:
+    """Describe the pose: that of a method which joins estimates, else that of the adjustment."""
+    fine, final = result.fine, result.final
+    if final is not None:
+        a_posteriori = final.surfaces is not None or (fine is not None and fine.adjustment.variance_factor > 1.0)
+        return pose_document(
+            final.pose, target=target, source=source, centroid_m=final.centre_m, a_posteriori=a_posteriori
+        )
+    if fine is None:
+        return None
+    return pose_document(
+        fine.pose,
+        target=target,
+        source=source,
+        centroid_m=fine.centroid_m,
+        a_posteriori=fine.adjustment.variance_factor > 1.0,
+    )
+
+
+def _weak_directions(result: PairResult) -> list[WeakDirection]:
+    """List what is free and what is badly determined."""
+    if result.final is not None:
+        return final_weak_directions(result.final)
+    if result.fine is not None:
+        return weak_direction_documents(result.fine.adjustment)
+    return free_directions(result.free_directions, result.advice)
+
+
 def _rank(result: PairResult) -> RankReport | None:
+    if result.final is not None:
+        return final_rank_document(result.final)
     if result.fine is not None:
         return rank_document(result.fine.adjustment, result.fine)
     return rank_document_without_pose(result.free_directions, result.advice) if result.free_directions else None

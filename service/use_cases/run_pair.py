@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 from pydantic import TypeAdapter
 
-from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
+from algorithms.registration import RegistrationMethod
 from service.ports import Json, StepContext
 from service.use_cases.feature_store import load_features
 from service.use_cases.run_features import SEED
@@ -59,12 +59,12 @@ def _stored_link(
     from algorithms.registration.base import PairStatus
     from service.use_cases.link_store import link_of, save_link
 
-    if result.status not in {PairStatus.ACCEPTED, PairStatus.DOUBTFUL} or result.fine is None:
+    if result.status not in {PairStatus.ACCEPTED, PairStatus.DOUBTFUL} or (result.fine or result.final) is None:
         return None
     key = f"jobs/{arguments['job_id']}/links/{arguments['number']}.npz"
     scratch = context.blobs.scratch()
     try:
-        save_link(scratch / "link.npz", link_of(result.fine, problem.target, problem.source))
+        save_link(scratch / "link.npz", link_of(result.fine, problem.target, problem.source, result.final))
         context.blobs.put_file(key, scratch / "link.npz")
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -72,8 +72,8 @@ def _stored_link(
 
 
 def method_of(request: Json) -> RegistrationMethod:
-    """Build the method with its options from a validated request; `auto` stands for the default."""
+    """Build the method with its options from a validated request."""
     options = {name: value for name, value in request.items() if name != "method"}
     by_name = {method.name: method for method in get_args(RegistrationMethod)}
-    chosen: RegistrationMethod = TypeAdapter(by_name.get(request["method"], DEFAULT_METHOD)).validate_python(options)
+    chosen: RegistrationMethod = TypeAdapter(by_name[request["method"]]).validate_python(options)
     return chosen

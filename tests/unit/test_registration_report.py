@@ -110,7 +110,7 @@ def test_differences_of_angles_go_the_short_way_round() -> None:
 def test_the_options_as_used_stand_in_the_provenance() -> None:
     result, _ = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
     method = result["provenance"]["method"]
-    assert (method["method"], method["requested"]) == ("lines", "auto")
+    assert (method["method"], method["requested"]) == ("auto", "auto")
     assert method["matching"]["max_distance_m"] > 0.0
 
 

@@ -1,0 +1,238 @@
+"""The work of the methods `auto` and `icp-plane`: the best estimate that the features and surfaces of two scans allow.
+
+Lines and planes are adjusted first, and compared with the surfaces, which see much that belongs to no plane. Where they
+agree, both make the pose together. Where they contradict each other, correspondences are found anew near the surfaces'
+pose, then planes alone are tried. Where that does not help either, the very surfaces of the matched planes are asked:
+they are all that the features know. Where these, laid on each other place by place from the features' pose on, do not
+stay there but come to where the other surfaces, which are independent data, have the scan, the features err (planes
+that are not plane, wrong partners) and the surfaces stand alone. Else the contradiction makes the pose doubtful.
+"""
+
+from dataclasses import dataclass, replace
+
+from algorithms.adjustment.options import AdjustmentOptions
+from algorithms.errors import TooFewCorrespondencesError
+from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.matching.options import MatchingOptions
+from algorithms.progress import Progress
+from algorithms.quality.acceptance import judge
+from algorithms.quality.overlap import verify_pose
+from algorithms.registration.base import FinalPose, FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.final_pose import (
+    Comparison,
+    compared,
+    in_words,
+    joined,
+    of_features,
+    of_surfaces,
+    refuted_by_own_surfaces,
+)
+from algorithms.registration.final_verdict import hidden_shift_m, status_of_final
+from algorithms.registration.line_registration import FeatureUse, adjusted_features
+from algorithms.registration.pair_verdict import (
+    expected_supporters,
+    largest_hidden_shift_m,
+    searched,
+)
+from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
+from algorithms.registration.surface_options import SurfaceOptions
+
+NOISES_APART = 2.0
+"""Poses of features and surfaces that are less than so many standard deviations of single points apart do not
+contradict each other, however significant it is: so far off are uneven surfaces."""
+NEAR = ((0.02, 0.05),) * 3
+"""Gates for correspondences found anew near the surfaces' pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Features that were adjusted, and how they compare with the surfaces."""
+
+    label: str
+    fine: FineRegistration
+    comparison: Comparison | None
+    """None without surfaces to compare with."""
+
+    @property
+    def contradicts(self) -> bool:
+        """Say whether features and surfaces differ by more than chance."""
+        return self.comparison is not None and self.comparison.test.contradicts
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """A pose to be judged."""
+
+    final: FinalPose
+    fine: FineRegistration | None
+    hidden_m: float
+    doubts: tuple[str, ...] = ()
+
+
+def register_automatically(
+    problem: RegistrationProblem,
+    matching: MatchingOptions,
+    adjustment: AdjustmentOptions,
+    surface: SurfaceOptions,
+    progress: Progress,
+) -> PairResult:
+    """Register two scans by what they have; every failure becomes a result with its status and reasons.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    matching, adjustment, surface
+        Options.
+    progress
+        Is told the steps.
+    """
+    progress.report(0.0, "matching")
+    coarse = searched(problem, matching)
+    if isinstance(coarse, PairResult):
+        return coarse
+    progress.report(0.6, "adjustment")
+    surfaces = _by_surfaces(problem, coarse, surface)
+    attempts, remarks = _attempts(problem, coarse, adjustment, surfaces)
+    answer = _answer(problem, surfaces, attempts, remarks, surface)
+    if answer is None:
+        reason = f"a pose was found, but nothing to determine it by: {'; '.join(remarks)}"
+        return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)
+    progress.report(0.9, "verification")
+    return _judged(problem, coarse, answer)
+
+
+def register_by_surfaces(
+    problem: RegistrationProblem, matching: MatchingOptions, surface: SurfaceOptions, progress: Progress
+) -> PairResult:
+    """Register two scans by their surfaces alone, from the answer of the search.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans; lines and planes serve the search only.
+    matching, surface
+        Options.
+    progress
+        Is told the steps.
+    """
+    progress.report(0.0, "matching")
+    coarse = searched(problem, matching)
+    if isinstance(coarse, PairResult):
+        return coarse
+    progress.report(0.6, "adjustment")
+    try:
+        surfaces = estimate_by_surfaces(problem.target, problem.source, coarse.target_from_source, surface)
+    except TooFewCorrespondencesError as error:
+        reason = f"a pose was found, but too little surface lies on surface: {error}"
+        return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)
+    progress.report(0.9, "verification")
+    final = of_surfaces(problem, surfaces, f"the method uses surfaces alone: {surfaces.in_words()}")
+    return _judged(problem, coarse, _Answer(final, None, surfaces.hidden_shift_m))
+
+
+def _by_surfaces(
+    problem: RegistrationProblem, coarse: CoarseRegistration, options: SurfaceOptions
+) -> SurfaceEstimate | None:
+    try:
+        return estimate_by_surfaces(problem.target, problem.source, coarse.target_from_source, options)
+    except TooFewCorrespondencesError:
+        return None
+
+
+def _attempts(
+    problem: RegistrationProblem,
+    coarse: CoarseRegistration,
+    options: AdjustmentOptions,
+    surfaces: SurfaceEstimate | None,
+) -> tuple[list[_Attempt], list[str]]:
+    """Adjust features in one way after the other until one does not contradict the surfaces; say why others failed."""
+    ways = [("lines+planes", FeatureUse(), coarse.target_from_source)]
+    if surfaces is not None:
+        near = surfaces.pose.target_from_source
+        ways += [
+            ("lines+planes", FeatureUse(gates=NEAR), near),
+            ("planes", FeatureUse(lines=False, gates=NEAR), near),
+        ]
+    else:
+        ways.append(("planes", FeatureUse(lines=False), coarse.target_from_source))
+    tried, remarks = [], []
+    for label, use, start in ways:
+        try:
+            fine = adjusted_features(problem, use, options, start)
+        except TooFewCorrespondencesError as error:
+            remarks.append(f"{label}: {error}")
+            continue
+        tried.append(_Attempt(label, fine, None if surfaces is None else compared(fine, surfaces)))
+        if not tried[-1].contradicts:
+            break
+        if tried[-1].comparison is not None:
+            remarks.append(f"{label} contradict the surfaces ({in_words(tried[-1].comparison)})")
+    return tried, list(dict.fromkeys(remarks))
+
+
+def _answer(
+    problem: RegistrationProblem,
+    surfaces: SurfaceEstimate | None,
+    attempts: list[_Attempt],
+    remarks: list[str],
+    options: SurfaceOptions,
+) -> _Answer | None:
+    """Make the pose of what agrees."""
+    good = next((attempt for attempt in attempts if not attempt.contradicts), None)
+    if surfaces is None:
+        if good is None:
+            return None
+        reason = "; ".join(["too little surface lies on surface to use it", *remarks])
+        final = of_features(problem, good.fine, good.label, reason, None)
+        return _Answer(final, good.fine, largest_hidden_shift_m(good.fine.adjustment))
+    doubts: tuple[str, ...] = ()
+    if good is None and attempts:
+        refutation = refuted_by_own_surfaces(problem, attempts[0].fine, surfaces, options)
+        if refutation is not None:
+            remarks = [*remarks, refutation]
+        else:
+            good = _nearest(problem, attempts)
+            doubts = () if good is not None else (_contradiction(attempts[0]),)
+    if good is not None and good.comparison is not None:
+        whole = joined(problem, good.fine, surfaces, good.comparison, good.label, options)
+        final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
+        hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
+        return _Answer(final, good.fine, hidden)
+    why = remarks or ["there are neither lines nor planes to adjust"]
+    final = of_surfaces(problem, surfaces, f"{'; '.join(why)}: so the surfaces alone, {surfaces.in_words()}")
+    return _Answer(final, None, surfaces.hidden_shift_m, doubts)
+
+
+def _nearest(problem: RegistrationProblem, attempts: list[_Attempt]) -> _Attempt | None:
+    """Give the features that are nearest to the surfaces, where that is near enough for uneven surfaces to explain."""
+    noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
+    nearest = min(attempts, key=lambda attempt: 0.0 if attempt.comparison is None else attempt.comparison.apart_m)
+    near = nearest.comparison is None or nearest.comparison.apart_m <= NOISES_APART * noise_m
+    return nearest if near else None
+
+
+def _contradiction(attempt: _Attempt) -> str:
+    apart = 0.0 if attempt.comparison is None else attempt.comparison.apart_m
+    return (
+        f"lines and planes put the scan {apart * 1e3:.0f} mm from where the surfaces have it, and nothing tells which "
+        "of the two is right"
+    )
+
+
+def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _Answer) -> PairResult:
+    """Verify the pose with the surfaces, and judge it."""
+    final, fine = answer.final, answer.fine
+    verification = verify_pose(problem.target, problem.source, final.reduced.target_from_source)
+    supporters = coarse.support if fine is None else max(expected_supporters(fine), coarse.support)
+    verdict = judge(
+        verification,
+        runner_up_score=coarse.runner_up_score,
+        supporters=supporters,
+        runner_up_supporters=coarse.runner_up_support,
+    )
+    status, reasons = status_of_final(
+        problem, coarse, final, verdict, fine=fine, doubts=answer.doubts, hidden_m=answer.hidden_m
+    )
+    shown = None if fine is None else replace(fine, pose=final.pose, centroid_m=final.centre_m)
+    return PairResult(status, reasons, coarse, shown, verification, final=final)

@@ -1,0 +1,269 @@
+"""The final pose from lines, planes and surfaces together, each as far as it is independent of the others."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.principal_motions import principal_motions
+from algorithms.adjustment.rank import CentredFrame
+from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.arrays import Array, Flags, Matrix6
+from algorithms.errors import TooFewCorrespondencesError
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import LineSource
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.registration.base import FinalPose, FineRegistration, PosePart, RegistrationProblem
+from algorithms.registration.pose_fusion import (
+    Consistency,
+    FusionFrame,
+    Information,
+    consistency,
+    parallel_sum,
+    share_of_first,
+)
+from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
+from algorithms.registration.surface_options import SurfaceOptions
+
+CONTRADICTION_ALPHA = 0.001
+"""Probability with which two good estimates of a pose are taken to contradict each other."""
+AXIS_RADII = 1.3
+"""Surface so near to a matched axis, in radii, belongs to its cylinder."""
+PARAMETERS = 6
+NOTHING = Information(np.zeros((6, 6)), np.zeros(6))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Lines and planes beside surfaces."""
+
+    test: Consistency
+    apart_m: float
+    """How far the two poses are from each other where both determine them: shift of the surface's centre and turn, as
+    the shift it causes at the rms distance, together [m]."""
+
+
+def compared(fine: FineRegistration, surfaces: SurfaceEstimate) -> Comparison:
+    """Test the pose of lines and planes against that of all surfaces.
+
+    Parameters
+    ----------
+    fine
+        Adjusted lines and planes.
+    surfaces
+        The estimate by surfaces.
+    """
+    frame = frame_of(surfaces)
+    ours, theirs = frame.information(fine.adjustment.pose_a_posteriori), frame.information(surfaces.pose)
+    both = parallel_sum(ours.matrix, theirs.matrix)
+    values, vectors = np.linalg.eigh(both)
+    seen = vectors[:, values > 1e-9 * max(float(values[-1]), 1.0)]
+    apart = seen.T @ (ours.motion_m - theirs.motion_m)
+    return Comparison(consistency(ours, theirs, CONTRADICTION_ALPHA), float(np.linalg.norm(apart)))
+
+
+def frame_of(surfaces: SurfaceEstimate) -> FusionFrame:
+    """Tell motions from the pose of the surfaces, at their centre."""
+    return FusionFrame(surfaces.pose.target_from_source, CentredFrame(surfaces.centre_m, surfaces.radius_m))
+
+
+def of_surfaces(problem: RegistrationProblem, surfaces: SurfaceEstimate, reason: str) -> FinalPose:
+    """Take the pose of the surfaces alone."""
+    part = PosePart("surfaces", 1.0)
+    return _final(problem, surfaces.pose, frame_of(surfaces).centred, "surfaces", reason, (part,), surfaces)
+
+
+def of_features(
+    problem: RegistrationProblem, fine: FineRegistration, label: str, reason: str, surfaces: SurfaceEstimate | None
+) -> FinalPose:
+    """Take the pose of lines and planes alone."""
+    adjustment = fine.adjustment
+    centred = CentredFrame(adjustment.centroid_m, adjustment.radius_m)
+    return _final(problem, adjustment.pose_a_posteriori, centred, label, reason, (PosePart(label, 1.0),), surfaces)
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """A pose from features and surfaces, and how errors of the features come through to it."""
+
+    final: FinalPose
+    gain: Matrix6
+    """(6, 6) change of the joined pose by a change of that of the features, motions as of `FusionFrame`."""
+    parallel: Matrix6
+    """(6, 6) inverse of the covariance of the difference of features and surfaces [1/m²]."""
+
+
+def joined(
+    problem: RegistrationProblem,
+    fine: FineRegistration,
+    surfaces: SurfaceEstimate,
+    comparison: Comparison,
+    label: str,
+    options: SurfaceOptions,
+) -> Joined:
+    """Join lines and planes with surfaces: independent surfaces add, those of the same planes share.
+
+    The surfaces that belong to no matched plane or cylinder are other data than the features: their information adds.
+    Those that do belong to them are the same data looked at in another way (place by place, where the planes compare
+    averages over two different pieces of an uneven wall), so of the two only a mixture counts (`share_of_first`).
+    Where features and surfaces differ by more than chance, all covariances grow by the factor that explains it.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    fine, surfaces, comparison
+        The two estimates, and how they compare.
+    label
+        What the features are, such as lines+planes.
+    options
+        Of the surfaces.
+    """
+    frame, adjustment = frame_of(surfaces), fine.adjustment
+    factor = comparison.test.factor
+    used = _in_matched_features(problem, fine)
+    features = frame.information(adjustment.pose_a_posteriori.with_covariance_scaled(factor))
+    start = surfaces.pose.target_from_source
+    same = _part(problem, start, frame, options, (~used[0], ~used[1]), factor)
+    others = _part(problem, start, frame, options, used, factor)
+    share = share_of_first(features.matrix, same.matrix, others.matrix)
+    weighed = (
+        Information(share * features.matrix, features.motion_m),
+        Information((1.0 - share) * same.matrix, same.motion_m),
+        others,
+    )
+    estimate = frame.estimate(weighed)
+    inverse = np.linalg.pinv(np.sum([part.matrix for part in weighed], axis=0), hermitian=True)
+    shares = [float(np.trace(inverse @ part.matrix)) / PARAMETERS for part in weighed]
+    names = (label.replace("+", " and "), "surfaces of the matched planes", "other surfaces")
+    parts = tuple(
+        PosePart(name, value) for value, name in sorted(zip(shares, names, strict=True), reverse=True) if value > 0.0
+    )
+    words = ", ".join(f"{part.name} {part.share:.0%}" for part in parts)
+    reason = f"{words} of the information; features and surfaces agree ({in_words(comparison)})"
+    final = _final(problem, estimate, frame.centred, f"{label}+surfaces", reason, parts, surfaces)
+    whole = parallel_sum(features.matrix, frame.information(surfaces.pose.with_covariance_scaled(factor)).matrix)
+    return Joined(final, inverse @ weighed[0].matrix, whole)
+
+
+def refuted_by_own_surfaces(
+    problem: RegistrationProblem, fine: FineRegistration, surfaces: SurfaceEstimate, options: SurfaceOptions
+) -> str | None:
+    """Say that the surfaces of the matched features themselves do not bear the features' pose out; None if they may.
+
+    The surfaces of the matched planes are all that the features know. From the features' pose on they are laid on each
+    other place by place. The features are refuted where this contradicts their pose, but agrees with the other
+    surfaces, which are independent data.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    fine
+        Adjusted lines and planes that contradict the surfaces.
+    surfaces
+        The estimate by all surfaces.
+    options
+        Of the surfaces.
+    """
+    used = _in_matched_features(problem, fine)
+    frame, pose = frame_of(surfaces), fine.adjustment.pose_a_posteriori
+    features = frame.information(pose)
+    own = _part(problem, pose.target_from_source, frame, options, (~used[0], ~used[1]))
+    others = _part(problem, surfaces.pose.target_from_source, frame, options, used)
+    against = consistency(own, features, CONTRADICTION_ALPHA)
+    beside = consistency(own, others, CONTRADICTION_ALPHA)
+    apart = consistency(others, features, CONTRADICTION_ALPHA)
+    if not against.contradicts or not apart.contradicts or beside.contradicts:
+        return None
+    return (
+        "the very surfaces of the matched planes do not bear that out (test value "
+        f"{against.statistic:.0f}, limit {against.critical:.0f}) and agree with all other surfaces (test value "
+        f"{beside.statistic:.0f}, limit {beside.critical:.0f})"
+    )
+
+
+def in_words(comparison: Comparison) -> str:
+    """Say how two estimates compare."""
+    test = comparison.test
+    if test.degrees == 0:
+        return "nothing is determined by both"
+    return f"{comparison.apart_m * 1e3:.1f} mm apart, test value {test.statistic:.0f}, limit {test.critical:.0f}"
+
+
+def _part(
+    problem: RegistrationProblem,
+    start: RigidTransform,
+    frame: FusionFrame,
+    options: SurfaceOptions,
+    left_out: tuple[Array, Array],
+    factor: float = 1.0,
+) -> Information:
+    """Estimate by a part of the surfaces; nothing where too little is left."""
+    try:
+        found = estimate_by_surfaces(problem.target, problem.source, start, options, left_out=left_out)
+    except TooFewCorrespondencesError:
+        return NOTHING
+    if found.pose.null_space.shape[1] == PARAMETERS or not found.converged:
+        return NOTHING
+    return frame.information(found.pose.with_covariance_scaled(factor))
+
+
+def _in_matched_features(problem: RegistrationProblem, fine: FineRegistration) -> tuple[Array, Array]:
+    """Say which surface points of target and source belong to features that the adjustment used."""
+    lines, planes = (
+        pairs[states != int(CorrespondenceState.REMOVED)]
+        for pairs, states in (
+            (fine.lines, fine.adjustment.lines.states),
+            (fine.planes, fine.adjustment.planes.states),
+        )
+    )
+    found = [
+        _in_features(features, lines[:, side], planes[:, side])
+        for side, features in enumerate((problem.target, problem.source))
+    ]
+    return found[0], found[1]
+
+
+def _in_features(features: ScanFeatures, lines: Array, planes: Array) -> Flags:
+    """Say which points of an index lie on given planes, on planes that given lines are made of, or around axes."""
+    index, own = features.index, features.lines
+    of_planes = lines[(own.parents[lines] >= 0).all(axis=1)]
+    numbers = np.union1d(planes, own.parents[of_planes].ravel())
+    inside = np.isin(features.surface.plane_labels[index.numbers], numbers)
+    axes = lines[own.sources[lines] == int(LineSource.CYLINDER_AXIS)]
+    for line, cylinder in zip(axes.tolist(), own.parents[axes, 0].tolist(), strict=True):
+        arms = index.points - own.anchors[line]
+        along = arms @ own.directions[line]
+        radius = AXIS_RADII * features.cylinders.radii_m[cylinder]
+        across = np.linalg.norm(arms - along[:, None] * own.directions[line], axis=1)
+        low, high = own.extents[line]
+        inside |= (across < radius) & (along > low - radius) & (along < high + radius)
+    return np.asarray(inside)
+
+
+def _final(
+    problem: RegistrationProblem,
+    reduced: PoseEstimate,
+    centred: CentredFrame,
+    estimator: str,
+    reason: str,
+    parts: tuple[PosePart, ...],
+    surfaces: SurfaceEstimate | None,
+) -> FinalPose:
+    """Carry a pose to the files' coordinates, and put what is free in words."""
+    free = reduced.null_space.shape[1]
+    directions = PoseEstimate(reduced.target_from_source, reduced.null_space @ reduced.null_space.T)
+    words = principal_motions(directions, centred.centroid, centred.radius_m)[:free]
+    return FinalPose(
+        pose=reduced.moved_to_origins(problem.target.origin_m, problem.source.origin_m),
+        reduced=reduced,
+        centred=centred,
+        centre_m=centred.centroid + problem.target.origin_m,
+        estimator=estimator,
+        reason=reason,
+        parts=parts,
+        surfaces=surfaces,
+        free_directions=tuple(motion.text for motion in words),
+        advice="add surfaces that stand across these motions, or lines that cross them" if free else "",
+    )

@@ -1,0 +1,145 @@
+"""What is to be thought of a pose that lines, planes and surfaces gave together, or surfaces alone."""
+
+import numpy as np
+
+from algorithms.adjustment.principal_motions import principal_motions
+from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.adjustment.testing import noncentrality
+from algorithms.geometry.pose_parameters import shift_of_origin
+from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.quality.acceptance import AcceptanceStatus, Verdict
+from algorithms.registration.base import FinalPose, FineRegistration, PairStatus, RegistrationProblem
+from algorithms.registration.final_pose import Joined
+from algorithms.registration.pair_verdict import (
+    LEAST_REDUNDANCY,
+    WORST_HIDDEN_M,
+    WORST_STD_M,
+    agreement_doubts,
+    remarks_on,
+)
+
+PARAMETERS = 6
+
+
+def status_of_final(
+    problem: RegistrationProblem,
+    coarse: CoarseRegistration,
+    final: FinalPose,
+    verdict: Verdict,
+    *,
+    fine: FineRegistration | None,
+    doubts: tuple[str, ...],
+    hidden_m: float,
+) -> tuple[PairStatus, tuple[str, ...]]:
+    """Join what surfaces, runner-up, tests and geometry say; the most severe decides, as in `status_of_pair`.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    coarse
+        The search.
+    final
+        The pose.
+    verdict
+        Of the surfaces in that pose.
+    fine
+        The lines and planes in it; None: it rests on surfaces alone.
+    doubts
+        What is known already.
+    hidden_m
+        How far an error that no test finds may shift the pose [m].
+    """
+    reasons = [final.reason, *verdict.reasons, *coarse.remarks, *remarks_on(problem, fine)]
+    if verdict.status is AcceptanceStatus.REJECTED:
+        return PairStatus.REJECTED, tuple(reasons)
+    rank = PARAMETERS - final.reduced.null_space.shape[1]
+    if rank < PARAMETERS:
+        free = "; ".join(final.free_directions)
+        return PairStatus.DEGENERATE, (
+            f"features and surfaces determine only {rank} of 6 parameters, free: {free}. {final.advice}",
+            *reasons,
+        )
+    if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
+        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
+    noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
+    found = [*doubts, *_doubts(final, hidden_m, noise_m)]
+    if fine is not None:
+        found += agreement_doubts(fine)
+    if problem.priors is not None:
+        found += problem.priors.contradictions(final.reduced)
+    if verdict.status is AcceptanceStatus.DOUBTFUL or found:
+        return PairStatus.DOUBTFUL, (*reasons, *found)
+    return PairStatus.ACCEPTED, tuple(reasons)
+
+
+def _doubts(final: FinalPose, hidden_m: float, noise_m: float) -> list[str]:
+    """Say what keeps a determined pose from being accepted.
+
+    What is asked of the pose is two centimetres, or what single points are known to where they are noisier: scans laid
+    on each other then scatter no more than each does by itself.
+    """
+    doubts = []
+    surfaces = final.surfaces
+    if surfaces is not None and "surfaces" in final.estimator:
+        if not surfaces.converged:
+            doubts.append("the surfaces did not settle")
+        if surfaces.neighbourhoods < LEAST_REDUNDANCY + PARAMETERS:
+            doubts.append(
+                f"the surfaces have only {surfaces.neighbourhoods} neighbourhoods in common: errors could hide "
+                f"({LEAST_REDUNDANCY + PARAMETERS} would be needed)"
+            )
+    if hidden_m > max(WORST_HIDDEN_M, noise_m):
+        doubts.append(
+            f"an error that no test could find would shift the pose by {hidden_m * 1e3:.0f} mm "
+            f"({max(WORST_HIDDEN_M, noise_m) * 1e3:.0f} mm would be allowed): too little controls it"
+        )
+    doubts += [
+        f"the {motion.text} is hardly determined (standard deviation {motion.std_m * 1e3:.0f} mm)"
+        for motion in principal_motions(final.reduced, final.centred.centroid, final.centred.radius_m)
+        if motion.std_m > max(WORST_STD_M, noise_m)
+    ]
+    return doubts
+
+
+def hidden_shift_m(fine: FineRegistration, whole: Joined) -> float:
+    """Give the largest shift of the joined pose by an error in one line or plane that no test finds [m] (MATH 4.3).
+
+    What an error moves the features' pose by comes through only with the features' share of the information; and as
+    the two poses are tested against each other, an error that moves that of the features by more than this test finds
+    does not stay undetected, whether the features control it or not.
+
+    Parameters
+    ----------
+    fine
+        Adjusted lines and planes.
+    whole
+        They and the surfaces.
+    """
+    adjustment = fine.adjustment
+    frame = whole.final.centred
+    power = noncentrality(adjustment.options.alpha_single, adjustment.options.power)
+    reports = [
+        (report, report.states != CorrespondenceState.REMOVED) for report in (adjustment.lines, adjustment.planes)
+    ]
+    motions = np.vstack([report.effects[used].reshape(-1, 6) for report, used in reports])
+    arm = frame.centroid - adjustment.centroid_m
+    moved = np.hstack([motions[:, :3] * frame.radius_m, shift_of_origin(motions[:, :3], motions[:, 3:], arm)])
+    found = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", moved, whole.parallel, moved), 1e-30))
+    moved *= np.minimum(1.0, power / found)[:, None]
+    shifts = np.linalg.norm(moved @ whole.gain[3:].T, axis=1)
+    largest = float(shifts.max(initial=0.0))
+    if all(report.controlled[used].all() for report, used in reports):
+        return largest
+    return max(largest, _of_any_error(whole, power))
+
+
+def _of_any_error(whole: Joined, power: float) -> float:
+    """Give the largest shift by any error in the features that the test of the two poses against each other misses."""
+    values, vectors = np.linalg.eigh(whole.parallel)
+    tested = values > 1e-9 * max(float(values[-1]), 1.0)
+    untested = whole.gain[3:] @ vectors[:, ~tested]
+    if untested.size and np.abs(untested).max() > 1e-6:
+        return np.inf
+    roots = vectors[:, tested] / np.sqrt(values[tested])
+    return power * float(np.linalg.norm(whole.gain[3:] @ roots, ord=2))

@@ -1,0 +1,248 @@
+"""The pose by surfaces alone: point to plane from both scans to each other, with a covariance that misfits tell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.errors import TooFewCorrespondencesError
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.geometry.rotations import cross_matrix
+from algorithms.matching.polish import LEAST_GAPS, SurfaceGaps, surface_gaps
+from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
+from algorithms.registration.surface_options import SurfaceOptions
+from algorithms.scans.surface_index import EvidenceLimits
+
+MAD_TO_STD = 1.4826
+"""Standard deviation of a normal variable over its median absolute value."""
+TUKEY = 4.685
+"""Gaps of more standard deviations count nothing: 95 % efficient with normal errors (Beaton and Tukey 1974)."""
+LARGEST_INFLUENCE = 16.0 / 25.0 / 5.0**0.5 * TUKEY
+"""What the most harmful gap counts, in standard deviations: the peak of u (1 - (u/c)²)² at u = c / sqrt(5)."""
+LEAST_SPREAD_M = 1e-4
+"""Smallest standard deviation of gaps to weigh by [m]."""
+GATE_SPREADS, GATE_NOISES, LEAST_GATE_M = 6.0, 6.0, 0.02
+"""Surfaces farther apart than so many standard deviations of the gaps do not correspond in the end, but never fewer
+than so many of the scans' noise, and never less than 2 cm: what lies farther apart was moved."""
+FACING = 0.5
+"""A surface speaks of a motion when its normal lies within 60 degrees of it: farther off it does so only because its
+normal is not exactly known, or because it is the rim of something."""
+LEAST_TESTIMONY = 0.01
+"""Motions across which less than this share of the surface stands (weights and squared cosines counted) are open:
+there rims speak, whose positions are averages over what lies on both sides."""
+COMMON_SPREADS = 0.03
+"""Standard deviation, in those of the gaps, of what shifts all surfaces of a direction alike and no misfit shows: cells
+of the raster that a wall only just reaches count as much as full ones, and hold the noisiest points of it."""
+FLAT = 1e-9
+"""Keeps turns about the line on which all surface lies from being divided by zero."""
+STEADY_ROUNDS = 15
+"""After so many rounds only half of each step is taken: pairs that change to and fro would keep it going."""
+SETTLED_SPREADS = 0.005
+"""Steps below so many standard deviations of the gaps, turns as the shift they cause, end the search."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceEstimate:
+    """A pose from surfaces, between the reduced frames, and what it rests on."""
+
+    pose: PoseEstimate
+    """Pose with covariance; what the surfaces leave open is its null space, and stays at the start there."""
+    centre_m: Vector3
+    """(3,) weighted centre of the corresponding surface, target frame [m]."""
+    radius_m: float
+    """Its rms distance from there [m]."""
+    gap_count: int
+    """Distances between corresponding surfaces that count."""
+    spread_m: float
+    """Robust standard deviation of these distances [m]."""
+    neighbourhood_m: float
+    """Edge of the neighbourhoods whose misfits count as one [m]."""
+    neighbourhoods: int
+    """How many of them there are."""
+    hidden_shift_m: float
+    """Largest shift of the centre by one neighbourhood that lies wrong by just so much that it does most harm [m]."""
+    iterations: int
+    """Rounds."""
+    converged: bool
+
+    def in_words(self) -> str:
+        """Say what the estimate rests on."""
+        return (
+            f"{self.gap_count} distances of {self.spread_m * 1e3:.1f} mm between them in {self.neighbourhoods} "
+            f"neighbourhoods of {self.neighbourhood_m:g} m"
+        )
+
+
+def estimate_by_surfaces(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    start: RigidTransform,
+    options: SurfaceOptions,
+    *,
+    left_out: tuple[Array, Array] | None = None,
+) -> SurfaceEstimate:
+    """Estimate the pose in which the surfaces of two scans lie in each other, robustly, from both sides.
+
+    Iteratively reweighted least squares of the distances between corresponding surface along the normals (Chen and
+    Medioni 1992), points of each scan against tangent planes of the other, with Tukey's weights; the correspondences
+    are found anew in each round within a gate that narrows. The covariance comes from the misfits
+    (`neighbourhood_covariance`).
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans; their thinned surfaces are used.
+    start
+        Target from source between the reduced frames, good to about `options.max_distance_m`.
+    options
+        Limits.
+    left_out
+        True for points of the target's and the source's `index` that take no part; None: all do.
+
+    Raises
+    ------
+    TooFewCorrespondencesError
+        When too little surface lies on surface.
+    """
+    noise_m = max(target.noise_std_m, source.noise_std_m)
+    least_gate = max(GATE_NOISES * noise_m, LEAST_GATE_M)
+    gate = max(options.max_distance_m, least_gate)
+    pose, converged, rounds = start, False, 0
+    while not converged and rounds < options.max_iterations:
+        fit = _weighed(target, source, pose, gate, options, left_out)
+        step, length = fit.step(1.0 if rounds < STEADY_ROUNDS else 0.5)
+        pose = step * pose
+        narrower = max(min(gate, GATE_SPREADS * fit.spread_m), least_gate)
+        rounds += 1
+        converged = length < SETTLED_SPREADS * fit.spread_m and narrower > 0.95 * gate
+        gate = narrower
+    fit = _weighed(target, source, pose, gate, options, left_out)
+    return _with_covariance(fit, pose, options, rounds, converged)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Gaps in a pose with their weights, and the normal equations in scaled, centred parameters."""
+
+    gaps: SurfaceGaps
+    weights: Scalars
+    bread: float
+    spread_m: float
+    centre_m: Vector3
+    radius_m: float
+    design: Array
+    """(n, 6) derivatives by (radius times turn, shift of the centre)."""
+    known: Array
+    """(6, k) motions that the surfaces determine, each an rms displacement of the surface by one metre."""
+    open_: Array
+    """(6, 6 - k) those that they leave open."""
+
+    def step(self, share: float) -> tuple[RigidTransform, float]:
+        """Solve for the motion that closes the gaps and take a share of it; what is open stays. Give its length [m]."""
+        design = self.design @ self.known
+        weighted = design * self.weights[:, None]
+        motion = share * self.known @ np.linalg.solve(weighted.T @ design, weighted.T @ self.gaps.gaps_m)
+        rotation = Rotation.from_rotvec(motion[:3] / self.radius_m)
+        shift = motion[3:] + self.centre_m - rotation.apply(self.centre_m)
+        return RigidTransform.from_components(shift, rotation), float(np.linalg.norm(motion))
+
+
+def _weighed(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    pose: RigidTransform,
+    gate_m: float,
+    options: SurfaceOptions,
+    left_out: tuple[Array, Array] | None,
+) -> _Fit:
+    """Find corresponding surface and weigh it."""
+    indices = target.index, source.index
+    limits = EvidenceLimits(gate_m, options.max_angle_rad, 2.5 * max(index.spacing_m for index in indices))
+    every = max(len(index.points) for index in indices)
+    gaps = surface_gaps(pose, *indices, limits, every, left_out=left_out)
+    if len(gaps.gaps_m) < LEAST_GAPS:
+        raise TooFewCorrespondencesError(len(gaps.gaps_m), LEAST_GAPS, "surface points")
+    spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
+    squares = np.square(gaps.gaps_m / (TUKEY * spread))
+    inside = squares < 1.0
+    robust = np.where(inside, np.square(1.0 - squares), 0.0)
+    slopes = np.where(inside, (1.0 - squares) * (1.0 - 5.0 * squares), 0.0)
+    weights = robust * gaps.weights
+    centre = np.average(gaps.positions, axis=0, weights=weights)
+    size = float(np.sqrt(np.average(np.sum((gaps.positions - centre) ** 2, axis=1), weights=weights)))
+    radius = max(size, 1e-3)
+    design = gaps.design(centre) / np.repeat([radius, 1.0], 3)
+    known, open_ = _motions(design, weights, (gaps.positions - centre) / radius, gaps.normals)
+    bread = float(slopes @ gaps.weights / weights.sum())
+    return _Fit(gaps, weights, bread, spread, centre, radius, design, known, open_)
+
+
+def _motions(design: Array, weights: Scalars, arms: Points, normals: Points) -> tuple[Array, Array]:
+    """Split the motions into those that the surfaces determine and those they leave open, (6, k) and (6, 6 - k).
+
+    The motions q of N q = λ D q with N = Σ w a aᵀ and D the same if every surface stood square to its displacement: λ
+    is the mean squared cosine between normals and displacements, whatever the lever arms. What is left of it when only
+    surfaces that face the displacement count decides.
+
+    Parameters
+    ----------
+    design, weights
+        (n, 6) and (n,).
+    arms
+        (n, 3) positions from the centre over the radius.
+    normals
+        (n, 3).
+    """
+    share = weights / weights.sum()
+    spread = (arms * share[:, None]).T @ arms
+    possible = np.zeros((6, 6))
+    possible[:3, :3] = np.trace(spread) * np.eye(3) - spread + FLAT * np.eye(3)
+    possible[3:, 3:] = np.eye(3)
+    motions = linalg.eigh((design * share[:, None]).T @ design, possible)[1]
+    told = np.empty(6)
+    for k, motion in enumerate(motions.T):
+        moved = np.cross(motion[:3], arms) + motion[3:]
+        along = np.einsum("ij,ij->i", moved, normals) ** 2
+        facing = along > FACING**2 * np.einsum("ij,ij->i", moved, moved)
+        told[k] = share[facing] @ along[facing]
+    determined = told >= LEAST_TESTIMONY
+    return motions[:, determined], motions[:, ~determined]
+
+
+def _with_covariance(
+    fit: _Fit, pose: RigidTransform, options: SurfaceOptions, rounds: int, converged: bool
+) -> SurfaceEstimate:
+    """Add the covariance, told at the origins of the reduced frames."""
+    shifts = fit.known[3:]
+    found = neighbourhood_covariance(
+        fit.design @ fit.known,
+        fit.weights,
+        fit.gaps.gaps_m,
+        fit.gaps.positions,
+        fit.gaps.normals,
+        bread=fit.bread,
+        edge_m=options.neighbourhood_m,
+        shifts=shifts,
+    )
+    axes, controlled = fit.known @ found.axes, np.isfinite(found.variances)
+    variances = found.variances[controlled] + (COMMON_SPREADS * fit.spread_m) ** 2
+    scaled = (axes[:, controlled] * variances) @ axes[:, controlled].T
+    to_pose = np.eye(6) / fit.radius_m
+    to_pose[3:, 3:] = np.eye(3)
+    to_pose[3:, :3] = cross_matrix(fit.centre_m - np.asarray(pose.translation)) / fit.radius_m
+    free = to_pose @ np.hstack([fit.open_, axes[:, ~controlled]])
+    return SurfaceEstimate(
+        pose=PoseEstimate(pose, to_pose @ scaled @ to_pose.T, free),
+        centre_m=fit.centre_m,
+        radius_m=fit.radius_m,
+        gap_count=int(np.count_nonzero(fit.weights)),
+        spread_m=fit.spread_m,
+        neighbourhood_m=found.edge_m,
+        neighbourhoods=found.count,
+        hidden_shift_m=LARGEST_INFLUENCE * fit.spread_m * float(np.linalg.norm(shifts @ found.largest_share, ord=2)),
+        iterations=rounds,
+        converged=converged,
+    )
