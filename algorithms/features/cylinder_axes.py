@@ -121,7 +121,8 @@ def cylinders_from(found: list[FittedCylinder], convex: list[bool], counts: list
 def _points_by_label(labels: Array, cell_of_point: Array, count: int) -> list[Array]:
     """List the points of every label."""
     label = labels[cell_of_point]
-    order = np.argsort(label, kind="stable")
+    inside = np.flatnonzero(label >= 0)
+    order = inside[np.argsort(label[inside], kind="stable")]
     bounds = np.searchsorted(label[order], np.arange(count + 1))
     return [order[bounds[k] : bounds[k + 1]] for k in range(count)]
 

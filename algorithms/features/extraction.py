@@ -1,13 +1,16 @@
 """From a scan to its lines, planes and cylinders."""
 
+import math
+
 import numpy as np
 
-from algorithms.arrays import Vector3
+from algorithms.arrays import Indices, Vector3
 from algorithms.features.cylinder_axes import find_cylinders
 from algorithms.features.options import FeatureOptions
 from algorithms.features.plane_boundaries import bound_planes
-from algorithms.features.plane_fitting import fit_planes, renumber
+from algorithms.features.plane_fitting import FittedPlanes, fit_planes, renumber
 from algorithms.features.plane_intersections import intersect_planes
+from algorithms.features.plane_points_kernels import unlabelled
 from algorithms.features.plane_segmentation import candidates_of, segment_planes, thickness, typical_noise
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.features.surface_sample import sample_surface
@@ -16,6 +19,7 @@ from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
 from algorithms.scans.mixed_pixels import grid_ranges
+from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.range_image import spherical_range_image
 from algorithms.scans.range_noise import range_noise
 from algorithms.scans.scan import Scan
@@ -35,6 +39,8 @@ WIDTH_IN_NOISE = 5.0
 """Least standard width of a neighbourhood of grid pixels, in standard deviations of the noise."""
 CAP_POINTS = 20.0
 """Largest weight of a voxel: near, dense voxels must not outweigh the rest of a plane."""
+MOST_LEFT = 8_000_000
+"""Cylinders are looked for among so many points at most: the only copy of coordinates stays small."""
 SEEN_CELL_RAD = float(np.deg2rad(0.5))
 """Direction cells of the range image."""
 
@@ -84,8 +90,7 @@ def extract_features(
     progress.report(0.6, "lines")
     lines = intersect_planes(planes, rasters, min_length_m=options.min_line_length_m)
     progress.report(0.7, "cylinders")
-    numbers = np.append(renumber(fitted.numbers, kept), np.int32(-1))  # label -1 takes the last entry
-    left = (numbers[fitted.point_labels] < 0) & (cells.cell_of_point >= 0)
+    left = _left_over(cells, fitted.select(kept))
     cylinders = find_cylinders(scan.points[left], sensor, noise, options)
     progress.report(0.9, "surface")
     surface = sample_surface(cells, surfaces, renumber(regions.cell_labels, regions_fitted[kept]), planes.normals)
@@ -128,6 +133,14 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
             return cells, surfaces, 0.0
         size = 1.25 * cells.size_m
+
+
+def _left_over(cells: SurfaceCells, planes: FittedPlanes) -> Indices:
+    """List the points that lie on no plane, thinned evenly to `MOST_LEFT`."""
+    labels, numbers, cell_of_point = planes.point_labels, planes.numbers, cells.cell_of_point
+    parts = over_blocks(lambda start, end: unlabelled(labels, numbers, cell_of_point, start, end), len(labels))
+    left: Indices = np.concatenate(parts)
+    return left[:: max(1, math.ceil(len(left) / MOST_LEFT))]
 
 
 def _reported_noise(planes: Planes, noise_std_m: float, options: FeatureOptions) -> float:

@@ -227,3 +227,15 @@ def fill_rasters(
         row = min(max(int((v - origins[p, 1]) * per_cell[p]), 0), rows[p] - 1)
         column = min(max(int((u - origins[p, 0]) * per_cell[p]), 0), columns[p] - 1)
         out[starts[p] + row * columns[p] + column] = 1
+
+
+@njit(cache=True, nogil=True)
+def unlabelled(labels: Array, numbers: Array, cell_of_point: Array, start: int, end: int) -> Array:
+    """List the points from `start` to `end` that are in a cell but on no plane; `numbers` as for `sum_patches`."""
+    out = np.empty(end - start, dtype=np.int64)
+    found = 0
+    for i in range(start, end):
+        if cell_of_point[i] >= 0 and (labels[i] < 0 or numbers[labels[i]] < 0):
+            out[found] = i
+            found += 1
+    return out[:found].copy()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from algorithms.arrays import Array, Indices, Labels, Points, Scalars
+from algorithms.arrays import Array, Labels, Points, Scalars
 from algorithms.errors import InvalidInputError
 from algorithms.scans import voxel_grid_kernels as kernels
 from algorithms.scans.point_blocks import blocks_of, over_blocks
@@ -52,7 +52,7 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
         size *= min(1.4, max(1.15, math.sqrt(POINTS_PER_VOXEL / at_quantile)))
 
 
-def fullest_of_voxels(points: Points, size_m: float, counts: Scalars) -> Indices:
+def fullest_of_voxels(points: Points, size_m: float, counts: Scalars) -> Int64[Array, "voxels"]:
     """Pick the row of the largest count, of equals the first, from every voxel: (voxels,) in ascending order."""
     hashed = _hash(points, size_m)
     return np.sort(kernels.fullest(hashed.cell_of_point, counts, len(hashed.keys)))
