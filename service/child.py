@@ -91,7 +91,8 @@ def main() -> None:
     parser.add_argument("--report-fd", type=int)
     parser.add_argument("--channel", type=int, help="descriptor of the socket over which a nursery takes orders")
     parser.add_argument("--warm-up", default="", help="module:function by which a nursery loads libraries")
-    parser.add_argument("--practice", default="", help="module:function by which it loads compiled kernels later")
+    parser.add_argument("--later", default="", help="module:function by which it loads more while the first step runs")
+    parser.add_argument("--practice", default="", help="module:function by which it loads compiled kernels in the end")
     options = parser.parse_args()
     die_with_parent(options.parent)
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
@@ -110,9 +111,13 @@ def _be_a_nursery(options: argparse.Namespace) -> NoReturn:
     steps = cast("Steps", load(options.steps))
     if options.warm_up:
         load(options.warm_up)()
-    practice = load(options.practice) if options.practice else None
+    later, practice = (load(name) if name else None for name in (options.later, options.practice))
+
+    def compute(request: Json, reports: int) -> bool:
+        return run_step(steps, request, ReportPipe(reports))
+
     with socket.socket(fileno=options.channel) as channel:
-        Nursery(channel, lambda request, reports: run_step(steps, request, ReportPipe(reports)), practice).serve()
+        Nursery(channel, compute, later, practice).serve()
     os._exit(0)
 
 

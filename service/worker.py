@@ -19,7 +19,11 @@ from service.ports import Plan
 from service.settings import Settings
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
-WARM_UP = WarmUp("service.use_cases.warm_up:load_for_registration", "service.use_cases.warm_up:practise")
+WARM_UP = WarmUp(
+    "service.use_cases.warm_up:load_for_registration",
+    "service.use_cases.warm_up:load_for_reports",
+    "service.use_cases.warm_up:practise",
+)
 
 
 def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS, plans: str = DEFAULT_PLANS) -> None:

@@ -6,7 +6,8 @@ A worker sends orders over a socket: ``{"number", "step"}`` with three descripto
 computation, ``{"kill": number}`` ends one with all that it started. Answers: ``{"ready"}`` once, ``{"number", "code"}``
 when a computation has ended.
 
-Compiled kernels are loaded later, in an idle moment after a computation has shown that they are compiled already.
+What only the last steps of a job need is loaded while the first ones run; compiled kernels in an idle moment after a
+computation has shown that they are compiled already.
 """
 
 import contextlib
@@ -26,7 +27,7 @@ from service.ports import Json
 
 MESSAGE_BYTES = 4096
 DESCRIPTORS = 3
-IDLE_S = 2.0
+SHORT_PAUSE_S, LONG_PAUSE_S = 0.3, 2.0
 PRACTISED_STEP = "register-pair"
 """When it has succeeded once, all kernels are compiled."""
 
@@ -48,6 +49,8 @@ class Nursery:
         Socket to the worker that keeps messages apart (SOCK_SEQPACKET).
     compute
         Does what a request asks for, reports to a descriptor, and says whether it succeeded.
+    later
+        Loads what the first computations do not need; None: nothing to load.
     practice
         Loads the compiled kernels; None: nothing to load.
     """
@@ -56,10 +59,12 @@ class Nursery:
         self,
         channel: socket.socket,
         compute: Callable[[Json, int], bool],
+        later: Callable[[], None] | None = None,
         practice: Callable[[], None] | None = None,
     ) -> None:
         self._channel = channel
         self._compute = compute
+        self._later = later
         self._practice = practice
         self._may_practise = False
         self._running: dict[int, _Computation] = {}
@@ -80,10 +85,9 @@ class Nursery:
             selector.register(self._channel, selectors.EVENT_READ)
             selector.register(self._woken, selectors.EVENT_READ)
             while True:
-                wants = self._may_practise and self._practice is not None and not self._running
-                ready = {key.fd for key, _ in selector.select(IDLE_S if wants else None)}
-                if wants and not ready:
-                    self._practise()
+                ready = {key.fd for key, _ in selector.select(self._patience_s)}
+                if not ready:
+                    self._prepare()
                 if self._woken in ready:
                     with contextlib.suppress(BlockingIOError):
                         os.read(self._woken, MESSAGE_BYTES)
@@ -161,11 +165,22 @@ class Nursery:
                 with contextlib.suppress(BrokenPipeError, ConnectionResetError):
                     self._channel.send(json.dumps(answer).encode())
 
-    def _practise(self) -> None:
-        """Load the compiled kernels once, for all computations to come."""
-        if self._practice is not None:
-            self._practice()
-        self._practice = None
+    @property
+    def _patience_s(self) -> float | None:
+        """How long to wait for an order before loading more; None: there is nothing to load now."""
+        if self._later is not None:
+            return SHORT_PAUSE_S
+        return LONG_PAUSE_S if self._practice is not None and self._may_practise and not self._running else None
+
+    def _prepare(self) -> None:
+        """Load more, once, for all computations to come."""
+        if self._later is not None:
+            load, self._later = self._later, None
+        elif self._practice is not None:
+            load, self._practice = self._practice, None
+        else:
+            return
+        load()
         _freeze()
 
 

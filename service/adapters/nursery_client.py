@@ -32,6 +32,8 @@ class WarmUp:
 
     libraries: str = ""
     """Loads the libraries before the first computation."""
+    later: str = ""
+    """Loads libraries that the first computation does not need, while it runs."""
     kernels: str = ""
     """Loads compiled kernels in an idle moment."""
 
@@ -139,7 +141,8 @@ class NurseryClient:
             process = subprocess.Popen(  # noqa: S603 - our own module
                 [
                     *(sys.executable, "-m", "service.child", "--steps", self._steps),
-                    *("--warm-up", self._warm_up.libraries, "--practice", self._warm_up.kernels),
+                    *("--warm-up", self._warm_up.libraries, "--later", self._warm_up.later),
+                    *("--practice", self._warm_up.kernels),
                     *("--parent", str(os.getpid()), "--channel", str(theirs.fileno())),
                 ],
                 stdin=subprocess.DEVNULL,

@@ -23,14 +23,19 @@ def load_for_registration() -> None:
         line_counts,
         link_store,
         pair_documents,
-        run_network,
-        run_network_growth,
         run_pair,
-        run_registration_report,
         station_priors,
     )
 
     load_for_reading()
+
+
+def load_for_reports() -> None:
+    """Load what networks and reports need."""
+    import ezdxf  # noqa: F401 - loaded for the computations
+    import networkx as nx  # noqa: F401
+
+    from service.use_cases import run_network, run_network_growth, run_registration_report  # noqa: F401
 
 
 def practise() -> None:

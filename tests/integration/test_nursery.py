@@ -137,8 +137,8 @@ def test_where_there_is_no_nursery_computations_load_their_own_libraries(
 def test_loading_and_practising_leaves_one_thread(tmp_path: Path) -> None:
     """Copies of a process with several threads are not whole."""
     program = (
-        "import os; from service.use_cases.warm_up import load_for_registration, practise; "
-        "load_for_registration(); practise(); print(len(os.listdir('/proc/self/task')))"
+        "import os; from service.use_cases.warm_up import load_for_registration, load_for_reports, practise; "
+        "load_for_registration(); load_for_reports(); practise(); print(len(os.listdir('/proc/self/task')))"
     )
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
     done = subprocess.run(
