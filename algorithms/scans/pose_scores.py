@@ -16,8 +16,8 @@ position is known, up to a tenth where it was estimated among trees; wrong ones 
 CONTRADICTION_PENALTY = 18.0
 """Each further percent costs so many percent of the support."""
 VIOLATION_FLOOR, VIOLATION_PENALTY = 0.01, 8.0
-"""The charitable score: a share of the whole surface up to the first value may stand in free space, and what goes beyond
-costs this multiple of support."""
+"""The charitable score: a share of the whole surface up to the first value may stand in free space, and what goes
+beyond costs this multiple of support."""
 
 
 @dataclass(frozen=True, eq=False)
