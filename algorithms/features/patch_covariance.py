@@ -66,9 +66,18 @@ def honest_covariance(
     jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, waviness_variance: float
 ) -> Float64[Array, "u u"]:
     """Give the covariance of the parameters with the share of the waviness counted `LONG_WAVES` times."""
-    white = fit_patches(jacobian, misfits, noise_variances, 0.0).covariance
-    wavy = fit_patches(jacobian, misfits, noise_variances, waviness_variance).covariance
-    return np.asarray(white + LONG_WAVES * (wavy - white))
+    return adjust_patches(jacobian, misfits, noise_variances, waviness_variance)[1]
+
+
+def adjust_patches(
+    jacobian: Matrix, misfits: Scalars, noise_variances: Scalars, waviness_variance: float
+) -> tuple[Float64[Array, "u"], Float64[Array, "u u"]]:
+    """Give the corrections of the parameters and their honest covariance."""
+    corrections, white = kernels.adjust(jacobian, misfits, noise_variances)
+    if waviness_variance == 0.0:
+        return corrections, white
+    corrections, wavy = kernels.adjust(jacobian, misfits, noise_variances + waviness_variance)
+    return corrections, white + LONG_WAVES * (wavy - white)
 
 
 def estimate_waviness(

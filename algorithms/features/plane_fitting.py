@@ -8,9 +8,8 @@ from jaxtyping import Bool, Float64, Int32, Int64
 from algorithms.arrays import Array, Bases, Indices, Labels, Matrices3, Points, Scalars, Vector3
 from algorithms.features.patch_covariance import (
     NUMERICAL_STD_M,
+    adjust_patches,
     estimate_wavinesses,
-    fit_patches,
-    honest_covariance,
 )
 from algorithms.features.plane_curvature import curved_regions
 from algorithms.features.plane_points import (
@@ -279,9 +278,7 @@ def _adjust_patches(
     covariances = np.empty((k, 3, 3))
     corrections = np.empty((k, 3))
     for p, system in enumerate(systems):
-        fit = fit_patches(*system, float(waviness[p]))
-        covariances[p] = honest_covariance(*system, float(waviness[p]))
-        corrections[p] = fit.corrections
+        corrections[p], covariances[p] = adjust_patches(*system, float(waviness[p]))
     turned = normals + np.einsum("kji,kj->ki", axes, corrections[:, :2])
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     return turned, centroids + normals * corrections[:, 2:], _carried_bases(axes[:, 0], turned), covariances

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -175,14 +175,10 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Ve
         _, normals, _ = frames_of_moments(moments)
         noise = noise_across(noise_std_m, np.ascontiguousarray(moments[:, 1:4]), normals, sensor_m)
         pairs = np.argwhere(np.triu(touch, 1))
-        joined = [
-            (int(i), int(j))
-            for i, j in pairs
-            if _is_one_plane(moments[i], normals[i], moments[j], normals[j], noise[i], noise[j])
-        ]
-        if not joined:
+        joined = pairs[_are_one_plane(pairs, moments, normals, noise)]
+        if len(joined) == 0:
             break
-        graph = coo_array((np.ones(len(joined)), np.array(joined).T), shape=(len(moments), len(moments)))
+        graph = coo_array((np.ones(len(joined)), joined.T), shape=(len(moments), len(moments)))
         groups, group = connected_components(graph, directed=False)
         numbers = group[numbers]
         moments = region_moments(moments, moments[:, 0], group.astype(np.int32), int(groups), np.inf)
@@ -193,25 +189,25 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Ve
     return np.where(labels >= 0, numbers[labels], -1).astype(np.int32)
 
 
-def _is_one_plane(
-    moments_i: Scalars, normal_i: Array, moments_j: Scalars, normal_j: Array, noise_i: float, noise_j: float
-) -> bool:
-    """Test whether the smaller region continues the plane of the larger one.
+def _are_one_plane(
+    pairs: Int64[Array, "p 2"], moments: Float64[Array, "k 10"], normals: Float64[Array, "k 3"], noise: Scalars
+) -> Bool[Array, "p"]:
+    """Test of pairs of regions whether the smaller one continues the plane of the larger one.
 
     Either its points deviate from the larger plane hardly more than the noise explains, whatever plane they seem to
     form by themselves: chance picks tilted pieces out of noise that is wide compared with the distance of points. Or
     its mean distance and its mean square distance are explained: the distance by 1.5 standard deviations of a point
     and the usual unevenness, the tilt by what raises the smaller region's deviation by half.
     """
-    if moments_i[0] < moments_j[0]:
-        moments_i, normal_i, moments_j, normal_j = moments_j, normal_j, moments_i, normal_i
-        noise_i = noise_j
-    scatter = moments_j[[4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(3, 3) / moments_j[0]
-    distance = abs(float(normal_i @ (moments_j[1:4] - moments_i[1:4])))
-    across = float(np.sqrt(max(normal_i @ scatter @ normal_i, 0.0)))
-    if np.hypot(distance, across) < ON_PLANE * noise_i:
-        return True
-    if abs(float(normal_i @ normal_j)) < NORMAL_LIMIT:
-        return False
-    own = float(np.hypot(np.sqrt(max(normal_j @ scatter @ normal_j, 0.0)), UNEVENNESS_M))
-    return distance < 1.5 * float(np.hypot(noise_i, UNEVENNESS_M)) and across < 1.5 * own
+    first_is_larger = moments[pairs[:, 0], 0] >= moments[pairs[:, 1], 0]
+    larger = np.where(first_is_larger, pairs[:, 0], pairs[:, 1])
+    smaller = np.where(first_is_larger, pairs[:, 1], pairs[:, 0])
+    normal, own_normal = normals[larger], normals[smaller]
+    scatter = moments[smaller][:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3) / moments[smaller, 0, None, None]
+    distance = np.abs(np.einsum("pi,pi->p", normal, moments[smaller, 1:4] - moments[larger, 1:4]))
+    across = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", normal, scatter, normal), 0.0))
+    own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", own_normal, scatter, own_normal), 0.0))
+    parallel = np.abs(np.einsum("pi,pi->p", normal, own_normal)) >= NORMAL_LIMIT
+    near = distance < 1.5 * np.hypot(noise[larger], UNEVENNESS_M)
+    flush = across < 1.5 * np.hypot(own, UNEVENNESS_M)
+    return np.asarray((np.hypot(distance, across) < ON_PLANE * noise[larger]) | (parallel & near & flush))

@@ -43,7 +43,7 @@ def _middle(values: Array, count: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def block_moments(  # noqa: C901, PLR0915 - one compiled loop
+def block_moments(
     points: Array,
     index: Array,
     mixed: Array,
@@ -64,72 +64,90 @@ def block_moments(  # noqa: C901, PLR0915 - one compiled loop
     the moments: count, mean, central sums of products.
     """
     rows, columns = index.shape
-    members = np.empty(block * block, dtype=np.int64)
     own = np.empty(block * block)
-    ordered = np.empty(block * block)
     for top in range(first_row, end_row, TILE):
         for left in range(0, cell_of_block.shape[1], TILE):
             for bi in range(top, min(top + TILE, end_row)):
                 for bj in range(left, min(left + TILE, cell_of_block.shape[1])):
-                    found = 0
-                    low = np.inf
-                    high = 0.0
-                    for i in range(bi * block, min(rows, (bi + 1) * block)):
-                        for j in range(bj * block, min(columns, (bj + 1) * block)):
-                            p = index[i, j]
-                            if p < 0:
-                                continue
-                            if mixed[i, j]:
-                                cell_of_point[p] = -1
-                                continue
-                            r = ranges[i, j]
-                            members[found] = p
-                            own[found] = r
-                            low = min(low, r)
-                            high = max(high, r)
-                            found += 1
-                    if found == 0:
-                        continue
-                    middle = low
-                    if high - low > depth * low + least_depth:  # else all are within the gate of any middle one
-                        ordered[:found] = own[:found]
-                        middle = _middle(ordered, found)
-                    gate = depth * middle + least_depth
                     cell = cell_of_block[bi, bj]
-                    ox, oy, oz = points[members[0], 0], points[members[0], 1], points[members[0], 2]
-                    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
-                    for k in range(found):
-                        p = members[k]
-                        if abs(own[k] - middle) > gate:
-                            cell_of_point[p] = -1
-                            continue
-                        x = points[p, 0] - ox
-                        y = points[p, 1] - oy
-                        z = points[p, 2] - oz
-                        n += 1.0
-                        sx += x
-                        sy += y
-                        sz += z
-                        xx += x * x
-                        xy += x * y
-                        xz += x * z
-                        yy += y * y
-                        yz += y * z
-                        zz += z * z
-                        cell_of_point[p] = cell
-                    x = sx / n
-                    y = sy / n
-                    z = sz / n
-                    moments[cell, 0] = n
-                    moments[cell, 1] = x + ox
-                    moments[cell, 2] = y + oy
-                    moments[cell, 3] = z + oz
-                    moments[cell, 4] = xx - n * x * x
-                    moments[cell, 5] = xy - n * x * y
-                    moments[cell, 6] = xz - n * x * z
-                    moments[cell, 7] = yy - n * y * y
-                    moments[cell, 8] = yz - n * y * z
-                    moments[cell, 9] = zz - n * z * z
+                    if cell < 0:
+                        continue
+                    window = (bi * block, min(rows, (bi + 1) * block), bj * block, min(columns, (bj + 1) * block))
+                    # first as if all were one surface, which is mostly so
+                    low, high = _add_block(
+                        points, index, mixed, ranges, window, 0.0, np.inf, cell, cell_of_point, moments
+                    )
+                    if high - low <= depth * low + least_depth:
+                        continue
+                    found = 0
+                    for i in range(window[0], window[1]):
+                        for j in range(window[2], window[3]):
+                            if index[i, j] >= 0 and not mixed[i, j]:
+                                own[found] = ranges[i, j]
+                                found += 1
+                    middle = _middle(own, found)
+                    gate = depth * middle + least_depth
+                    _add_block(points, index, mixed, ranges, window, middle, gate, cell, cell_of_point, moments)
+
+
+@njit(cache=True, nogil=True)
+def _add_block(
+    points: Array,
+    index: Array,
+    mixed: Array,
+    ranges: Array,
+    window: tuple[int, int, int, int],
+    middle: float,
+    gate: float,
+    cell: int,
+    cell_of_point: Array,
+    moments: Array,
+) -> tuple[float, float]:
+    """Write the moments of the pixels in a window (rows, columns) that are within the gate; give the range's bounds."""
+    low = np.inf
+    high = 0.0
+    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    ox = oy = oz = 0.0
+    for i in range(window[0], window[1]):
+        for j in range(window[2], window[3]):
+            p = index[i, j]
+            if p < 0:
+                continue
+            if mixed[i, j] or abs(ranges[i, j] - middle) > gate:
+                cell_of_point[p] = -1
+                continue
+            low = min(low, ranges[i, j])
+            high = max(high, ranges[i, j])
+            cell_of_point[p] = cell
+            if n == 0.0:
+                ox, oy, oz = points[p, 0], points[p, 1], points[p, 2]
+            x = points[p, 0] - ox
+            y = points[p, 1] - oy
+            z = points[p, 2] - oz
+            n += 1.0
+            sx += x
+            sy += y
+            sz += z
+            xx += x * x
+            xy += x * y
+            xz += x * z
+            yy += y * y
+            yz += y * z
+            zz += z * z
+    x = sx / n
+    y = sy / n
+    z = sz / n
+    moments[cell, 0] = n
+    moments[cell, 1] = x + ox
+    moments[cell, 2] = y + oy
+    moments[cell, 3] = z + oz
+    moments[cell, 4] = xx - n * x * x
+    moments[cell, 5] = xy - n * x * y
+    moments[cell, 6] = xz - n * x * z
+    moments[cell, 7] = yy - n * y * y
+    moments[cell, 8] = yz - n * y * z
+    moments[cell, 9] = zz - n * z * z
+    return low, high
 
 
 @njit(cache=True, nogil=True)

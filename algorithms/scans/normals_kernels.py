@@ -72,8 +72,11 @@ def _pool(moments: Array, neighbours: Array, cap: float, cell: int, out: Array) 
         count = moments[other, 0]
         if count <= 0.0:
             continue
-        w = min(count, cap)
-        f = w / count
+        w = count
+        f = 1.0
+        if count > cap:
+            w = cap
+            f = cap / count
         x = moments[other, 1] - ox
         y = moments[other, 2] - oy
         z = moments[other, 3] - oz

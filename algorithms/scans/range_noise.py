@@ -3,6 +3,7 @@
 import numpy as np
 
 from algorithms.arrays import Array
+from algorithms.scans.range_noise_kernels import contradictions
 
 FEW_TRIPLETS = 100
 """Fewer usable triplets of neighbours tell nothing."""
@@ -28,14 +29,8 @@ def range_noise(ranges: Array) -> float:
         (rows, columns) ranges along vertical circles, 0 where nothing came back [m].
     """
     step = max(1, ranges.size // MOST_TRIPLETS)
-    thinned = ranges[:, ::step].astype(np.float64)
-    before, own, after = thinned[:-2], thinned[1:-1], thinned[2:]
-    whole = (before > 0.0) & (own > 0.0) & (after > 0.0)
-    before, own, after = before[whole], own[whole], after[whole]
-    near = np.abs(after - before) < FLATTEST_STEP * own
-    before, own, after = before[near], own[near], after[near]
-    if len(own) < FEW_TRIPLETS:
+    contradiction = contradictions(ranges, step, FLATTEST_STEP)
+    if len(contradiction) < FEW_TRIPLETS:
         return 0.0
     # errors of the outer reciprocals, seen at the middle range, count a quarter each: 1 + 1/4 + 1/4
-    contradiction = np.abs(own - 2.0 / (1.0 / before + 1.0 / after)) / np.sqrt(1.5)
-    return float(np.quantile(contradiction, 0.25)) / NORMAL_QUARTILE
+    return float(np.quantile(contradiction, 0.25) / np.sqrt(1.5)) / NORMAL_QUARTILE
