@@ -12,7 +12,7 @@ from algorithms.matching.votes import Motions, motions_of
 from algorithms.scans.pose_scores import FINAL_POINTS, PoseScores, score_poses, strict_limits
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
-ROUGH_SIFTS, MIDDLE_POINTS = ((64, 4000), (200, 800)), 1500
+ROUGH_SIFTS, MIDDLE_POINTS = ((64, 3000), (200, 400)), 1500
 """Surface points of each scan, and how many poses go on."""
 POLISH_POINTS, POLISH_MOST = 2500, 40
 

@@ -21,7 +21,7 @@ MIN_PAIR_SINE = 0.25
 """Pairs with a smaller sine (16 gon) fix the motion badly and are left out."""
 MAX_LINES = 140
 """So many of the longest lines of a scan form pairs unless told otherwise."""
-MAX_MATCHES = 120_000
+MAX_MATCHES = 60_000
 """Of more pairs of pairs than this the rarest are kept."""
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 """How the directions of a source pair may lie on those of a target pair; the orders are all among the pairs."""
