@@ -6,9 +6,12 @@ import numpy as np
 
 from algorithms.arrays import Array
 from algorithms.matching.votes import Motions, nearest_rotations
+from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
 ANGLE_RAD = np.radians(25.0)
+LEAST_BLOCK = 5
+"""Fewer poses are not worth a thread of their own."""
 ROUNDS = 4
 """Most steps of each stage."""
 
@@ -39,7 +42,12 @@ def settled(
     limits = np.array([EvidenceLimits(distance, ANGLE_RAD, reach).as_array() for distance in distances_m])
     rotations = np.array(motions.rotations, dtype=np.float64, order="C")
     translations = np.array(motions.translations_m, dtype=np.float64, order="C")
-    kernels.settle(rotations, translations, _arrays(target, points), _arrays(source, points), limits, ROUNDS)
+    ours, theirs = _arrays(target, points), _arrays(source, points)
+
+    def settle(start: int, end: int) -> None:
+        kernels.settle(rotations[start:end], translations[start:end], ours, theirs, limits, ROUNDS)
+
+    over_blocks(settle, len(rotations), least=LEAST_BLOCK)
     return Motions(nearest_rotations(rotations), translations, motions.votes)
 
 

@@ -147,7 +147,7 @@ def _rotation(vector: Array) -> Any:  # pragma: no cover - compiled
     return np.eye(3) + first * cross + second * (cross @ cross)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def settle(
     rotations: Array,
     translations: Array,

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
+from algorithms.scans.point_blocks import LEAST_BLOCK, over_blocks
 from algorithms.scans.range_image import conservative_nearest_m, spherical_range_image
 
 CELL_RAD = math.radians(1.0)
@@ -163,11 +164,17 @@ def evidence_of(
     m = min(points, len(moved.points))
     out = np.zeros((len(rotations), 8))
     weights, normals = moved.weights[:m], moved.normals[:m]
-    kernels.evidence(
-        np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m), moved.points[:m], normals,
-        weights, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m, fixed.nearest_m, fixed.sensor_m,
-        fixed.cell_rad, limits.as_array(), sifting, out,
-    )  # fmt: skip
+    rotations, translations = np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m)
+    points_of, limit_values = moved.points[:m], limits.as_array()
+
+    def lay(start: int, end: int) -> None:
+        kernels.evidence(
+            rotations[start:end], translations[start:end], points_of, normals,
+            weights, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m, fixed.nearest_m,
+            fixed.sensor_m, fixed.cell_rad, limit_values, sifting, out[start:end],
+        )  # fmt: skip
+
+    over_blocks(lay, len(rotations), least=max(LEAST_BLOCK // max(m, 1), 1))
     total = max(float(weights.sum()), 1e-12)
     fitting = out[:, 0] / total
     return Evidence(

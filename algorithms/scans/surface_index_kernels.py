@@ -28,7 +28,7 @@ def _angle(y: float, x: float) -> float:
     return -r if y < 0.0 else r
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
     rotations: Array,
     translations: Array,

@@ -12,7 +12,7 @@ from algorithms.progress import NoProgress
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 
-SCANNER = VirtualScanner(rows=300, columns=720)
+SCANNER = VirtualScanner(rows=500, columns=1200)
 
 
 @pytest.mark.parametrize("second", ["opposite", "beyond"])
