@@ -1,7 +1,7 @@
-"""How pairs tried, processor time and memory grow from five to forty stations of a street, and Dold's campaign.
+"""How pairs tried, processor time and memory grow from five to forty stations, and a campaign of twenty large scans.
 
-Environment: TIELINE_STATIONS (numbers with commas between, 5,10,20,40 by default), and TIELINE_BIG=1 for twenty
-stations of two million points through the service.
+Environment: TIELINE_STATIONS (numbers with commas between, 5,10,20,40 by default), TIELINE_STATIONS_IN (rooms, the
+default, or street), and TIELINE_BIG=1 for twenty stations of two million points in a street through the service.
 """
 
 import json
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from memory_watch import MemoryWatch
+from room_row import room_row_scene
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.simulation.scanner import VirtualScanner, scanner_with_step
@@ -28,6 +29,7 @@ pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
 
 SMALL = VirtualScanner(rows=160, columns=400, range_noise_std_m=0.003)
 COUNTS = [int(count) for count in os.environ.get("TIELINE_STATIONS", "5,10,20,40").split(",")]
+SCENE = {"rooms": room_row_scene, "street": street_scene}[os.environ.get("TIELINE_STATIONS_IN", "rooms")]
 PARTS = ("features", "choice", "pairs", "network")
 LARGEST_ERROR_M = 0.02
 """Of a station's place that the network gives: far above the noise (3 mm), far below one house."""
@@ -68,7 +70,7 @@ def rows() -> dict[int, dict]:
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_all_stations_that_are_connected_are_right(count: int, rows: dict[int, dict], tmp_path: Path) -> None:
-    scene = street_scene(count, np.random.default_rng(11))
+    scene = SCENE(count, np.random.default_rng(11))
     paths = written(scene, count, SMALL, tmp_path / "scans")
     job = tmp_path / "scans.json"
     job.write_text(json.dumps({"warm_up": [str(path) for path in paths[:3]], "stations": [str(p) for p in paths]}))
