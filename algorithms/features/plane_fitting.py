@@ -1,6 +1,7 @@
 """Planes refined from single points, with covariance from patches."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int32, Int64
@@ -20,7 +21,7 @@ from algorithms.features.plane_points import (
     plane_frames,
     planes_moments,
 )
-from algorithms.features.plane_points_kernels import sum_patches
+from algorithms.features.plane_points_kernels import patch_systems, sum_patches
 from algorithms.geometry.lines import bases_of
 from algorithms.scans.point_blocks import over_blocks
 
@@ -237,20 +238,6 @@ def _sum_patches(
     return np.sum(parts, axis=0), starts, columns
 
 
-def _noise_shares(counts: Scalars, patches: Points, normal: Vector3, sensor_m: Vector3 | None) -> Scalars:
-    """Give what share of a plane's noise variance each of its patches has, one on the average of the points.
-
-    The error of a range shows across the plane with the cosine of the incidence: a floor is noisy below the instrument
-    and quiet far away, where it fixes the tilt best.
-    """
-    if sensor_m is None:
-        return np.ones(len(counts))
-    rays = patches - sensor_m
-    squares = np.einsum("ij,ij->i", rays, rays)
-    shares = (rays @ normal) ** 2 / np.maximum(squares, NUMERICAL_STD_M**2) + LEAST_COSINE**2
-    return np.asarray(shares * counts.sum() / (counts @ shares))
-
-
 def _adjust_patches(
     sums: Float64[Array, "p 5"],
     starts: Int64[Array, "starts"],
@@ -262,18 +249,10 @@ def _adjust_patches(
     k = len(frames)
     normals, centroids = frames[:, :3], frames[:, 3:6]
     axes = frames[:, 6:12].reshape(k, 2, 3)
-    systems = []
-    for p in range(k):
-        part = sums[starts[p] : starts[p + 1]]
-        part = part[part[:, 0] > 0]
-        n = part[:, 0]
-        u, v, r = part[:, 1] / n, part[:, 2] / n, part[:, 3] / n
-        within = part[:, 4] - n * r**2
-        places = centroids[p] + np.stack([u, v], 1) @ axes[p]
-        expected = noise[p] ** 2 * _noise_shares(n, places, normals[p], sensor_m)
-        # the patch's own scatter, steadied by the expected one
-        variances = (within + STEADY * expected) / (n - 1.0 + STEADY) / n + NUMERICAL_STD_M**2
-        systems.append((np.stack([-u, -v, np.ones_like(u)], axis=1), r, variances))
+    sensor = np.full(3, np.nan) if sensor_m is None else sensor_m
+    jacobian, misfits, variances, splits = patch_systems(sums, starts, frames, noise, sensor, STEADY, LEAST_COSINE)
+    parts = list(pairwise(splits))
+    systems = [(jacobian[first:end], misfits[first:end], variances[first:end]) for first, end in parts]
     waviness = estimate_wavinesses(systems)
     covariances = np.empty((k, 3, 3))
     corrections = np.empty((k, 3))

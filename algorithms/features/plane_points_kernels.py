@@ -195,6 +195,67 @@ def sum_patches(
 
 
 @njit(cache=True, nogil=True)
+def patch_systems(
+    sums: Array, starts: Array, frames: Array, noise: Array, sensor: Array, steady: float, least_cosine: float
+) -> tuple[Array, Array, Array, Array]:
+    """Give the equations of the occupied patches of all planes.
+
+    The error of a range shows across the plane with the cosine of the incidence: a floor is noisy below the instrument
+    and quiet far away, where it fixes the tilt best. So the noise of a plane is shared out among its patches, one on
+    the average of the points, unless `sensor` is not known (nan); never less than the square of `least_cosine`. The
+    scatter of a patch itself counts besides as many points as `steady` says.
+
+    Returns
+    -------
+    Derivatives of a patch's offset by (a1, a2, b) (p, 3); mean offsets (p,) [m]; variances of these (p,) [m2]; and
+    where the patches of each plane begin, (k + 1,).
+    """
+    k = frames.shape[0]
+    jacobian = np.empty((sums.shape[0], 3))
+    misfits = np.empty(sums.shape[0])
+    variances = np.empty(sums.shape[0])
+    splits = np.zeros(k + 1, dtype=np.int64)
+    shares = np.empty(sums.shape[0])
+    known = not np.isnan(sensor[0])
+    row = 0
+    for p in range(k):
+        total = 0.0
+        shared = 0.0
+        for s in range(starts[p], starts[p + 1]):
+            n = sums[s, 0]
+            if n == 0.0:
+                continue
+            u, v = sums[s, 1] / n, sums[s, 2] / n
+            share = 1.0
+            if known:
+                across = 0.0
+                square = 0.0
+                for a in range(3):
+                    ray = frames[p, 3 + a] + u * frames[p, 6 + a] + v * frames[p, 9 + a] - sensor[a]
+                    across += ray * frames[p, a]
+                    square += ray * ray
+                share = across * across / max(square, 1e-18) + least_cosine**2
+            shares[s] = share
+            total += n
+            shared += n * share
+        for s in range(starts[p], starts[p + 1]):
+            n = sums[s, 0]
+            if n == 0.0:
+                continue
+            mean = sums[s, 3] / n
+            within = sums[s, 4] - n * mean * mean
+            expected = noise[p] ** 2 * shares[s] * total / shared
+            jacobian[row, 0] = -sums[s, 1] / n
+            jacobian[row, 1] = -sums[s, 2] / n
+            jacobian[row, 2] = 1.0
+            misfits[row] = mean
+            variances[row] = (within + steady * expected) / (n - 1.0 + steady) / n + 1e-18
+            row += 1
+        splits[p + 1] = row
+    return jacobian[:row], misfits[:row], variances[:row], splits
+
+
+@njit(cache=True, nogil=True)
 def fill_rasters(
     points: Array,
     labels: Array,

@@ -21,7 +21,8 @@ from algorithms.features.plane_segmentation_kernels import (
     region_moments,
     touching_labels,
 )
-from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
+from algorithms.scans.point_blocks import over_blocks
+from algorithms.scans.surface_cells import LEAST_CELLS, CellSurfaces, SurfaceCells
 
 NORMAL_LIMIT = float(np.cos(np.deg2rad(15.0)))
 """Cosine of the largest angle between a cell's normal and its region's."""
@@ -35,6 +36,8 @@ FACING = 0.7
 """Least cosine of incidence of surfaces that face the instrument."""
 FEW_FACING = 30
 """Fewer such neighbourhoods tell nothing; then all count."""
+ENOUGH = 100_000
+"""A quartile needs no more neighbourhoods than about so many."""
 LEAST_SHARE = 0.5
 """Least share of the noise of ranges that is expected across a surface, however slanted it is seen."""
 ON_PLANE = 1.2
@@ -70,7 +73,8 @@ def typical_noise(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3
     if sensor_m is not None:
         facing = flat & (incidences(cells.means, surfaces.normals, sensor_m) > FACING)
         flat = facing if np.count_nonzero(facing) >= FEW_FACING else flat
-    return float(np.quantile(surfaces.residual_std_m[flat], 0.25)) if flat.any() else 0.0
+    residuals = surfaces.residual_std_m[flat]
+    return float(np.quantile(residuals[:: max(1, len(residuals) // ENOUGH)], 0.25)) if len(residuals) else 0.0
 
 
 def noise_across(noise_std_m: float, positions: Points, normals: Points, sensor_m: Vector3 | None) -> Scalars:
@@ -133,8 +137,25 @@ def segment_planes(
     noise = noise_across(noise_std_m, centroids, region_normals, sensor_m)
     tolerances = 3.0 * np.maximum(deviations[:, 2], np.maximum(noise, NUMERICAL_STD_M))
     for _ in range(2):
-        labels = dilate_labels(labels, cells.moments, cells.neighbours, region_normals, centroids, tolerances)
+        labels = _dilated(cells, labels, region_normals, centroids, tolerances)
     return PlaneRegions(labels, region_normals, centroids, noise)
+
+
+def _dilated(
+    cells: SurfaceCells,
+    labels: Labels,
+    normals: Float64[Array, "k 3"],
+    centroids: Float64[Array, "k 3"],
+    tolerances: Float64[Array, "k"],
+) -> Labels:
+    """Give cells without a label that of the neighbouring plane they lie on."""
+    out = labels.copy()
+
+    def work(start: int, end: int) -> None:
+        dilate_labels(labels, cells.moments, cells.neighbours, normals, centroids, tolerances, start, end, out)
+
+    over_blocks(work, len(cells), least=LEAST_CELLS)
+    return out
 
 
 def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> CellPlanes:

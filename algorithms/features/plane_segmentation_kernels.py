@@ -100,11 +100,18 @@ def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
 
 @njit(cache=True, nogil=True)
 def dilate_labels(
-    labels: Array, moments: Array, neighbours: Array, normals: Array, centroids: Array, tolerances: Array
-) -> Array:
-    """Give unlabelled cells the label of the neighbouring plane they lie on best, one ring."""
-    out = labels.copy()
-    for cell in range(labels.shape[0]):
+    labels: Array,
+    moments: Array,
+    neighbours: Array,
+    normals: Array,
+    centroids: Array,
+    tolerances: Array,
+    start: int,
+    end: int,
+    out: Array,
+) -> None:
+    """Write the label of the neighbouring plane they lie on best to cells from `start` to `end` that have none."""
+    for cell in range(start, end):
         if labels[cell] >= 0:
             continue
         best = 1.0
@@ -120,7 +127,6 @@ def dilate_labels(
             if gap < best:
                 best = gap
                 out[cell] = p
-    return out
 
 
 @njit(cache=True, nogil=True)

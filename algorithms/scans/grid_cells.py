@@ -44,7 +44,14 @@ def grid_cells(
     mixed = mixed_pixels(points, grid, sensor_m, step, ranges)
     block = max(1, math.ceil(math.sqrt(grid.index.size / MOST_CELLS)))
     slope = math.tan(STEEPEST_RAD)
-    cell_of_block, count = kernels.number_blocks(grid.index, mixed, block)
+    shape = (-(-grid.rows // block), -(-grid.columns // block))
+    least = max(1, LEAST_BLOCKS // max(shape[1], 1))
+    cell_of_block = np.empty(shape, dtype=np.int32)
+    over_blocks(
+        lambda start, end: kernels.occupied_blocks(grid.index, mixed, block, start, end, cell_of_block),
+        len(cell_of_block), least=least,
+    )  # fmt: skip
+    count = int(kernels.number_blocks(cell_of_block))
     cell_of_point = np.full(len(points), -1, dtype=np.int32)
     moments = np.empty((count, 10))
     neighbours = np.empty((count, 8), dtype=np.int32)
@@ -61,7 +68,6 @@ def grid_cells(
             moments, cell_of_block, sensor_m, block * step, slope, LEAST_JUMP_M, start, end, neighbours, spacing
         )
 
-    least = max(1, LEAST_BLOCKS // max(cell_of_block.shape[1], 1))
     over_blocks(add_up, len(cell_of_block), least=least)
     over_blocks(link, len(cell_of_block), least=least)
     linked = spacing > 0

@@ -12,21 +12,33 @@ TILE = 16
 
 
 @njit(cache=True, nogil=True)
-def number_blocks(index: Array, mixed: Array, block: int) -> tuple[Array, int]:
-    """Give the blocks that hold points which are not mixed numbers, row by row; the others get -1."""
+def occupied_blocks(index: Array, mixed: Array, block: int, first_row: int, end_row: int, out: Array) -> None:
+    """Write 0 for blocks, of some rows of blocks, that hold a point which is not mixed, and -1 for the others."""
     rows, columns = index.shape
-    out = np.full(((rows + block - 1) // block, (columns + block - 1) // block), -1, dtype=np.int32)
-    count = 0
-    for bi in range(out.shape[0]):
+    for bi in range(first_row, end_row):
+        out[bi] = -1
         for i in range(bi * block, min(rows, (bi + 1) * block)):
-            for j in range(columns):
-                if index[i, j] >= 0 and not mixed[i, j]:
-                    out[bi, j // block] = 0
-        for bj in range(out.shape[1]):
-            if out[bi, bj] == 0:
-                out[bi, bj] = count
+            j = 0
+            for bj in range(out.shape[1]):
+                end = min(columns, j + block)
+                found = False
+                while j < end:
+                    found = found or (index[i, j] >= 0 and not mixed[i, j])
+                    j += 1
+                if found:
+                    out[bi, bj] = 0
+
+
+@njit(cache=True, nogil=True)
+def number_blocks(blocks: Array) -> int:
+    """Give the blocks that are not -1 numbers, row by row, and tell how many there are."""
+    count = 0
+    for bi in range(blocks.shape[0]):
+        for bj in range(blocks.shape[1]):
+            if blocks[bi, bj] >= 0:
+                blocks[bi, bj] = count
                 count += 1
-    return out, count
+    return count
 
 
 @njit(cache=True, nogil=True)
