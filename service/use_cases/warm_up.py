@@ -18,6 +18,7 @@ def load_for_reading() -> None:
 def load_for_registration() -> None:
     """Load the libraries that a registration needs; starts no threads."""
     import algorithms.features.extraction
+    import algorithms.registration.auto_registration
     import algorithms.registration.line_registration  # noqa: F401 - loaded for the computations
     from service.use_cases import (  # noqa: F401
         line_counts,
@@ -43,15 +44,15 @@ def practise() -> None:
     from algorithms.features.extraction import extract_features
     from algorithms.features.options import FeatureOptions
     from algorithms.progress import NoProgress
+    from algorithms.registration import DEFAULT_METHOD
     from algorithms.registration.base import RegistrationProblem
-    from algorithms.registration.lines import LinesMethod
 
     features = [
         extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
         for scan in (tiny_room(structured=True), tiny_room(structured=False))
     ]
     problem = RegistrationProblem(features[0], features[1])
-    LinesMethod().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    DEFAULT_METHOD().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
 
 
 def tiny_room(*, structured: bool) -> Scan:
