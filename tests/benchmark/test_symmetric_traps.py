@@ -11,7 +11,7 @@ from symmetric_pairs import ODDITIES, symmetric_pair
 
 from algorithms.simulation.symmetric_scenes import SYMMETRIC_SCENES
 
-pytestmark = pytest.mark.benchmark
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(4 * 3600)]
 COUNT = int(os.environ.get("TIELINE_TRAPS", "200"))
 
 
