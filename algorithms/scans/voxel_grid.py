@@ -93,10 +93,10 @@ def _hash(points: Points, size_m: float) -> _Hashed:
 
     parts = over_blocks(work, len(points), least=POINTS_PER_TABLE, most=MOST_TABLES)
     starts = [start for start, _ in blocks_of(len(points), least=POINTS_PER_TABLE, most=MOST_TABLES)]
-    keys, moments = parts[0]
-    numbers = {0: np.arange(len(keys), dtype=np.int32)}
-    for start, (more_keys, more_moments) in list(zip(starts, parts, strict=True))[1:]:
-        keys, moments, numbers[start] = kernels.unite(keys, moments, more_keys, more_moments)
+    keys, moments = np.empty(0, dtype=np.int64), np.empty((0, 10))
+    numbers: dict[int, Array] = {}
+    for start, part in zip(starts, parts, strict=True):
+        keys, moments, numbers[start] = kernels.unite(keys, moments, *part)
     # numbered by place, neighbours are near each other in memory, and the order of the points does not matter
     order = np.argsort(keys)
     places = np.empty(len(order), dtype=np.int32)
