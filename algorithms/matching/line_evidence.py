@@ -38,6 +38,8 @@ a pose must not look better because it lays near things on near things."""
 LEAST_FOUND, LEAST_EXPECTED, MOST_RATE = 8, 10, 0.5
 """A pose is refuted by so many found lines at least, where so many are expected and below this multiple of the share is
 found: a few lines can be missing for one common reason."""
+ALIKE_VIEWS_RAD = 0.2
+"""Views of a line from directions that differ by less show the same of it."""
 LEAST_VIEW_ENDS = 6
 """A photo needs so many ends of lines to have an outline."""
 MIN_VIEW_COSINE = 0.2
@@ -77,13 +79,18 @@ class LineWitness:
         self._scans = (_Witness(target), _Witness(source))
         self._distance_m = max(FOUND_DISTANCE_M, FOUND_NOISES * max(target.noise_std_m, source.noise_std_m))
 
-    def compare(self, pose: RigidTransform, other: RigidTransform) -> tuple[LineEvidence, LineEvidence]:
+    def compare(
+        self, pose: RigidTransform, other: RigidTransform, *, alike_views: bool = False
+    ) -> tuple[LineEvidence, LineEvidence]:
         """Count the lines that tell two poses apart, in each of them.
 
         Parameters
         ----------
         pose, other
             Target from source, between the reduced frames.
+        alike_views
+            Count the lines that both poses show from nearly the same direction, where one surface beside them suffices:
+            a window's reveal that is not there cannot be seen, but the wall on which it should be can.
         """
         counts = np.zeros((2, 2), dtype=np.int64)
         there = (other.inv(), pose.inv())
@@ -93,7 +100,9 @@ class LineWitness:
                 (*self._scans[::-1], seen_from_source, (other, pose)[number]),
             ):
                 tells = moved_across(scan.features.lines, motion, rival) > SENSITIVE_FACTOR * self._distance_m
-                expected = tells & scan.expected_in(partner, motion)
+                if alike_views:
+                    tells &= scan.viewed_alike(partner, motion, rival)
+                expected = tells & scan.expected_in(partner, motion, one_side=alike_views)
                 found = scan.found_in(partner, motion, self._distance_m)
                 counts[number] += [np.count_nonzero(expected), np.count_nonzero(expected & found)]
         first, second = (LineEvidence(int(expected), int(found)) for expected, found in counts)
@@ -115,14 +124,17 @@ class LineWitness:
         -------
         Evidence of the first pose, and of the other one together with the repetition it would need.
         """
-        here, there = self.compare(pose, other)
-        there = there + self.self_likeness(pose, other)
-        if here.found < LEAST_FOUND or there.expected < LEAST_EXPECTED or there.rate > MOST_RATE * here.rate:
-            return None
-        table = np.array([[e.found, e.expected - e.found] for e in (here, there)])
-        return (here, there) if fisher_exact(table, alternative="greater").pvalue <= alpha else None
+        for alike_views in (False, True):
+            here, there = self.compare(pose, other, alike_views=alike_views)
+            there = there + self.self_likeness(pose, other, alike_views=alike_views)
+            if here.found < LEAST_FOUND or there.expected < LEAST_EXPECTED or there.rate > MOST_RATE * here.rate:
+                continue
+            table = np.array([[e.found, e.expected - e.found] for e in (here, there)])
+            if fisher_exact(table, alternative="greater").pvalue <= alpha:
+                return here, there
+        return None
 
-    def self_likeness(self, pose: RigidTransform, other: RigidTransform) -> LineEvidence:
+    def self_likeness(self, pose: RigidTransform, other: RigidTransform, *, alike_views: bool = False) -> LineEvidence:
         """Lay each scan's lines onto themselves by the motion between two poses, and count those found again.
 
         If the other pose were right, and this one only looked right because the building repeats itself, then the
@@ -132,12 +144,18 @@ class LineWitness:
         ----------
         pose, other
             Target from source, between the reduced frames.
+        alike_views
+            As for `compare`.
         """
         expected, found = 0, 0
         for scan, motion in zip(self._scans, (other * pose.inv(), pose.inv() * other), strict=True):
             for each in (motion, motion.inv()):
                 across = moved_across(scan.features.lines, RigidTransform.identity(), each)
-                asked = (across > SENSITIVE_FACTOR * self._distance_m) & scan.expected_in(scan, each)
+                asked = (across > SENSITIVE_FACTOR * self._distance_m) & scan.expected_in(
+                    scan, each, one_side=alike_views
+                )
+                if alike_views:
+                    asked &= scan.viewed_alike(scan, RigidTransform.identity(), each)
                 expected += int(np.count_nonzero(asked))
                 found += int(np.count_nonzero(asked & scan.found_in(scan, each, self._distance_m)))
         return LineEvidence(expected, found)
@@ -177,19 +195,30 @@ class _Witness:
         self._of_photos = features.lines.sources == int(LineSource.PHOTO_EDGE)
         self._views = _views(scan)
 
-    def expected_in(self, other: "_Witness", other_from_own: RigidTransform) -> Flags:
-        """Say which of the own lines the other scan should have seen."""
+    def expected_in(self, other: "_Witness", other_from_own: RigidTransform, *, one_side: bool = False) -> Flags:
+        """Say which of the own lines the other scan should have seen: both surfaces beside them, or one."""
         if len(self._samples) == 0:
             return np.zeros(len(self.features.lines), dtype=bool)
         places = other_from_own.apply(self._samples)
-        seen = self._near_enough(other, places)
+        fits = []
         for offsets, normals, present in self._sides:
             points = self._samples + offsets[self._owners]
-            fits = fitting(other_from_own, points, normals[self._owners], other.index, _side_limits(other.index))
-            seen &= fits | ~present[self._owners]
+            fit = fitting(other_from_own, points, normals[self._owners], other.index, _side_limits(other.index))
+            fits.append(fit & present[self._owners] if one_side else fit | ~present[self._owners])
+        seen = self._near_enough(other, places) & (np.any if one_side else np.all)(fits, axis=0)
         in_photos = self._of_photos[self._owners]
         seen[in_photos] &= other.in_photos(places[in_photos])
         return np.bincount(self._owners, seen, len(self._counts)) >= SEEN_SHARE * self._counts
+
+    def viewed_alike(self, other: "_Witness", motion: RigidTransform, rival: RigidTransform) -> Flags:
+        """Say which of the own lines the other instrument sees from nearly the same direction after both motions."""
+        lines, sensor = self.features.lines, other.features.sensor_m
+        if len(lines) == 0 or sensor is None or (motion.rotation * rival.rotation.inv()).magnitude() > ALIKE_VIEWS_RAD:
+            return np.zeros(len(lines), dtype=bool)
+        middles = np.mean(lines.end_points, axis=0)
+        here, there = motion.apply(middles), rival.apply(middles)
+        nearer = np.minimum(np.linalg.norm(here - sensor, axis=1), np.linalg.norm(there - sensor, axis=1))
+        return np.asarray(np.linalg.norm(here - there, axis=1) <= ALIKE_VIEWS_RAD * nearer)
 
     def in_photos(self, places: Points) -> Flags:
         """Say which places the photos show: those between the directions of their lines."""
