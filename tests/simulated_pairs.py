@@ -58,7 +58,7 @@ class PairError:
         return self.error / np.sqrt(np.diag(self.covariance))
 
 
-def pair_error(number, seed, scene_names=tuple(OVERLAPPING), sizes=SIZES):
+def pair_error(number, seed, scene_names=tuple(OVERLAPPING), sizes=SIZES, method=LinesMethod):
     """Simulate, extract and register one pair; the number decides scene, noise, resolution and tilt."""
     rng = np.random.default_rng([seed, number])
     name = scene_names[number % len(scene_names)]
@@ -75,13 +75,14 @@ def pair_error(number, seed, scene_names=tuple(OVERLAPPING), sizes=SIZES):
         )
         for pose in poses
     )
-    result = LinesMethod().register(RegistrationProblem(target, source), progress=NoProgress(), rng=rng)
-    if result.fine is None:
+    result = method().register(RegistrationProblem(target, source), progress=NoProgress(), rng=rng)
+    answer = result.final or result.fine
+    if answer is None:
         return PairError(name, noise, tilted, result.status, np.full(6, np.nan), np.eye(6))
-    true, found = poses[0].inv() * poses[1], result.fine.pose.target_from_source
+    true, found = poses[0].inv() * poses[1], answer.pose.target_from_source
     turn = (true.rotation * found.rotation.inv()).as_rotvec()
     error = np.concatenate([turn, true.translation - found.translation])
-    return PairError(name, noise, tilted, result.status, error, result.fine.pose.covariance)
+    return PairError(name, noise, tilted, result.status, error, answer.pose.covariance)
 
 
 def band_of_mean(count, probability=0.95):

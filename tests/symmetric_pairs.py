@@ -8,8 +8,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.progress import NoProgress
+from algorithms.registration import DEFAULT_METHOD
 from algorithms.registration.base import PairStatus, RegistrationProblem
-from algorithms.registration.lines import LinesMethod
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.symmetric_scenes import SYMMETRIC_SCENES
@@ -50,12 +50,13 @@ def symmetric_pair(name, seed, oddities):
         moved = replace(scan, points=points, sensor_m=motion.apply(sensor), grid=None)
         features.append(extract_features(moved, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0)))
         poses.append(station * motion.inv())
-    result = LinesMethod().register(
+    result = DEFAULT_METHOD().register(
         RegistrationProblem(features[0], features[1]), progress=NoProgress(), rng=np.random.default_rng(0)
     )
     right = False
-    if result.fine is not None:
-        pose, truth = result.fine.pose.target_from_source, poses[0].inv() * poses[1]
+    answer = result.final or result.fine
+    if answer is not None:
+        pose, truth = answer.pose.target_from_source, poses[0].inv() * poses[1]
         centre = features[1].surface.points.mean(axis=0) + features[1].origin_m
         turn = (pose.rotation * truth.rotation.inv()).magnitude()
         right = turn < TOLERANCE_RAD and np.linalg.norm(pose.apply(centre) - truth.apply(centre)) < TOLERANCE_M

@@ -19,7 +19,8 @@ from algorithms.registration.pose_fusion import (
     FusionFrame,
     Information,
     consistency,
-    parallel_sum,
+    information_of_difference,
+    joint_covariance,
     share_of_first,
 )
 from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
@@ -29,8 +30,11 @@ CONTRADICTION_ALPHA = 0.001
 """Probability with which two good estimates of a pose are taken to contradict each other."""
 AXIS_RADII = 1.3
 """Surface so near to a matched axis, in radii, belongs to its cylinder."""
+LEAST_SHARE = 0.01
+"""An estimate with less of the information is not named as one that gave the pose."""
 PARAMETERS = 6
-NOTHING = Information(np.zeros((6, 6)), np.zeros(6))
+LEAST_NEIGHBOURHOODS = 16
+"""Surfaces in fewer neighbourhoods tell too little: ten degrees of freedom more than parameters, as of `adjustment`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +59,8 @@ def compared(fine: FineRegistration, surfaces: SurfaceEstimate) -> Comparison:
     """
     frame = frame_of(surfaces)
     ours, theirs = frame.information(fine.adjustment.pose_a_posteriori), frame.information(surfaces.pose)
-    both = parallel_sum(ours.matrix, theirs.matrix)
-    values, vectors = np.linalg.eigh(both)
-    seen = vectors[:, values > 1e-9 * max(float(values[-1]), 1.0)]
-    apart = seen.T @ (ours.motion_m - theirs.motion_m)
+    seen = np.linalg.svd(information_of_difference(ours, theirs))
+    apart = seen[0][:, seen[1] > 1e-12 * seen[1][0]].T @ (ours.motion_m - theirs.motion_m)
     return Comparison(consistency(ours, theirs, CONTRADICTION_ALPHA), float(np.linalg.norm(apart)))
 
 
@@ -106,7 +108,8 @@ def joined(
     The surfaces that belong to no matched plane or cylinder are other data than the features: their information adds.
     Those that do belong to them are the same data looked at in another way (place by place, where the planes compare
     averages over two different pieces of an uneven wall), so of the two only a mixture counts (`share_of_first`).
-    Where features and surfaces differ by more than chance, all covariances grow by the factor that explains it.
+    Where features and surfaces, or these two kinds of surfaces, differ by more than chance, all covariances grow by the
+    factor that explains it.
 
     Parameters
     ----------
@@ -119,31 +122,35 @@ def joined(
     options
         Of the surfaces.
     """
-    frame, adjustment = frame_of(surfaces), fine.adjustment
-    factor = comparison.test.factor
-    used = _in_matched_features(problem, fine)
-    features = frame.information(adjustment.pose_a_posteriori.with_covariance_scaled(factor))
+    frame, used = frame_of(surfaces), _in_matched_features(problem, fine)
     start = surfaces.pose.target_from_source
-    same = _part(problem, start, frame, options, (~used[0], ~used[1]), factor)
-    others = _part(problem, start, frame, options, used, factor)
+    features = frame.information(fine.adjustment.pose_a_posteriori)
+    same = _part(problem, start, frame, options, (~used[0], ~used[1]))
+    others = _part(problem, start, frame, options, used)
+    tests = [consistency(part, others, CONTRADICTION_ALPHA) for part in (features, same)]
+    factor = max(comparison.test.factor, *(test.factor for test in tests))
+    features, same, others = (part.with_covariance_scaled(factor) for part in (features, same, others))
     share = share_of_first(features.matrix, same.matrix, others.matrix)
-    weighed = (
-        Information(share * features.matrix, features.motion_m),
-        Information((1.0 - share) * same.matrix, same.motion_m),
-        others,
-    )
-    estimate = frame.estimate(weighed)
-    inverse = np.linalg.pinv(np.sum([part.matrix for part in weighed], axis=0), hermitian=True)
-    shares = [float(np.trace(inverse @ part.matrix)) / PARAMETERS for part in weighed]
+    weighed = ((share, features), (1.0 - share, same), (1.0, others))
+    estimate, covariance = frame.estimate(weighed), joint_covariance(weighed)
+    rank = PARAMETERS - estimate.null_space.shape[1]
+    shares = [weight * float(np.trace(covariance @ part.matrix)) / max(rank, 1) for weight, part in weighed]
     names = (label.replace("+", " and "), "surfaces of the matched planes", "other surfaces")
     parts = tuple(
         PosePart(name, value) for value, name in sorted(zip(shares, names, strict=True), reverse=True) if value > 0.0
     )
     words = ", ".join(f"{part.name} {part.share:.0%}" for part in parts)
-    reason = f"{words} of the information; features and surfaces agree ({in_words(comparison)})"
-    final = _final(problem, estimate, frame.centred, f"{label}+surfaces", reason, parts, surfaces)
-    whole = parallel_sum(features.matrix, frame.information(surfaces.pose.with_covariance_scaled(factor)).matrix)
-    return Joined(final, inverse @ weighed[0].matrix, whole)
+    agreement = (
+        "features and surfaces agree"
+        if factor == 1.0
+        else f"features and surfaces differ by more than chance, so all variances are {factor:.1f} times larger"
+    )
+    reason = f"{words} of the information; {agreement} ({in_words(comparison)})"
+    carrying = ((label, shares[0]), ("surfaces", shares[1] + shares[2]))
+    estimator = "+".join(name for name, value in carrying if value >= LEAST_SHARE)
+    final = _final(problem, estimate, frame.centred, estimator, reason, parts, surfaces)
+    difference = information_of_difference(features, frame.information(surfaces.pose).with_covariance_scaled(factor))
+    return Joined(final, share * covariance @ features.matrix, difference)
 
 
 def refuted_by_own_surfaces(
@@ -197,16 +204,15 @@ def _part(
     frame: FusionFrame,
     options: SurfaceOptions,
     left_out: tuple[Array, Array],
-    factor: float = 1.0,
 ) -> Information:
-    """Estimate by a part of the surfaces; nothing where too little is left."""
+    """Estimate by a part of the surfaces; nothing where too little is left to know its covariance by."""
     try:
         found = estimate_by_surfaces(problem.target, problem.source, start, options, left_out=left_out)
     except TooFewCorrespondencesError:
-        return NOTHING
-    if found.pose.null_space.shape[1] == PARAMETERS or not found.converged:
-        return NOTHING
-    return frame.information(found.pose.with_covariance_scaled(factor))
+        return Information.nothing()
+    if found.neighbourhoods < LEAST_NEIGHBOURHOODS or not found.converged:
+        return Information.nothing()
+    return frame.information(found.pose)
 
 
 def _in_matched_features(problem: RegistrationProblem, fine: FineRegistration) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from algorithms.geometry.pose_parameters import shift_of_origin
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration.base import FinalPose, FineRegistration, PairStatus, RegistrationProblem
-from algorithms.registration.final_pose import Joined
+from algorithms.registration.final_pose import LEAST_NEIGHBOURHOODS, PARAMETERS, Joined
 from algorithms.registration.pair_verdict import (
     LEAST_REDUNDANCY,
     WORST_HIDDEN_M,
@@ -17,8 +17,6 @@ from algorithms.registration.pair_verdict import (
     agreement_doubts,
     remarks_on,
 )
-
-PARAMETERS = 6
 
 
 def status_of_final(
@@ -63,7 +61,7 @@ def status_of_final(
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
     noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
-    found = [*doubts, *_doubts(final, hidden_m, noise_m)]
+    found = [*doubts, *_doubts(final, fine, hidden_m, noise_m)]
     if fine is not None:
         found += agreement_doubts(fine)
     if problem.priors is not None:
@@ -73,7 +71,7 @@ def status_of_final(
     return PairStatus.ACCEPTED, tuple(reasons)
 
 
-def _doubts(final: FinalPose, hidden_m: float, noise_m: float) -> list[str]:
+def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, noise_m: float) -> list[str]:
     """Say what keeps a determined pose from being accepted.
 
     What is asked of the pose is two centimetres, or what single points are known to where they are noisier: scans laid
@@ -81,14 +79,17 @@ def _doubts(final: FinalPose, hidden_m: float, noise_m: float) -> list[str]:
     """
     doubts = []
     surfaces = final.surfaces
-    if surfaces is not None and "surfaces" in final.estimator:
-        if not surfaces.converged:
-            doubts.append("the surfaces did not settle")
-        if surfaces.neighbourhoods < LEAST_REDUNDANCY + PARAMETERS:
-            doubts.append(
-                f"the surfaces have only {surfaces.neighbourhoods} neighbourhoods in common: errors could hide "
-                f"({LEAST_REDUNDANCY + PARAMETERS} would be needed)"
-            )
+    if surfaces is not None and not surfaces.converged:
+        doubts.append("the surfaces did not settle")
+    if fine is not None and not fine.adjustment.converged:
+        doubts.append("the adjustment did not settle")
+    spare = 0 if fine is None else fine.adjustment.redundancy
+    common = 0 if surfaces is None else surfaces.neighbourhoods
+    if spare < LEAST_REDUNDANCY and common < LEAST_NEIGHBOURHOODS:
+        doubts.append(
+            f"lines and planes have {spare} conditions more than parameters, and the surfaces {common} neighbourhoods "
+            f"in common: errors could hide ({LEAST_REDUNDANCY} or {LEAST_NEIGHBOURHOODS} would be needed)"
+        )
     if hidden_m > max(WORST_HIDDEN_M, noise_m):
         doubts.append(
             f"an error that no test could find would shift the pose by {hidden_m * 1e3:.0f} mm "

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize, stats
@@ -17,14 +18,37 @@ LEAST_INFORMATION = 1.0 / OPEN_STD_M**2
 """The same as information [1/m²]."""
 
 
+SAME_MOTION = 0.05
+"""Two estimates leave the same motion open when theirs are within this angle [rad]: each knows it as well as it knows
+the directions of its lines or normals, and between the two the motion must not pass for determined (MATH 5.2)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Information:
     """What an estimate says of the pose, as a motion x = (radius times turn, shift of the centre) from a base pose."""
 
-    matrix: Matrix6
-    """(6, 6) inverse of the covariance of x, zero along what is open [1/m²]."""
+    covariance: Matrix6
+    """(6, 6) covariance of x, zero along what is open [m²]."""
+    free: Array
+    """(6, k) orthonormal motions that are open."""
     motion_m: Array
     """(6,) x of the estimate [m]."""
+
+    @cached_property
+    def matrix(self) -> Matrix6:
+        """(6, 6) information: inverse of the covariance on what is determined, zero along the rest [1/m²]."""
+        known = _complement(self.free)
+        inner = np.linalg.inv(known.T @ self.covariance @ known)
+        return np.asarray(known @ (0.5 * (inner + inner.T)) @ known.T)
+
+    def with_covariance_scaled(self, factor: float) -> "Information":
+        """Give the same with a covariance that is larger by a factor."""
+        return Information(self.covariance * factor, self.free, self.motion_m)
+
+    @staticmethod
+    def nothing() -> "Information":
+        """Know nothing."""
+        return Information(np.zeros((6, 6)), np.eye(6), np.zeros(6))
 
 
 @dataclass(frozen=True)
@@ -58,48 +82,46 @@ class FusionFrame:
     centred: CentredFrame
 
     def information(self, estimate: PoseEstimate) -> Information:
-        """Express an estimate near the base pose.
-
-        C in x is regular on V, the complement of what is open: N = V (Vᵀ C V)⁻¹ Vᵀ, whatever the estimate holds what
-        is open by.
-        """
+        """Express an estimate near the base pose; how it holds what it leaves open does not matter."""
         back = np.linalg.inv(self.centred.to_pose(self.base))
-        covariance = back @ estimate.covariance @ back.T
-        free = back @ estimate.null_space
-        known = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :] if free.size else np.eye(6)
-        inner = np.linalg.inv(known.T @ covariance @ known)
-        return Information(known @ (0.5 * (inner + inner.T)) @ known.T, back @ self._difference(estimate))
+        known = _complement(back @ estimate.null_space)
+        inner = known.T @ back @ estimate.covariance @ back.T @ known
+        return Information(known @ inner @ known.T, _complement(known), back @ self._difference(estimate))
 
-    def estimate(self, parts: Sequence[Information]) -> PoseEstimate:
+    def estimate(self, parts: Sequence[tuple[float, Information]]) -> PoseEstimate:
         """Join independent estimates: x = N⁻¹ Σ N_i x_i with N = Σ N_i; what all leave open stays at the base.
 
         Parameters
         ----------
         parts
-            At least one.
+            Factor on the information, and the estimate; at least one.
         """
-        matrix = np.sum([part.matrix for part in parts], axis=0)
-        values, vectors = np.linalg.eigh(matrix)
-        known = values > LEAST_INFORMATION
-        covariance = (vectors[:, known] / values[known]) @ vectors[:, known].T
+        known, inverse = _joined([(share * part.matrix, part.free) for share, part in parts])
+        covariance = known @ inverse @ known.T
+        right = np.sum([share * part.matrix @ part.motion_m for share, part in parts], axis=0)
         to_pose = self.centred.to_pose(self.base)
-        moved = to_pose @ covariance @ np.sum([part.matrix @ part.motion_m for part in parts], axis=0)
+        moved = to_pose @ covariance @ right
         pose = RigidTransform.from_components(
             np.asarray(self.base.translation) + moved[3:], Rotation.from_rotvec(moved[:3]) * self.base.rotation
         )
-        return PoseEstimate(pose, to_pose @ covariance @ to_pose.T, to_pose @ vectors[:, ~known])
+        return PoseEstimate(pose, to_pose @ covariance @ to_pose.T, to_pose @ _complement(known))
 
     def _difference(self, estimate: PoseEstimate) -> Array:
         turn = (estimate.rotation * self.base.rotation.inv()).as_rotvec()
         return np.concatenate([turn, estimate.translation_m - np.asarray(self.base.translation)])
 
 
+def joint_covariance(parts: Sequence[tuple[float, Information]]) -> Matrix6:
+    """Give the covariance (6, 6) of x of joined estimates, zero along what all leave open [m²]."""
+    known, inverse = _joined([(share * part.matrix, part.free) for share, part in parts])
+    return np.asarray(known @ inverse @ known.T)
+
+
 def consistency(first: Information, second: Information, alpha: float) -> Consistency:
     """Test whether two estimates agree where both determine the motion.
 
-    d = x1 - x2 has the covariance C1 + C2, whose inverse is the parallel sum N1 (N1 + N2)⁺ N2 also where either is
-    singular (Anderson and Duffin 1969); T = dᵀ (C1 + C2)⁻¹ d is chi-square with its rank as degrees of freedom. Errors
-    that both share make T smaller, never larger.
+    d = x1 - x2 has the covariance C1 + C2, and T = dᵀ (C1 + C2)⁻¹ d on the motions V that neither leaves open is
+    chi-square with as many degrees of freedom. Errors that both share make T smaller, never larger.
 
     Parameters
     ----------
@@ -108,23 +130,51 @@ def consistency(first: Information, second: Information, alpha: float) -> Consis
     alpha
         Probability that good estimates fail.
     """
-    parallel = parallel_sum(first.matrix, second.matrix)
-    difference = first.motion_m - second.motion_m
-    degrees = int(np.count_nonzero(np.linalg.eigvalsh(parallel) > LEAST_INFORMATION))
+    determined = _determined_by_both(first, second)
+    degrees = determined.shape[1]
     if degrees == 0:
         return Consistency(0.0, 0, np.inf)
-    return Consistency(
-        max(float(difference @ parallel @ difference), 0.0), degrees, float(stats.chi2.isf(alpha, degrees))
-    )
+    difference = first.motion_m - second.motion_m
+    statistic = float(difference @ information_of_difference(first, second) @ difference)
+    return Consistency(max(statistic, 0.0), degrees, float(stats.chi2.isf(alpha, degrees)))
 
 
-def parallel_sum(first: Matrix6, second: Matrix6) -> Matrix6:
-    """Give the inverse of C1 + C2 from the inverses of C1 and C2, which may be singular."""
-    together = first + second
-    scale = np.sqrt(np.maximum(np.diag(together), LEAST_INFORMATION))
-    inverse = np.linalg.pinv(together / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
-    found = first @ inverse @ second
-    return np.asarray(0.5 * (found + found.T))
+def information_of_difference(first: Information, second: Information) -> Matrix6:
+    """Give V (Vᵀ (C1 + C2) V)⁻¹ Vᵀ of the difference of two estimates, V the motions that neither leaves open."""
+    determined = _determined_by_both(first, second)
+    if determined.shape[1] == 0:
+        return np.zeros((6, 6))
+    inner = np.linalg.inv(determined.T @ (first.covariance + second.covariance) @ determined)
+    return np.asarray(determined @ (0.5 * (inner + inner.T)) @ determined.T)
+
+
+def _determined_by_both(first: Information, second: Information) -> Array:
+    return _complement(np.hstack([first.free, second.free]), SAME_MOTION)
+
+
+def _complement(motions: Array, least: float = 1e-9) -> Array:
+    """Give an orthonormal basis of what is orthogonal to all columns, those with singular values below a share left."""
+    if motions.shape[1] == 0:
+        return np.eye(6)
+    left, singular, _ = np.linalg.svd(motions, full_matrices=True)
+    return np.asarray(left[:, int(np.count_nonzero(singular > least * singular[0])) :])
+
+
+def _joined(parts: Sequence[tuple[Matrix6, Array]]) -> tuple[Array, Array]:
+    """Give the motions (6, k) that information matrices determine together, and the covariance (k, k) along them.
+
+    A motion that every estimate which speaks of it leaves open, but for an angle of `SAME_MOTION`, is open.
+    """
+    matrix = np.sum([own for own, _ in parts], axis=0)
+    values, vectors = np.linalg.eigh(matrix)
+    known = values > LEAST_INFORMATION
+    for k in np.flatnonzero(known).tolist():
+        motion = vectors[:, k]
+        speaking = [free for own, free in parts if motion @ own @ motion > 0.01 * values[k]]
+        known[k] = any(np.linalg.norm(motion - free @ (free.T @ motion)) > SAME_MOTION for free in speaking)
+    basis = vectors[:, known]
+    inverse = np.linalg.inv(basis.T @ matrix @ basis) if known.any() else np.empty((0, 0))
+    return basis, inverse
 
 
 def share_of_first(first: Matrix6, second: Matrix6, independent: Matrix6) -> float:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.rank import CentredFrame
 from algorithms.geometry.poses import PoseEstimate
-from algorithms.registration.pose_fusion import FusionFrame, Information, consistency, share_of_first
+from algorithms.registration.pose_fusion import FusionFrame, consistency, share_of_first
 
 TRUTH = RigidTransform.from_components([3.0, -2.0, 0.7], Rotation.from_rotvec([0.4, -1.1, 0.2]))
 FRAME = FusionFrame(TRUTH, CentredFrame(np.array([20.0, -5.0, 3.0]), 6.0))
@@ -53,7 +53,7 @@ def runs(count: int) -> Runs:
     for _ in range(count):
         covariances = covariance(rng), covariance(rng)
         parts = [FRAME.information(PoseEstimate(drawn(each, rng), each)) for each in covariances]
-        joined = FRAME.estimate(parts)
+        joined = FRAME.estimate([(1.0, part) for part in parts])
         error = error_of(joined.target_from_source)
         nees.append(error @ np.linalg.solve(joined.covariance, error))
         contradictions.append(consistency(parts[0], parts[1], 0.05).contradicts)
@@ -81,12 +81,12 @@ def test_an_estimate_that_is_ten_standard_deviations_off_contradicts() -> None:
 def test_joining_two_equal_estimates_halves_the_covariance() -> None:
     own = covariance(np.random.default_rng(2))
     part = FRAME.information(PoseEstimate(TRUTH, own))
-    np.testing.assert_allclose(FRAME.estimate([part, part]).covariance, 0.5 * own, rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(FRAME.estimate([(1.0, part), (1.0, part)]).covariance, 0.5 * own, rtol=1e-6, atol=1e-18)
 
 
 def test_the_order_of_the_parts_does_not_matter() -> None:
     rng = np.random.default_rng(3)
-    parts = [FRAME.information(PoseEstimate(drawn(c, rng), c)) for c in (covariance(rng), covariance(rng))]
+    parts = [(1.0, FRAME.information(PoseEstimate(drawn(c, rng), c))) for c in (covariance(rng), covariance(rng))]
     first, second = FRAME.estimate(parts), FRAME.estimate(parts[::-1])
     np.testing.assert_allclose(
         first.target_from_source.as_matrix(), second.target_from_source.as_matrix(), rtol=0.0, atol=1e-12
@@ -104,7 +104,7 @@ def open_along(axis: np.ndarray, error: np.ndarray) -> PoseEstimate:
 def test_what_one_estimate_leaves_open_comes_from_the_other() -> None:
     along = open_along(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.0]))
     across = open_along(np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 0.0, 0.0, -0.3, 0.0]))
-    joined = FRAME.estimate([FRAME.information(along), FRAME.information(across)])
+    joined = FRAME.estimate([(1.0, FRAME.information(along)), (1.0, FRAME.information(across))])
     assert joined.null_space.shape == (6, 0)
     np.testing.assert_allclose(error_of(joined.target_from_source), 0.0, atol=1e-9)
 
@@ -119,8 +119,18 @@ def test_estimates_are_compared_only_where_both_determine_the_pose() -> None:
 
 def test_what_nobody_determines_stays_open() -> None:
     part = FRAME.information(open_along(np.array([0.0, 0.0, 1.0]), np.zeros(6)))
-    null = FRAME.estimate([part]).null_space
+    null = FRAME.estimate([(1.0, part)]).null_space
     np.testing.assert_allclose(np.abs(null.ravel()), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_a_motion_that_two_estimates_leave_open_is_not_determined_by_the_angle_between_theirs() -> None:
+    along = FRAME.information(open_along(np.array([1.0, 0.0, 0.0]), np.zeros(6)))
+    nearly = FRAME.information(open_along(np.array([np.cos(0.01), np.sin(0.01), 0.0]), np.zeros(6)))
+    joined = FRAME.estimate([(1.0, along), (1.0, nearly)])
+    assert joined.null_space.shape == (6, 1)
+    assert np.abs(joined.null_space[3:, 0] / np.linalg.norm(joined.null_space)) == pytest.approx(
+        [1.0, 0.0, 0.0], abs=0.02
+    )
 
 
 def test_estimates_from_the_same_data_never_add_up() -> None:
@@ -141,7 +151,7 @@ def test_the_mixture_promises_no_more_than_correlated_errors_allow() -> None:
     rng = np.random.default_rng(5)
     for _ in range(20):
         first, second = covariance(rng), covariance(rng)
-        parts = [Information(FRAME.information(PoseEstimate(TRUTH, c)).matrix, np.zeros(6)) for c in (first, second)]
+        parts = [FRAME.information(PoseEstimate(TRUTH, c)) for c in (first, second)]
         share = share_of_first(parts[0].matrix, parts[1].matrix, np.zeros((6, 6)))
         weights = share * parts[0].matrix, (1.0 - share) * parts[1].matrix
         stated = np.linalg.inv(weights[0] + weights[1])
