@@ -96,7 +96,7 @@ def _client(settings: Settings) -> DBOSClient:
 
 
 def _register_queues(client: DBOSClient, settings: Settings) -> None:
-    for name, concurrency in ((PROJECT, PROJECT_CONCURRENCY), (COMPUTE, settings.slots)):
+    for name, concurrency in ((PROJECT, PROJECT_CONCURRENCY), (COMPUTE, settings.computations)):
         client.register_queue(name, worker_concurrency=concurrency, polling_interval_sec=POLLING_S[name])
 
 
@@ -210,7 +210,7 @@ class Engine:
         self._take_up()
         DBOS.launch()
         self._keep("reaper", self._take_up)
-        log.info("worker started", executor=self.executor_id, slots=settings.slots)
+        log.info("worker started", executor=self.executor_id, slots=settings.computations)
 
     def stop(self) -> None:
         """Give up what is running (its processes are killed), put it back on the queue, and strike this worker out."""

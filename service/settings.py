@@ -1,5 +1,7 @@
 """Settings of the service, read once from the environment (prefix ``TIELINE_``) in `__main__`."""
 
+import os
+import sys
 from pathlib import Path
 
 from pydantic import Field
@@ -27,10 +29,11 @@ class Settings(BaseSettings):
     """API processes that `tieline serve` starts."""
     workers: int = Field(default=1, ge=0)
     """Worker processes that `tieline serve` starts."""
-    slots: int = Field(default=1, ge=1)
-    """Computations side by side in one worker."""
+    slots: int = Field(default=0, ge=0)
+    """Computations side by side in one worker; 0: two where there are two cores, with all cores for each: while one
+    reads its file on one core, the other computes."""
     threads: int = Field(default=0, ge=0)
-    """Threads per computation; 0: all cores divided by the slots."""
+    """Threads per computation; 0: all cores divided by the slots that are asked for."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
@@ -55,6 +58,21 @@ class Settings(BaseSettings):
     """How often a job is taken up before it counts as poison and fails."""
 
     @property
+    def computations(self) -> int:
+        """Give the number of computations side by side in one worker."""
+        return self.slots or min(2, _cores())
+
+    @property
+    def threads_per_computation(self) -> int:
+        """Give the number of threads of one computation."""
+        return self.threads or max(1, _cores() // max(self.slots, 1))
+
+    @property
     def sqlalchemy_url(self) -> str:
         """Give the database's URL with the embedded default filled in."""
         return self.database_url or f"sqlite:///{(self.data_dir / 'tieline.sqlite').resolve()}"
+
+
+def _cores() -> int:
+    """Count the cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1

@@ -20,7 +20,7 @@ import psutil
 import structlog
 
 from service.adapters.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
-from service.adapters.process_limits import DEFAULT_STEPS, this_host, threads_per_step
+from service.adapters.process_limits import DEFAULT_STEPS, this_host
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepFailedError
 from service.settings import Settings
@@ -180,7 +180,7 @@ class _ColdProcess:
 def environment(settings: Settings) -> Mapping[str, str]:
     """Give the variables that must be known before the libraries are imported."""
     return {
-        **dict.fromkeys(THREAD_VARIABLES, str(threads_per_step(settings))),
+        **dict.fromkeys(THREAD_VARIABLES, str(settings.threads_per_computation)),
         **dict.fromkeys(SINGLE_THREAD_VARIABLES, "1"),
     }
 

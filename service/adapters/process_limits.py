@@ -33,12 +33,6 @@ def this_host() -> str:
     return "/".join(parts)
 
 
-def threads_per_step(settings: Settings) -> int:
-    """Give the number of threads of one computation."""
-    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    return settings.threads or max(1, cores // settings.slots)
-
-
 def limit_resources(settings: Settings) -> None:
     """Limit memory, computing time, file size and core dumps of this process.
 
@@ -48,7 +42,7 @@ def limit_resources(settings: Settings) -> None:
     used = _data_bytes()
     _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
     # the hard limit later, so that it ends by SIGXCPU, which says why, and not by SIGKILL
-    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (threads_per_step(settings) + 1), grace=10)
+    _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (settings.threads_per_computation + 1), grace=10)
     _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)
     _limit(resource.RLIMIT_CORE, 0)
 
