@@ -37,8 +37,8 @@ def _nearest(points: Array, i: int, row: Array, frames: Array) -> tuple[int, int
 
 @njit(cache=True, nogil=True, inline="always")
 def _add(out: Array, p: int, sums: tuple[float, ...]) -> None:
-    """Add sums of points to those of plane p."""
-    for k in range(10):
+    """Add sums of points to those in row p."""
+    for k in range(len(sums)):
         out[p, k] += sums[k]
 
 
@@ -170,6 +170,8 @@ def sum_patches(
     `per_patch` (k, 2) the reciprocal of their sizes.
     """
     out = np.zeros((starts[-1], 5))
+    patch = np.int64(-1)  # as in `sum_planes`
+    n = su = sv = sr = srr = 0.0
     for i in range(start, end):
         if labels[i] < 0 or shared[i]:
             continue
@@ -186,11 +188,18 @@ def sum_patches(
         column = min(max(int((u - corners[p, 0]) * per_patch[p, 0]), 0), columns[p] - 1)
         row = min(max(int((v - corners[p, 1]) * per_patch[p, 1]), 0), rows[p] - 1)
         s = starts[p] + row * columns[p] + column
-        out[s, 0] += 1.0
-        out[s, 1] += u
-        out[s, 2] += v
-        out[s, 3] += r
-        out[s, 4] += r * r
+        if s != patch:
+            if patch >= 0:
+                _add(out, patch, (n, su, sv, sr, srr))
+            n = su = sv = sr = srr = 0.0
+            patch = s
+        n += 1.0
+        su += u
+        sv += v
+        sr += r
+        srr += r * r
+    if patch >= 0:
+        _add(out, patch, (n, su, sv, sr, srr))
     return out
 
 
