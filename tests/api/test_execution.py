@@ -38,7 +38,7 @@ def test_stored_inputs_have_their_defaults_filled_in(
 ) -> None:
     job = adapters.jobs.get(client.submit(inputs).json()["jobID"])
     assert job is not None
-    assert job.inputs["method"] == {"method": "auto"}
+    assert job.inputs["method"]["method"] == "auto"
     assert job.inputs["pairs"] == "auto"
     assert job.inputs["fix"] == "first-station"
     assert job.inputs["stations"][1]["scan"]["index"] == 0
