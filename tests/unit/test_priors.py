@@ -19,6 +19,10 @@ from algorithms.registration.lines import LinesMethod
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.symmetric_scenes import SYMMETRIC_SCENES
+from service.adapters.memory import MemoryBlobStore
+from service.ports import StepContext
+from service.use_cases.feature_store import save_features
+from service.use_cases.run_pair import register_pair
 from tests.unit.test_matching import scene_features
 
 SCANNER = VirtualScanner(rows=300, columns=720)
@@ -195,3 +199,18 @@ def test_scans_wrongly_said_to_be_levelled_are_not_accepted_wrongly() -> None:
     features, poses = scene_features("pipe_hall")  # turned at random
     result = registered(features, levelled(1e-4))
     assert result.status is not PairStatus.ACCEPTED or is_right(result, poses)
+
+
+def test_what_a_request_says_reaches_the_registration_of_a_pair() -> None:
+    features, poses = symmetric_room()
+    blobs = MemoryBlobStore()
+    sides = []
+    for name, each, pose in zip(("North", "South"), features, poses, strict=True):
+        path = blobs.scratch() / "features.npz"
+        save_features(path, each)
+        blobs.put_file(f"features/{name}.npz", path)
+        std = {"omega_gon": 2.0, "phi_gon": 2.0, "kappa_gon": 2.0, "tx_m": 0.3, "ty_m": 0.3, "tz_m": 0.3}
+        known = {"approximate_pose": {"matrix": pose.as_matrix().tolist(), "std": std}}
+        sides.append({"name": name, "features": f"features/{name}.npz", "known": known})
+    arguments = {"job_id": "j", "number": 0, "target": sides[0], "source": sides[1], "method": {"method": "lines"}}
+    assert register_pair(StepContext(blobs, NoProgress()), arguments)["status"] == "accepted"
