@@ -234,5 +234,5 @@ def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _A
     status, reasons = status_of_final(
         problem, coarse, final, verdict, fine=fine, doubts=answer.doubts, hidden_m=answer.hidden_m
     )
-    shown = None if fine is None else replace(fine, pose=final.pose, centroid_m=final.centre_m)
+    shown = None if fine is None else replace(fine, pose=final.pose)
     return PairResult(status, reasons, coarse, shown, verification, final=final)
