@@ -1,5 +1,7 @@
 """Cylinders (pipes, columns, tanks) among the points that lie on no plane, and their axes as lines."""
 
+from itertools import chain
+
 import numpy as np
 
 from algorithms.arrays import Array, Points, Vector3
@@ -9,6 +11,7 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import LineSource, lines_from_arrays
+from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_cells import cell_surfaces, orient
 from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
 
@@ -75,14 +78,17 @@ def find_cylinders(points: Points, sensor_m: Vector3 | None, noise_std_m: float,
     )
     members = _points_by_label(labels, cells.cell_of_point, len(rows))
     order = sorted(range(len(rows)), key=lambda k: -len(members[k]))
+    alone = over_blocks(
+        lambda start, end: [_refine(points, members[k], rows[k], noise_std_m) for k in order[start:end]],
+        len(order), least=1,
+    )  # fmt: skip
     found: list[FittedCylinder] = []
     held: list[Array] = []
-    for k in order:
-        own = members[k]
+    for k, by_itself in zip(order, chain.from_iterable(alone), strict=True):
         near = next((i for i, other in enumerate(found) if _continues(rows[k], other)), None)
+        cylinder = by_itself
         if near is not None:
-            own = np.concatenate([held[near], own])
-        cylinder = _refine(points, own, rows[k], noise_std_m)
+            cylinder = _refine(points, np.concatenate([held[near], members[k]]), rows[k], noise_std_m)
         if cylinder is None or not _is_sound(cylinder[0], noise_std_m, options):
             continue
         if near is None:

@@ -170,7 +170,7 @@ def sum_patches(
     `per_patch` (k, 2) the reciprocal of their sizes.
     """
     out = np.zeros((starts[-1], 5))
-    patch = np.int64(-1)  # as in `sum_planes`
+    patch = -1  # as in `sum_planes`
     n = su = sv = sr = srr = 0.0
     for i in range(start, end):
         if labels[i] < 0 or shared[i]:
@@ -187,7 +187,7 @@ def sum_patches(
         # points at the rim may lie outside by rounding and by the tilt since the rectangle was measured
         column = min(max(int((u - corners[p, 0]) * per_patch[p, 0]), 0), columns[p] - 1)
         row = min(max(int((v - corners[p, 1]) * per_patch[p, 1]), 0), rows[p] - 1)
-        s = starts[p] + row * columns[p] + column
+        s = int(starts[p] + row * columns[p] + column)
         if s != patch:
             if patch >= 0:
                 _add(out, patch, (n, su, sv, sr, srr))
