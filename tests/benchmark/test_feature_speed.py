@@ -22,8 +22,9 @@ pytestmark = pytest.mark.benchmark
 
 STEP_RAD = float(np.deg2rad(0.1))
 """3600 x 1500 pixels: 5.3 million points in the pipe hall."""
-STAGES = {"planes": "lines", "planes, lines": "cylinders", "planes, lines, cylinders": "surface", "all": "end"}
-"""What is found, and the mark at which it is."""
+FEATURES = "planes, lines, cylinders"
+STAGES = {"planes": "lines", "planes, lines": "cylinders", FEATURES: "surface", "with surface and sight": "end"}
+"""What is found, and the mark at which it is; last come the thinned surface and what was seen in each direction."""
 LARGE = (4200, 12000)
 """Rows and columns of the large scan: 50.4 million points."""
 
@@ -86,11 +87,11 @@ def test_planes_of_a_shuffled_cloud_are_found_at_eight_million_points_a_second(s
 
 
 def test_lines_and_cylinders_included_a_structured_scan_takes_a_second_per_four_million_points(structured_rates):
-    assert structured_rates["all"] >= 4e6
+    assert structured_rates[FEATURES] >= 4e6
 
 
 def test_lines_and_cylinders_included_a_shuffled_cloud_takes_a_second_per_four_million_points(shuffled_rates):
-    assert shuffled_rates["all"] >= 4e6
+    assert shuffled_rates[FEATURES] >= 4e6
 
 
 def run_alone(script, *arguments):
