@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Indices
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
-from algorithms.matching.priors import PairPriors
+from algorithms.matching.priors import DECIDING_ALPHA, PairPriors
 from algorithms.matching.votes import Motions
 from algorithms.scans.pose_scores import PoseScores
 from algorithms.scans.surface_index import SurfaceIndex
@@ -76,11 +76,12 @@ def decided_with_priors(
         return found
     left = described(_selected(ranked, agreeing))
     best = _place(left.target_from_source, ranked.poses)
-    if found.ambiguous:
+    if found.ambiguous and priors.agree_with((left.target_from_source,), DECIDING_ALPHA)[0]:
         # only poses between which the scans themselves cannot decide are left to other knowledge
         undecided = best == first or described(_selected(ranked, np.array(sorted({first, best})))).ambiguous
-        return replace(left, remarks=(*left.remarks, _left_out(priors))) if undecided else found
-    if left.score <= LEAST_SHARE_OF_BEST * found.score:
+        if undecided:
+            return replace(left, remarks=(*left.remarks, _left_out(priors)))
+    if agree[first] or left.score <= LEAST_SHARE_OF_BEST * found.score:
         return found
     reason = (
         f"the pose that the scans prefer (score {found.score:.2f}) contradicts what was said of "

@@ -18,6 +18,9 @@ from algorithms.matching.votes import Motions, joined
 
 ALPHA = 1e-5
 """Significance with which a pose contradicts the approximate poses: so low because their accuracies are guesses."""
+DECIDING_ALPHA = 0.01
+"""Where several poses are possible, one is chosen only if it fits the approximate poses at this significance: wrong
+ones come near to one of many equal bays by chance, but seldom so near."""
 TILT_SIGMAS = 4.0
 """Two levelled instruments are not tilted against each other by more standard deviations."""
 ROUGH_TURN_RAD, ROUGH_SHIFT_M = 0.07, 0.35
@@ -91,15 +94,23 @@ class PairPriors:
             return Motions.empty()
         return found[self._agreeing(found.rotations, found.translations_m, ROUGH_TURN_RAD, ROUGH_SHIFT_M)]
 
-    def agree_with(self, poses: tuple[RigidTransform, ...]) -> Flags:
-        """Say which poses, laid surface on surface, contradict nothing that is known: (n,)."""
+    def agree_with(self, poses: tuple[RigidTransform, ...], alpha: float = ALPHA) -> Flags:
+        """Say which poses, laid surface on surface, contradict nothing that is known: (n,).
+
+        Parameters
+        ----------
+        poses
+            Target from source.
+        alpha
+            Significance of the test against the approximate poses.
+        """
         rotations = np.array([pose.rotation.as_matrix() for pose in poses]).reshape(-1, 3, 3)
         translations = np.array([pose.translation for pose in poses]).reshape(-1, 3)
         agree = np.ones(len(poses), dtype=np.bool_)
         if self.tilt_std_rad is not None:
             agree &= _tilts(rotations) <= TILT_SIGMAS * self.tilt_std_rad + POLISHED_TURN_RAD
         if self.target_from_source is not None:
-            agree &= self._agreeing(rotations, translations, POLISHED_TURN_RAD, POLISHED_SHIFT_M)
+            agree &= self._agreeing(rotations, translations, POLISHED_TURN_RAD, POLISHED_SHIFT_M, alpha)
         return agree
 
     def contradictions(self, estimate: PoseEstimate) -> tuple[str, ...]:
@@ -137,9 +148,11 @@ class PairPriors:
                 )
         return tuple(said)
 
-    def _agreeing(self, rotations: Array, translations: Array, turn_rad: float, shift_m: float) -> Flags:
+    def _agreeing(
+        self, rotations: Array, translations: Array, turn_rad: float, shift_m: float, alpha: float = ALPHA
+    ) -> Flags:
         turned, shifted = self._statistics(rotations, translations, turn_rad, shift_m)
-        return np.asarray((turned <= _critical()) & (shifted <= _critical()))
+        return np.asarray((turned <= _critical(alpha)) & (shifted <= _critical(alpha)))
 
     def _statistics(
         self, rotations: Array, translations: Array, turn_rad: float, shift_m: float
@@ -202,6 +215,6 @@ def _tilts(rotations: Array) -> Scalars:
     return np.asarray(np.arctan2(np.hypot(rotations[:, 0, 2], rotations[:, 1, 2]), rotations[:, 2, 2]))
 
 
-def _critical() -> float:
+def _critical(alpha: float = ALPHA) -> float:
     """Give the limit of the two tests together."""
-    return float(stats.chi2.isf(0.5 * ALPHA, 3))
+    return float(stats.chi2.isf(0.5 * alpha, 3))
