@@ -25,6 +25,9 @@ TURNED_SUPPORT, TURNED_SHARE = 0.08, 0.005
 in the wrong pose, and the right one has little in common. Then a turn makes the other pose possible from this part of
 the surface on, if it lays so much of both scans on themselves with less than `CONTRADICTED` against it, and if hardly
 more speaks against the other pose than against the best."""
+NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
+"""Two poses whose motion is seen under a smaller angle than the first value show nearly the same picture: were one by a
+repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
 CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
 """An alternative is possible while the share that speaks against it is below the first value, or below the second times
 its support relative to the best pose's, or below the third times what speaks against the best pose."""
@@ -80,14 +83,17 @@ def is_possible_alternative(
             self_likeness(source, pose.inv() * other, noise_m),
         )
 
-    if alternative.support < LEAST_SUPPORT:
-        return False
     relative = alternative.support / max(best.support, 1e-9)
+    near = relative < NEAR_RELATIVE_SUPPORT and _are_near(pose, other, target, source)
+    if near or alternative.support < LEAST_SUPPORT:
+        return False
     if best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT:
-        if relative < TURNED_RELATIVE_SUPPORT or (other.rotation * pose.rotation.inv()).magnitude() < LEAST_TURN_RAD:
-            return False
-        return alternative.share <= TURNED_SHARE and all(
-            likeness.support >= TURNED_SUPPORT and likeness.share <= CONTRADICTED for likeness in likenesses()
+        turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
+        return (
+            turned
+            and relative >= TURNED_RELATIVE_SUPPORT
+            and alternative.share <= TURNED_SHARE
+            and all(like.support >= TURNED_SUPPORT and like.share <= CONTRADICTED for like in likenesses())
         )
     limit = max(CONTRADICTED, CONTRADICTED_PER_SUPPORT * relative, CONTRADICTED_AS_BEST * best.share)
     if alternative.share > limit:
@@ -95,6 +101,17 @@ def is_possible_alternative(
     if alternative.share < CLEANER * best.share and best.share > CONTRADICTED:
         return True
     return any(likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED for likeness in likenesses())
+
+
+def _are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, source: SurfaceIndex) -> bool:
+    """Say whether the instruments would see nearly the same picture in both poses; False where they are unknown."""
+    if not (target.knows_free_space and source.knows_free_space):
+        return False
+    if float((other.rotation * pose.rotation.inv()).magnitude()) > NEAR_RAD:
+        return False
+    distance = min(float(np.median(np.linalg.norm(scan.points - scan.sensor_m, axis=1))) for scan in (target, source))
+    places = np.vstack([source.points.mean(axis=0), source.sensor_m])
+    return float(np.linalg.norm(other.apply(places) - pose.apply(places), axis=1).max()) <= NEAR_RAD * distance
 
 
 def self_likeness(scan: SurfaceIndex, motion: RigidTransform, noise_m: float) -> Contradiction:

@@ -1,0 +1,81 @@
+"""Which other poses the likeness of a building to itself makes possible."""
+
+import numpy as np
+import pytest
+from feature_scenes import rectangle
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.matching.self_likeness import Contradiction, is_possible_alternative, self_likeness
+from algorithms.scans.surface_index import SurfaceIndex, surface_index
+
+LENGTH_M, WIDTH_M, HEIGHT_M = 24.0, 3.0, 2.6
+HERE = RigidTransform.identity()
+HALF_TURN = RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, np.pi]))
+CLEAN, SPOTTED = 0.0, 0.004
+
+
+def _corridor(seed: int, place_m: float) -> SurfaceIndex:
+    """A smooth corridor with closed ends, seen from its axis: turned by half a circle it is itself again."""
+    rng = np.random.default_rng(seed)
+    a, b, c = 0.5 * LENGTH_M, 0.5 * WIDTH_M, HEIGHT_M
+    long, wide, high = np.diag([LENGTH_M, WIDTH_M, HEIGHT_M])
+    faces = [
+        ((-a, -b, 0.0), long, wide, (0.0, 0.0, 1.0)),
+        ((-a, -b, c), long, wide, (0.0, 0.0, -1.0)),
+        ((-a, -b, 0.0), long, high, (0.0, 1.0, 0.0)),
+        ((-a, b, 0.0), long, high, (0.0, -1.0, 0.0)),
+        ((-a, -b, 0.0), wide, high, (1.0, 0.0, 0.0)),
+        ((a, -b, 0.0), wide, high, (-1.0, 0.0, 0.0)),
+    ]
+    counts = [int(30 * np.linalg.norm(np.cross(first, second))) for _, first, second, _ in faces]
+    points = [rectangle(rng, *face[:3], count) for face, count in zip(faces, counts, strict=True)]
+    normals = np.repeat([face[3] for face in faces], counts, axis=0)
+    return surface_index(np.concatenate(points), normals, 0.18, np.array([place_m, 0.0, 1.5]))
+
+
+@pytest.fixture(scope="module")
+def scans() -> tuple[SurfaceIndex, SurfaceIndex]:
+    return _corridor(1, -2.0), _corridor(2, 3.0)
+
+
+def _possible(
+    scans: tuple[SurfaceIndex, SurfaceIndex], other: RigidTransform, support: float, *, against_best: float = SPOTTED
+) -> bool:
+    """Ask for a clean alternative of such support beside a pose with which three quarters of the surface fit."""
+    return is_possible_alternative(
+        HERE,
+        other,
+        best=Contradiction(0.75, against_best),
+        alternative=Contradiction(support, CLEAN),
+        target=scans[0],
+        source=scans[1],
+        noise_m=0.0,
+    )
+
+
+def test_a_symmetric_corridor_lies_on_itself_after_half_a_turn(scans):
+    like = self_likeness(scans[0], HALF_TURN, 0.0)
+    assert like.support > 0.5
+    assert like.share < 0.01
+
+
+def test_half_a_turn_of_a_symmetric_corridor_is_possible(scans):
+    assert _possible(scans, HALF_TURN, 0.5)
+
+
+def test_half_a_turn_stays_possible_beside_a_spotless_pose_where_little_is_common(scans):
+    assert _possible(scans, HALF_TURN, 0.12, against_best=CLEAN)
+
+
+def test_beside_a_spotless_pose_no_shift_is_possible_where_little_is_common(scans):
+    assert not _possible(scans, RigidTransform.from_translation([12.0, 0.0, 0.0]), 0.12, against_best=CLEAN)
+
+
+@pytest.mark.parametrize(("support", "possible"), [(0.7, True), (0.45, False)])
+def test_a_small_shift_is_possible_only_where_it_fits_nearly_as_much(scans, support, possible):
+    # Half the corridor's surface is farther than some 4 m from the instruments: 0.15 of that is 0.6 m.
+    assert _possible(scans, RigidTransform.from_translation([0.4, 0.0, 0.0]), support) == possible
+
+
+def test_what_hardly_fits_at_all_is_no_alternative(scans):
+    assert not _possible(scans, HALF_TURN, 0.04)
