@@ -112,13 +112,22 @@ class Nursery:
                     _end(process)
             return True
         parent = os.getpid()
-        process = os.fork()
-        if process == 0:
-            self._be_a_computation(parent, descriptors)
-        self._running[process] = _Computation(order["number"], order["step"])
+        try:
+            process = os.fork()
+        except OSError:  # no memory or no process left at the moment: those that run are not to suffer from it
+            self._tell(order["number"], os.EX_OSERR)
+        else:
+            if process == 0:
+                self._be_a_computation(parent, descriptors)
+            self._running[process] = _Computation(order["number"], order["step"])
         for descriptor in descriptors:
             os.close(descriptor)
         return True
+
+    def _tell(self, number: int, code: int) -> None:
+        """Tell the worker that a computation has ended."""
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            self._channel.send(json.dumps({"number": number, "code": code}).encode())
 
     def _be_a_computation(self, parent: int, descriptors: Sequence[int]) -> None:
         """Compute in this process, which never returns from here."""
@@ -161,9 +170,7 @@ class Nursery:
             if computation is not None:
                 code = os.waitstatus_to_exitcode(status)
                 self._may_practise |= code == 0 and computation.step == PRACTISED_STEP
-                answer = {"number": computation.number, "code": code}
-                with contextlib.suppress(BrokenPipeError, ConnectionResetError):
-                    self._channel.send(json.dumps(answer).encode())
+                self._tell(computation.number, code)
 
     @property
     def _patience_s(self) -> float | None:
