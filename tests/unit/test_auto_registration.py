@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.options import AdjustmentOptions
@@ -147,6 +148,20 @@ def test_planes_that_are_known_much_better_give_the_pose_alone() -> None:
     result = pair(plane_std=3e-6)
     assert estimator(result) == "lines+planes"
     assert error_m(result) < 0.0001
+
+
+def test_errors_of_joined_poses_are_as_large_as_their_covariances_say() -> None:
+    rooms, nees = 12, []
+    for seed in range(rooms):
+        target = scan(RigidTransform.identity(), 2 * seed, planes="xyXY", plane_std=2e-4)
+        result = registered(target, scan(POSE, 2 * seed + 1, planes="xyXY", plane_std=2e-4))
+        assert result.final is not None
+        estimate = result.final.reduced
+        turn = (estimate.rotation * POSE.rotation.inv()).as_rotvec()
+        error = np.concatenate([turn, estimate.translation_m - np.asarray(POSE.translation)])
+        nees.append(float(error @ np.linalg.solve(estimate.covariance, error)))
+    # what rests on the same data is never counted twice, so the mean may only be lower than six
+    assert 1.5 < np.mean(nees) < stats.chi2.ppf(0.995, 6 * rooms) / rooms
 
 
 def test_the_shares_of_the_parts_add_up_to_one() -> None:
