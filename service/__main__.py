@@ -81,10 +81,11 @@ def register(
         ),
     ] = None,
     levelled_std_gon: Annotated[
-        float | None, typer.Option(help="All stations were levelled, with this standard deviation [gon].")
+        float | None, typer.Option(help="All stations were levelled, with this standard deviation in gon.")
     ] = None,
     point_std_m: Annotated[
-        float | None, typer.Option(help="Standard deviation of single points [m]; left out: estimated from the scans.")
+        float | None,
+        typer.Option(help="Standard deviation of points in metres; left out: estimated from the scans."),
     ] = None,
     url: Annotated[
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
