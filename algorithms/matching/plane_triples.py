@@ -32,6 +32,7 @@ ACROSS_SINE = 0.1
 LEAST_SINE = 0.34
 """Directions are independent from 20 degrees on."""
 LEAST_PLANES = 2
+"""Two directions of normals fix a rotation."""
 LINE_WIDTH_M = 0.3
 """A line speaks as much for a place as a strip of plane of this width."""
 VOTE_BIN_M = 0.1
@@ -64,7 +65,7 @@ class _Features:
 
 
 def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float) -> Motions:
-    """Give motions that lay many planes of one scan on planes of the other.
+    """Give motions that lay many planes of one scan on planes of the other, and lines on lines.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: 
 
     Returns
     -------
-    Motions with the area that speaks for them [m2]; none if there are fewer than three independent directions.
+    Motions with their votes; none if planes and lines together fix the place along fewer than three directions.
     """
     ours, theirs = _Features.of(target), _Features.of(source)
     if min(len(each.normals) for each in (ours, theirs)) < LEAST_PLANES:
