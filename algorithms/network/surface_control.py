@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.network.candidate_pairs import occupied_cells
 from algorithms.quality.overlap import verify_pose
+from algorithms.scans.pose_scores import balance
 
 MOST_PAIRS = 6
 """Pairs of stations that are tested for two parts of a network: those that overlap most."""
@@ -88,7 +89,8 @@ class SurfaceControl:
                 continue
             tested = verify_pose(self._features(one), self._features(other), poses[one].inv() * poses[other])
             if tested.free_space_known:
-                found.append(SurfaceEvidence(tested.score, tested.violation_share, (one, other)))
+                weighed = float(balance(tested.support_share, tested.violation_share))
+                found.append(SurfaceEvidence(weighed, tested.violation_share, (one, other)))
         return found
 
     def _cells(self, station: int, pose: RigidTransform) -> frozenset[tuple[int, int, int]]:

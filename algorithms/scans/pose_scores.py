@@ -16,7 +16,7 @@ position is known, up to a tenth where it was estimated among trees; wrong ones 
 CONTRADICTION_PENALTY = 18.0
 """Each further percent costs so many percent of the support."""
 VIOLATION_FLOOR, VIOLATION_PENALTY = 0.01, 8.0
-"""The charitable score: a share of the whole surface up to the first value may stand in free space, and what goes
+"""The balance of a pose: a share of the whole surface up to the first value may stand in free space, and what goes
 beyond costs this multiple of support."""
 
 
@@ -39,8 +39,18 @@ class PoseScores:
 
         Where little of the surface can be judged at all, a few points in free space refute nothing.
         """
-        lenient = self.support - VIOLATION_PENALTY * np.maximum(self.violation - VIOLATION_FLOOR, 0.0)
-        return np.asarray(np.maximum(self.score, lenient))
+        return np.asarray(np.maximum(self.score, balance(self.support, self.violation)))
+
+
+def balance(support: Scalars | float, violation: Scalars | float) -> Array:
+    """Weigh what fits against what stands in free space; negative where two scans contradict each other.
+
+    Parameters
+    ----------
+    support, violation
+        Shares as of `PoseScores`.
+    """
+    return np.asarray(support - VIOLATION_PENALTY * np.maximum(np.asarray(violation) - VIOLATION_FLOOR, 0.0))
 
 
 def score_poses(
