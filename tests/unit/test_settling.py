@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.matching.polish import polished
 from algorithms.matching.settling import settled
 from algorithms.matching.votes import motions_of
-from algorithms.scans.pose_scores import score_poses, strict_limits
+from algorithms.scans.pose_scores import balance, score_poses, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex, surface_index
 from algorithms.scans.surface_index_kernels import _angle
 
@@ -86,6 +86,17 @@ def test_no_score_is_negative(scans):
     scores = score_poses(motions.rotations, motions.translations_m, *scans, points=600, limits=limits)
     assert (scores.score >= 0.0).all()
     assert (scores.score <= scores.support).all()
+
+
+def test_scans_that_stand_in_each_others_free_space_have_a_negative_balance(scans):
+    aside = RigidTransform.from_components([1.2, 0.7, 0.4], Rotation.from_rotvec([0.2, 0.3, 0.5])) * MOTION
+    motions = motions_of([MOTION, aside])
+    limits = strict_limits(0.0, SPACING_M)
+    scores = score_poses(motions.rotations, motions.translations_m, *scans, points=600, limits=limits)
+    good, bad = balance(scores.support, scores.violation)
+    assert good > 0.5
+    assert bad < -0.5
+    assert (scores.charitable >= scores.score).all()
 
 
 def test_the_quick_angle_is_right_within_a_thousandth_of_a_cell():
