@@ -167,7 +167,8 @@ def _attempts(
         if not tried[-1].contradicts:
             break
         if tried[-1].comparison is not None:
-            remarks.append(f"{label} contradict the surfaces ({in_words(tried[-1].comparison)})")
+            anew = ", found anew near the surfaces' pose," if use.gates is NEAR else ""
+            remarks.append(f"{label}{anew} contradict the surfaces ({in_words(tried[-1].comparison)})")
     return tried, list(dict.fromkeys(remarks))
 
 

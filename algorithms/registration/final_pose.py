@@ -141,11 +141,11 @@ def joined(
     )
     words = ", ".join(f"{part.name} {part.share:.0%}" for part in parts)
     agreement = (
-        "features and surfaces agree"
+        "they agree"
         if factor == 1.0
-        else f"features and surfaces differ by more than chance, so all variances are {factor:.1f} times larger"
+        else f"they differ among each other by more than chance, so all variances are {factor:.1f} times larger"
     )
-    reason = f"{words} of the information; {agreement} ({in_words(comparison)})"
+    reason = f"{words} of the information; {agreement} (features and surfaces {in_words(comparison)})"
     carrying = ((label, shares[0]), ("surfaces", shares[1] + shares[2]))
     estimator = "+".join(name for name, value in carrying if value >= LEAST_SHARE)
     final = _final(problem, estimate, frame.centred, estimator, reason, parts, surfaces)
