@@ -30,7 +30,9 @@ NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
 CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
 """An alternative is possible while the share that speaks against it is below the first value, or below the second times
-its support relative to the best pose's, or below the third times what speaks against the best pose."""
+its support relative to the best pose's, or below the third times what speaks against the best pose. The second does not
+count for a mere shift beside a spotless pose: both scans look at what they share in the same direction then, and the
+right pose would be nearly as spotless."""
 CLEANER = 0.25
 """Where more than `CONTRADICTED` speaks against the best pose and less than this part of it against an alternative, no
 symmetry needs to be shown."""
@@ -87,15 +89,17 @@ def is_possible_alternative(
     near = relative < NEAR_RELATIVE_SUPPORT and _are_near(pose, other, target, source)
     if near or alternative.support < LEAST_SUPPORT:
         return False
+    turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
     if best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT:
-        turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
         return (
             turned
             and relative >= TURNED_RELATIVE_SUPPORT
             and alternative.share <= TURNED_SHARE
             and all(like.support >= TURNED_SUPPORT and like.share <= CONTRADICTED for like in likenesses())
         )
-    limit = max(CONTRADICTED, CONTRADICTED_PER_SUPPORT * relative, CONTRADICTED_AS_BEST * best.share)
+    limit = max(CONTRADICTED, CONTRADICTED_AS_BEST * best.share)
+    if turned or best.share > SPOTLESS:
+        limit = max(limit, CONTRADICTED_PER_SUPPORT * relative)
     if alternative.share > limit:
         return False
     if alternative.share < CLEANER * best.share and best.share > CONTRADICTED:
