@@ -31,7 +31,7 @@ class PoseScores:
     overlap: Scalars
     """(h,) larger of both scans' shares that fit: the smaller scan decides."""
     score: Scalars
-    """(h,) support minus the penalty for violation above the floor."""
+    """(h,) support times exp(-penalty · the share of what can be judged that stands in free space, above the floor)."""
 
     @property
     def charitable(self) -> Scalars:
