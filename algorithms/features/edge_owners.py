@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from algorithms.arrays import Array, Flags, Labels, Points, Scalars, Vector3
+from algorithms.features.edge_touches import EdgeTouches
 from algorithms.features.projection_options import EdgeRejection, SpaceEdgeKind
 from algorithms.features.side_planes import (
     BETWEEN_SHARE,
@@ -26,6 +27,9 @@ from algorithms.features.side_planes import (
 DOWNWARDS = 0.5
 """Cosine between the scanner's nadir and the direction from an edge to a side that counts as below it."""
 
+FACE_PX = 4.0
+"""Faces narrower than this in the photo have their far end so near that both ends look like one edge, or that the far
+one, where it is all that is seen, could not be told from the near one [px]."""
 LEAST_TURN = 1e-3
 """Sine of the angle from which a face that bounds a body is seen: one of 0.3 m in 10 m is then 0.05 px wide."""
 
@@ -60,6 +64,7 @@ def edge_owners(
     variances_m2: Float64[Array, "n 2"],
     uneven: Bool[Array, "n 2"],
     crowded: Bool[Array, "n 2"],
+    touches: EdgeTouches,
     min_angle_rad: float,
 ) -> EdgeOwners:
     """Decide to which plane each edge belongs.
@@ -84,6 +89,8 @@ def edge_owners(
         (n, 2) planes that are made of several surfaces: they own no edge, and leave open what is nearer.
     crowded
         (n, 2) sides on which another edge runs nearer than the points of the plane: the surface may end there.
+    touches
+        Where planes are seen to end at the edge.
     min_angle_rad
         Least angle between projecting plane and surface.
     """
@@ -114,17 +121,20 @@ def edge_owners(
     unclear |= (own < OWN_SHARE * all_own) | (both & ~same & crossing)
     normals, centroids = planes.normals[rows, owner], planes.centroids[rows, owner]
     ends = kinds == SpaceEdgeKind.SILHOUETTE
-    unclear |= ends & crowded[rows, owner]
     unclear |= ends & (beside_other[rows, owner] > BOTH_SHARE * others[rows, owner])
-    unclear |= ends & both & (~steep | uneven)[rows, 1 - owner]
     unclear |= ends & planes.sparse[rows, 1 - owner]
+    # where the surface is seen to end right here, no strip is left beside it that could own the edge
+    doubted: Array = ends & ~touches.ends_here[rows, owner]
+    unclear |= doubted & crowded[rows, owner]
+    unclear |= doubted & both & (~steep | uneven)[rows, 1 - owner]
     explained = planes.on_plane[rows, :, 1 - owner].sum(axis=1)
     between: Array = others[rows, owner] - explained
-    unclear |= ends & both & (others[rows, owner] >= FEW_BESIDE) & (between > BETWEEN_SHARE * others[rows, owner])
+    unclear |= doubted & both & (others[rows, owner] >= FEW_BESIDE) & (between > BETWEEN_SHARE * others[rows, owner])
     unclear |= ends & planes.empty[rows, 1 - owner] & _lies_above(centroids, projecting, centre)
     # side 0 is the brighter one: what is darker and not measured is hardly the sky, rather a body that does not reflect
     unclear |= ends & (owner == 0) & planes.empty[:, 1]
-    unclear |= ends & _may_hide_a_face(normals, centroids, projecting, rays, centre)
+    narrow: Array = doubted | (ends & (touches.faces_px[rows, owner] < FACE_PX))
+    unclear |= narrow & _may_hide_a_face(normals, centroids, projecting, rays, centre)
     reasons = np.full(len(owner), EdgeRejection.NONE, dtype=np.int32)
     reasons[unclear] = EdgeRejection.OCCLUSION_UNCLEAR
     reasons[uneven[rows, owner] & ~same] = EdgeRejection.NO_PLANE

@@ -14,6 +14,7 @@ from algorithms.arrays import Array, Indices, Labels, Points, Scalars
 from algorithms.features.edge_bands import gather_bands
 from algorithms.features.edge_owners import edge_owners
 from algorithms.features.edge_planes import EdgePlanes, adjust_edge_planes
+from algorithms.features.edge_touches import edge_touches
 from algorithms.features.projection_options import EdgeRejection, ProjectionOptions
 from algorithms.features.side_planes import side_planes
 from algorithms.features.side_planes_kernels import crowded_sides, flatly_crossed
@@ -158,7 +159,8 @@ def _projected(
     ends_before = crowded_sides(segments.centres, segments.directions, segments.extents, reach)[long]
     rays = _edge_rays(chosen, camera, pose)
     uneven = planes.uneven(centre, noise_std_m**2)
-    owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, least_angle)
+    touches = edge_touches(bands, planes, normals, centre, options.gap_px)
+    owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, touches, least_angle)
     reasons[long] = owners.reasons
     clear = owners.reasons == EdgeRejection.NONE
     owned = clear | (owners.reasons == EdgeRejection.OCCLUSION_UNCLEAR)
