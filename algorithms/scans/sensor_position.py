@@ -18,10 +18,27 @@ NEAREST_SURFACE_M = (0.05, 3.5)
 bound a bird's-eye view of a street explains the cloud as well as the true position does."""
 FAR_FROM_SURFACE_M = 10.0
 """A given position is not tried when no surface is nearer: the origin of a moved cloud is no instrument [m]."""
-COARSE_CELLS, FINE_CELLS = 32, 96
-COARSE_POINTS, FINE_POINTS = 8_000, 40_000
 MAX_CANDIDATES = 4_000
+"""Positions of the raster that is tried first."""
+KEPT_SHARE, LEAST_KEPT = 0.125, 200
+"""Of the raster's positions so many pass the first sifting."""
+STARTS = 12
+"""Distinct positions from which the search goes downhill."""
 MIN_POINTS = 200
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How closely a position is looked at."""
+
+    points: int
+    """Points of the cloud that are used."""
+    cells: int
+    """Directions are binned in cells x cells: in as many as there are points, or more."""
+
+
+SIFTING, COARSE, FINE = Resolution(2_000, 40), Resolution(8_000, 80), Resolution(40_000, 300)
+"""Most positions of the raster are sorted out with few points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +49,53 @@ class SensorEstimate:
     """Position in the frame of the points [m]; None when no credible position was found."""
     hidden_share: float
     """Share of points hidden behind others, seen from there (0 is perfect)."""
-    runner_up_share: float
-    """The same for the best position clearly elsewhere; 1 if there is none."""
-    spread_m: float
-    """Rms distance to the other tried positions that explain the cloud nearly as well [m]: a measure of uncertainty."""
-    confidence: float
-    """0 (any other position explains the cloud as well) to 1 (none does)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Cloud:
+    """Points as the compiled loop wants them: coordinate by coordinate, about their middle, in single precision."""
+
+    middle_m: Vector3
+    coordinates: Array
+    """(3, n) float32 [m]."""
+    normals: Array
+    """(3, n) float32."""
+    known: Array
+    """(n,) whether there is a normal."""
+    cells: int
+    spacing_m: float
+
+    def hidden_shares(self, positions: Array) -> Array:
+        """Give for each of m positions (m, 3) the share of points hidden behind a nearer surface."""
+        from algorithms.scans import sensor_position_kernels as kernels
+        from algorithms.scans.point_blocks import over_blocks
+
+        shares = np.empty(len(positions))
+        eyes = np.asarray(positions - self.middle_m, dtype=np.float32)
+
+        def work(start: int, end: int) -> None:
+            kernels.hidden_shares(
+                self.coordinates, self.normals, self.known, eyes, self.cells, self.spacing_m, start, end, shares
+            )
+
+        over_blocks(work, len(positions), least=1)
+        return shares
+
+    def hidden_share(self, position: Vector3) -> float:
+        """Give it for one position."""
+        return float(self.hidden_shares(position[None])[0])
+
+
+def _cloud(points: Points, normals: Points, cells: int, spacing_m: float) -> _Cloud:
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return _Cloud(
+        middle,
+        np.ascontiguousarray((points - middle).T, dtype=np.float32),
+        np.ascontiguousarray(normals.T, dtype=np.float32),
+        np.any(normals != 0.0, axis=1),
+        cells,
+        spacing_m,
+    )
 
 
 def hidden_shares(points: Points, normals: Points, positions: Array, *, cells: int, spacing_m: float) -> Array:
@@ -52,7 +110,7 @@ def hidden_shares(points: Points, normals: Points, positions: Array, *, cells: i
     positions
         (m, 3) eye points [m].
     cells
-        Directions are binned on a cube of 6 faces with cells x cells.
+        Directions are binned on an octahedron, unfolded to a square of cells x cells.
     spacing_m
         Spacing of the points [m].
 
@@ -60,24 +118,16 @@ def hidden_shares(points: Points, normals: Points, positions: Array, *, cells: i
     -------
     (m,) shares, 0..1.
     """
-    from algorithms.scans import sensor_position_kernels as kernels
-    from algorithms.scans.point_blocks import over_blocks
-
-    shares = np.empty(len(positions))
-    points, normals = np.ascontiguousarray(points), np.ascontiguousarray(normals)
-    positions = np.ascontiguousarray(positions)
-
-    def work(start: int, end: int) -> None:
-        kernels.hidden_shares(points, normals, positions, cells, spacing_m, start, end, shares)
-
-    over_blocks(work, len(positions), least=1)
-    return shares
+    return _cloud(points, normals, cells, spacing_m).hidden_shares(positions)
 
 
 def estimate_sensor_position(
     points: Points, normals: Points, *, candidate_m: Vector3 | None = None, rng: np.random.Generator
 ) -> SensorEstimate:
     """Find the position from which the fewest points of a scan hide behind others.
+
+    A raster of positions is sifted with few points, what passes is ranked with more, and from the best distinct ones
+    the search goes downhill with up to `FINE.points`.
 
     Parameters
     ----------
@@ -95,46 +145,51 @@ def estimate_sensor_position(
     Estimate; `position_m` is None when the points are too few or no position is credible.
     """
     if len(points) < MIN_POINTS:
-        return SensorEstimate(None, 1.0, 1.0, np.inf, 0.0)
-    fine = np.sort(rng.permutation(len(points))[:FINE_POINTS])
-    points, normals = points[fine], normals[fine]
+        return SensorEstimate(None, 1.0)
+    drawn = np.sort(rng.permutation(len(points))[: FINE.points])
+    points, normals = points[drawn], normals[drawn]
     tree = cKDTree(points)
     spacing = 1.3 * float(np.median(np.asarray(tree.query(points[::7], k=2)[0])[:, 1]))
-    coarse = np.sort(rng.permutation(len(points))[:COARSE_POINTS])
+    order = rng.permutation(len(points))
 
+    def cloud(resolution: Resolution, spacing_m: float) -> _Cloud:
+        used = np.sort(order[: resolution.points])
+        return _cloud(points[used], normals[used], resolution.cells, spacing_m)
+
+    raster, step = _raster(points, tree, rng)
+    if len(raster) == 0:
+        return SensorEstimate(None, 1.0)
+    kept = max(LEAST_KEPT, int(KEPT_SHARE * len(raster)))
+    sifted = np.argsort(cloud(SIFTING, 1.3 * spacing).hidden_shares(raster), kind="stable")[:kept]
+    raster = raster[np.sort(sifted)]
+    shares = cloud(COARSE, 1.3 * spacing).hidden_shares(raster)
+    fine = cloud(FINE, spacing)
+    starts = [raster[k] for k in _distinct(raster, shares, apart_m=1.5 * step, most=STARTS)]
+    best_share, best = min((_refine(fine, tree, start, 0.5 * step) for start in starts), key=lambda found: found[0])
+    if candidate_m is not None and NEAREST_SURFACE_M[0] < float(tree.query(candidate_m)[0]) < FAR_FROM_SURFACE_M:
+        share = fine.hidden_share(candidate_m)
+        # The file's own origin needs only be about as good as the best of thousands of tried positions.
+        if share <= 1.5 * best_share + 0.01:
+            best_share, best = share, candidate_m
+    if best_share > MAX_HIDDEN_SHARE:
+        return SensorEstimate(None, best_share)
+    return SensorEstimate(np.asarray(best, dtype=np.float64), best_share)
+
+
+def _raster(points: Points, tree: "cKDTree[None]", rng: np.random.Generator) -> tuple[Array, float]:
+    """Draw positions all over the cloud where an instrument may stand, (m, 3), and tell their distance [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     step = float(np.clip((np.prod(high - low + 1.0) / 6000.0) ** (1.0 / 3.0), 0.4, 2.0))
     axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
     raster = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     raster = raster + rng.uniform(-0.3, 0.3, size=raster.shape) * step
-    nearest = np.asarray(tree.query(raster)[0])
     # A raster point may be half a step nearer or farther than the position it stands for.
-    raster = raster[(nearest > NEAREST_SURFACE_M[0]) & (nearest < NEAREST_SURFACE_M[1] + 0.5 * step)]
+    farthest = NEAREST_SURFACE_M[1] + 0.5 * step
+    nearest = np.asarray(tree.query(raster, distance_upper_bound=farthest)[0])
+    raster = raster[(nearest > NEAREST_SURFACE_M[0]) & (nearest < farthest)]
     if len(raster) > MAX_CANDIDATES:
         raster = raster[np.sort(rng.permutation(len(raster))[:MAX_CANDIDATES])]
-    if len(raster) == 0:
-        return SensorEstimate(None, 1.0, 1.0, np.inf, 0.0)
-    shares = hidden_shares(points[coarse], normals[coarse], raster, cells=COARSE_CELLS, spacing_m=1.3 * spacing)
-    starts = [raster[k] for k in _distinct(raster, shares, apart_m=1.5 * step, most=12)]
-    trials: list[tuple[Array, Array]] = []
-    refined = [_refine(points, normals, tree, (start, 0.5 * step, spacing), trials) for start in starts]
-    refined.sort(key=lambda item: item[0])
-    best_share, best = refined[0]
-    if candidate_m is not None and NEAREST_SURFACE_M[0] < float(tree.query(candidate_m)[0]) < FAR_FROM_SURFACE_M:
-        share = float(hidden_shares(points, normals, candidate_m[None], cells=FINE_CELLS, spacing_m=spacing)[0])
-        # The file's own origin needs only be about as good as the best of thousands of tried positions.
-        if share <= 1.5 * best_share + 0.01:
-            best_share, best = share, candidate_m
-    if best_share > MAX_HIDDEN_SHARE:
-        return SensorEstimate(None, best_share, best_share, np.inf, 0.0)
-    elsewhere = [share for share, position in refined if np.linalg.norm(position - best) > max(1.0, 1.5 * step)]
-    runner_up = min(elsewhere, default=1.0)
-    positions = np.concatenate([positions for positions, _ in trials] or [best[None]])
-    all_shares = np.concatenate([shares for _, shares in trials] or [np.array([best_share])])
-    as_good = all_shares <= 1.2 * best_share + 0.002
-    spread = float(np.sqrt(np.mean(np.sum((positions[as_good] - best) ** 2, axis=1)))) if as_good.any() else 0.0
-    confidence = float(np.clip((runner_up - best_share) / (runner_up + 0.01), 0.0, 1.0))
-    return SensorEstimate(np.asarray(best, dtype=np.float64), best_share, runner_up, spread, confidence)
+    return raster, step
 
 
 def _distinct(positions: Array, shares: Array, *, apart_m: float, most: int) -> list[int]:
@@ -155,23 +210,15 @@ _COMPASS = np.array(
 )
 
 
-def _refine(
-    points: Points,
-    normals: Points,
-    tree: "cKDTree[None]",
-    start: tuple[Vector3, float, float],
-    trials: list[tuple[Array, Array]],
-) -> tuple[float, Vector3]:
-    """Walk downhill from `start` (position, first step, spacing) in ever smaller steps: a count has no derivative."""
-    best, step, spacing_m = start
-    best_share = float(hidden_shares(points, normals, best[None], cells=FINE_CELLS, spacing_m=spacing_m)[0])
+def _refine(cloud: _Cloud, tree: "cKDTree[None]", start: Vector3, step: float) -> tuple[float, Vector3]:
+    """Walk downhill from `start` in ever smaller steps: a count has no derivative."""
+    best, best_share = start, cloud.hidden_share(start)
     while step > 0.04:
         around = best + step * _COMPASS
         nearest = np.asarray(tree.query(around)[0])
         around = around[(nearest > NEAREST_SURFACE_M[0]) & (nearest < NEAREST_SURFACE_M[1])]
         if len(around):
-            shares = hidden_shares(points, normals, around, cells=FINE_CELLS, spacing_m=spacing_m)
-            trials.append((around, shares))
+            shares = cloud.hidden_shares(around)
             k = int(np.argmin(shares))
             if shares[k] < best_share:
                 best, best_share = around[k], float(shares[k])
