@@ -78,6 +78,14 @@ class ScanFeatures:
     mount_test: MountTest | None = None
     """Whether the photos fit the scan; None: the station has no photos."""
 
+    @property
+    def spacing_m(self) -> float:
+        """Distance of neighbouring points, about [m]: side of a square of the surface that holds one, on the average.
+
+        Surface is counted in voxels, and the average is ruled by what is near, so this is rather too small.
+        """
+        return self.surface.voxel_size_m * float(np.sqrt(len(self.surface.points) / max(self.point_count, 1)))
+
     @cached_property
     def index(self) -> SurfaceIndex:
         """The thinned surface, ready to have poses of another scan laid into it; built once, O(n log n)."""

@@ -10,6 +10,8 @@ that are not plane, wrong partners) and the surfaces stand alone. Else the contr
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.matching.coarse_registration import CoarseRegistration
@@ -27,7 +29,7 @@ from algorithms.registration.final_pose import (
     of_surfaces,
     refuted_by_own_surfaces,
 )
-from algorithms.registration.final_verdict import hidden_shift_m, status_of_final
+from algorithms.registration.final_verdict import allowed_m, hidden_shift_m, status_of_final
 from algorithms.registration.line_registration import FeatureUse, adjusted_features
 from algorithms.registration.pair_verdict import (
     expected_supporters,
@@ -39,7 +41,8 @@ from algorithms.registration.surface_options import SurfaceOptions
 
 NOISES_APART = 2.0
 """Poses of features and surfaces that are less than so many standard deviations of single points apart do not
-contradict each other, however significant it is: so far off are uneven surfaces."""
+contradict each other, however significant it is: so far off are uneven surfaces. Farther apart one of them errs; while
+that is within what is asked of a pose (`allowed_m`), the standard deviations hold both."""
 NEAR = ((0.02, 0.05),) * 3
 """Gates for correspondences found anew near the surfaces' pose."""
 
@@ -188,15 +191,19 @@ def _answer(
         final = of_features(problem, good.fine, good.label, reason, None)
         return _Answer(final, good.fine, largest_hidden_shift_m(good.fine.adjustment))
     doubts: tuple[str, ...] = ()
+    torn = False
     if good is None and attempts:
         refutation = refuted_by_own_surfaces(problem, attempts[0].fine, surfaces, options)
         if refutation is not None:
             remarks = [*remarks, refutation]
         else:
-            good = _nearest(problem, attempts)
-            doubts = () if good is not None else (_contradiction(attempts[0]),)
+            good, apart_m = _nearest(attempts)
+            noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
+            torn = apart_m > NOISES_APART * noise_m
+            if torn and apart_m > allowed_m(problem):
+                good, doubts = None, (_contradiction(attempts[0]),)
     if good is not None and good.comparison is not None:
-        whole = joined(problem, good.fine, surfaces, good.comparison, good.label, options)
+        whole = joined(problem, good.fine, surfaces, good.comparison, good.label, options, torn=torn)
         final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
         hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
         return _Answer(final, good.fine, hidden)
@@ -205,12 +212,11 @@ def _answer(
     return _Answer(final, None, surfaces.hidden_shift_m, doubts)
 
 
-def _nearest(problem: RegistrationProblem, attempts: list[_Attempt]) -> _Attempt | None:
-    """Give the features that are nearest to the surfaces, where that is near enough for uneven surfaces to explain."""
-    noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
-    nearest = min(attempts, key=lambda attempt: 0.0 if attempt.comparison is None else attempt.comparison.apart_m)
-    near = nearest.comparison is None or nearest.comparison.apart_m <= NOISES_APART * noise_m
-    return nearest if near else None
+def _nearest(attempts: list[_Attempt]) -> tuple[_Attempt, float]:
+    """Give the features that are nearest to the surfaces, and how far they are apart [m]."""
+    apart = [0.0 if attempt.comparison is None else attempt.comparison.apart_m for attempt in attempts]
+    nearest = int(np.argmin(apart))
+    return attempts[nearest], apart[nearest]
 
 
 def _contradiction(attempt: _Attempt) -> str:

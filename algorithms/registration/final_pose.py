@@ -102,6 +102,8 @@ def joined(
     comparison: Comparison,
     label: str,
     options: SurfaceOptions,
+    *,
+    torn: bool = False,
 ) -> Joined:
     """Join lines and planes with surfaces: independent surfaces add, those of the same planes share.
 
@@ -109,7 +111,7 @@ def joined(
     Those that do belong to them are the same data looked at in another way (place by place, where the planes compare
     averages over two different pieces of an uneven wall), so of the two only a mixture counts (`share_of_first`).
     Where features and surfaces, or these two kinds of surfaces, differ by more than chance, all covariances grow by the
-    factor that explains it.
+    factor that explains it; where features and surfaces contradict each other, the covariance holds both instead.
 
     Parameters
     ----------
@@ -121,18 +123,24 @@ def joined(
         What the features are, such as lines+planes.
     options
         Of the surfaces.
+    torn
+        One of the two errs, and nothing tells which.
     """
     frame, used = frame_of(surfaces), _in_matched_features(problem, fine)
     start = surfaces.pose.target_from_source
     features = frame.information(fine.adjustment.pose_a_posteriori)
     same = _part(problem, start, frame, options, (~used[0], ~used[1]))
     others = _part(problem, start, frame, options, used)
-    tests = [consistency(part, others, CONTRADICTION_ALPHA) for part in (features, same)]
-    factor = max(comparison.test.factor, *(test.factor for test in tests))
+    factor = consistency(same, others, CONTRADICTION_ALPHA).factor
+    if not torn:
+        factor = max(factor, comparison.test.factor, consistency(features, others, CONTRADICTION_ALPHA).factor)
+    candidates = features, frame.information(surfaces.pose)
     features, same, others = (part.with_covariance_scaled(factor) for part in (features, same, others))
     share = share_of_first(features.matrix, same.matrix, others.matrix)
     weighed = ((share, features), (1.0 - share, same), (1.0, others))
     estimate, covariance = frame.estimate(weighed), joint_covariance(weighed)
+    if torn:
+        estimate = frame.holding_both(estimate, *candidates)
     rank = PARAMETERS - estimate.null_space.shape[1]
     shares = [weight * float(np.trace(covariance @ part.matrix)) / max(rank, 1) for weight, part in weighed]
     names = (label.replace("+", " and "), "surfaces of the matched planes", "other surfaces")
@@ -140,16 +148,17 @@ def joined(
         PosePart(name, value) for value, name in sorted(zip(shares, names, strict=True), reverse=True) if value > 0.0
     )
     words = ", ".join(f"{part.name} {part.share:.0%}" for part in parts)
-    agreement = (
-        "they agree"
-        if factor == 1.0
-        else f"they differ among each other by more than chance, so all variances are {factor:.1f} times larger"
-    )
+    agreement = "they agree"
+    if torn:
+        agreement = "one of them errs, and nothing tells which, so the standard deviations hold both"
+    elif factor != 1.0:
+        agreement = f"they differ among each other by more than chance, so all variances are {factor:.1f} times larger"
     reason = f"{words} of the information; {agreement} (features and surfaces {in_words(comparison)})"
     carrying = ((label, shares[0]), ("surfaces", shares[1] + shares[2]))
     estimator = "+".join(name for name, value in carrying if value >= LEAST_SHARE)
     final = _final(problem, estimate, frame.centred, estimator, reason, parts, surfaces)
-    difference = information_of_difference(features, frame.information(surfaces.pose).with_covariance_scaled(factor))
+    untold = max(factor, comparison.test.factor)
+    difference = information_of_difference(*(part.with_covariance_scaled(untold) for part in candidates))
     return Joined(final, share * covariance @ features.matrix, difference)
 
 

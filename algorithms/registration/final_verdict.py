@@ -12,7 +12,6 @@ from algorithms.registration.base import FinalPose, FineRegistration, PairStatus
 from algorithms.registration.final_pose import LEAST_NEIGHBOURHOODS, PARAMETERS, Joined
 from algorithms.registration.pair_verdict import (
     LEAST_REDUNDANCY,
-    WORST_HIDDEN_M,
     WORST_STD_M,
     agreement_doubts,
     remarks_on,
@@ -60,8 +59,7 @@ def status_of_final(
         )
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
-    found = [*doubts, *_doubts(final, fine, hidden_m, noise_m)]
+    found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem))]
     if fine is not None:
         found += agreement_doubts(fine)
     if problem.priors is not None:
@@ -71,12 +69,25 @@ def status_of_final(
     return PairStatus.ACCEPTED, tuple(reasons)
 
 
-def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, noise_m: float) -> list[str]:
-    """Say what keeps a determined pose from being accepted.
+def allowed_m(problem: RegistrationProblem) -> float:
+    """Give the largest standard deviation, and undetected error, that is allowed in an accepted pose [m].
 
-    What is asked of the pose is two centimetres, or what single points are known to where they are noisier: scans laid
-    on each other then scatter no more than each does by itself.
+    Two centimetres; or what single points are known to where they are noisier, for scans laid on each other then
+    scatter no more than each does by itself; or half the distance of neighbouring points where they stand wide apart,
+    for neither scan tells its surfaces' rims to better than that.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
     """
+    scans = problem.target, problem.source
+    noise_m = max(scan.noise_std_m for scan in scans)
+    return max(WORST_STD_M, noise_m, 0.5 * max(scan.spacing_m for scan in scans))
+
+
+def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, limit_m: float) -> list[str]:
+    """Say what keeps a determined pose from being accepted."""
     doubts = []
     surfaces = final.surfaces
     if surfaces is not None and not surfaces.converged:
@@ -90,15 +101,16 @@ def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, no
             f"lines and planes have {spare} conditions more than parameters, and the surfaces {common} neighbourhoods "
             f"in common: errors could hide ({LEAST_REDUNDANCY} or {LEAST_NEIGHBOURHOODS} would be needed)"
         )
-    if hidden_m > max(WORST_HIDDEN_M, noise_m):
+    if hidden_m > limit_m:
         doubts.append(
             f"an error that no test could find would shift the pose by {hidden_m * 1e3:.0f} mm "
-            f"({max(WORST_HIDDEN_M, noise_m) * 1e3:.0f} mm would be allowed): too little controls it"
+            f"({limit_m * 1e3:.0f} mm would be allowed): too little controls it"
         )
     doubts += [
-        f"the {motion.text} is hardly determined (standard deviation {motion.std_m * 1e3:.0f} mm)"
+        f"the {motion.text} is hardly determined (standard deviation {motion.std_m * 1e3:.0f} mm, "
+        f"{limit_m * 1e3:.0f} mm would be allowed)"
         for motion in principal_motions(final.reduced, final.centred.centroid, final.centred.radius_m)
-        if motion.std_m > max(WORST_STD_M, noise_m)
+        if motion.std_m > limit_m
     ]
     return doubts
 

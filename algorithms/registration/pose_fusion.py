@@ -1,7 +1,7 @@
 """Join estimates of one pose, each with its covariance and with what it leaves open, and test whether they agree."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -105,6 +105,24 @@ class FusionFrame:
             np.asarray(self.base.translation) + moved[3:], Rotation.from_rotvec(moved[:3]) * self.base.rotation
         )
         return PoseEstimate(pose, to_pose @ covariance @ to_pose.T, to_pose @ _complement(known))
+
+    def holding_both(self, estimate: PoseEstimate, first: Information, second: Information) -> PoseEstimate:
+        """Widen the covariance so that it holds two estimates that contradict each other, each as likely right.
+
+        C + ½ Σ (xᵢ - x)(xᵢ - x)ᵀ, the second moment about x of an even mixture, on the motions that both determine.
+
+        Parameters
+        ----------
+        estimate
+            x, joined from both.
+        first, second
+            They.
+        """
+        determined = _determined_by_both(first, second)
+        x = self.information(estimate).motion_m
+        away = np.stack([first.motion_m - x, second.motion_m - x], axis=1)
+        moved = self.centred.to_pose(self.base) @ determined @ (determined.T @ away)
+        return replace(estimate, covariance=estimate.covariance + 0.5 * moved @ moved.T)
 
     def _difference(self, estimate: PoseEstimate) -> Array:
         turn = (estimate.rotation * self.base.rotation.inv()).as_rotvec()

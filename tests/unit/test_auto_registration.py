@@ -17,6 +17,7 @@ from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
 from algorithms.registration import auto_registration
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.final_verdict import allowed_m
 from algorithms.registration.surface_options import SurfaceOptions
 from schemas.registration_result import Pair
 from service.use_cases.link_store import link_of
@@ -193,11 +194,31 @@ def test_planes_that_contradict_the_surfaces_they_stand_for_are_not_believed() -
     assert "the very surfaces of the matched planes do not bear that out" in document(result).reasons[0]
 
 
-def shifted(planes: Planes) -> Planes:
-    """Move the planes of a scan that look along the room by 2 cm, as wrong partners would."""
+def test_where_nothing_tells_whether_planes_or_surfaces_err_the_deviations_hold_both() -> None:
+    seen = {"planes": "xyzX"}
+    source = scan(POSE, 2, **seen)
+    result = registered(
+        scan(RigidTransform.identity(), 1, **seen), replace(source, planes=shifted(source.planes, 0.015))
+    )
+    assert "nothing tells which, so the standard deviations hold both" in document(result).reasons[0]
+    assert result.final is not None
+    std = result.final.reduced.position_std_m(0.5 * ROOM_M)[0]
+    assert std is not None
+    assert 0.5 * 0.015 / np.sqrt(2.0) < std < 0.015
+    assert error_m(result) < 1.5 * std
+
+
+def test_a_pose_must_be_known_to_two_centimetres_or_to_half_the_distance_of_the_points() -> None:
+    dense, sparse = (replace(some_features(), surface=scan(POSE, 1).surface, point_count=n) for n in (10**6, 1000))
+    assert allowed_m(RegistrationProblem(dense, dense)) == 0.02
+    assert allowed_m(RegistrationProblem(dense, sparse)) == 0.5 * sparse.spacing_m > 0.05
+
+
+def shifted(planes: Planes, shift_m: float = 0.02) -> Planes:
+    """Move the planes of a scan that look along the room, as wrong partners would."""
     axis = POSE.inv().rotation.apply(np.array([1.0, 0.0, 0.0]))
     along = np.abs(planes.normals @ axis) > 0.9
-    return replace(planes, centroids=planes.centroids + 0.02 * along[:, None] * axis)
+    return replace(planes, centroids=planes.centroids + shift_m * along[:, None] * axis)
 
 
 def test_a_freedom_that_planes_leave_open_comes_from_the_surfaces() -> None:

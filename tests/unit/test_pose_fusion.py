@@ -165,3 +165,16 @@ def test_the_mixture_promises_no_more_than_correlated_errors_allow() -> None:
             + weights[1] @ cross.T @ weights[0]
         ) @ stated  # fmt: skip
         assert np.linalg.eigvalsh(stated - true).min() > -1e-9 * np.abs(stated).max()
+
+
+def test_a_pose_that_holds_two_contradicting_estimates_is_within_its_deviations_of_either() -> None:
+    rng = np.random.default_rng(21)
+    sharp, blunt = covariance(rng), 9.0 * covariance(rng)
+    wrong = np.array([0.0, 0.0, 0.0, 0.04, -0.03, 0.02])
+    candidates = [PoseEstimate(moved(np.zeros(6)), sharp), PoseEstimate(moved(wrong), blunt)]
+    parts = [FRAME.information(each) for each in candidates]
+    joined = FRAME.estimate([(1.0, part) for part in parts])
+    held = FRAME.holding_both(joined, *parts)
+    errors = [error_of(each.target_from_source) - error_of(held.target_from_source) for each in candidates]
+    assert all(error @ np.linalg.solve(held.covariance, error) <= 2.0 + 1e-6 for error in errors)
+    assert max(error @ np.linalg.solve(joined.covariance, error) for error in errors) > 50.0
