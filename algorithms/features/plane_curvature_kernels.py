@@ -22,13 +22,15 @@ def sums_of_pieces(labels: Array, positions: Array, heights: Array, weights: Arr
 
 
 @njit(cache=True, nogil=True)
-def sums_of_cells(labels: Array, moments: Array, regions: Array, normals: Array, bases: Array, half: Array) -> Array:
-    """Add the same from the means of cells, each counting once.
+def sums_of_cells(
+    labels: Array, moments: Array, regions: Array, normals: Array, bases: Array, half: Array, start: int, end: int
+) -> Array:
+    """Add the same from the means of the cells from `start` to `end`, each counting once.
 
     `labels` is the region of every cell, -1 for none; `moments` and `regions` hold count and mean of cells and regions.
     """
     out = np.zeros((half.shape[0], 2, 10))
-    for cell in range(labels.shape[0]):
+    for cell in range(start, end):
         p = labels[cell]
         if p < 0:
             continue

@@ -18,10 +18,14 @@ from algorithms.features.plane_segmentation_kernels import (
     dilate_labels,
     grow_regions,
     incidences,
+    ordered_seeds,
     region_moments,
+    renumber_labels,
+    shift_rows,
     touching_labels,
+    write_pieces,
 )
-from algorithms.scans.point_blocks import over_blocks
+from algorithms.scans.point_blocks import blocks_of, over_blocks
 from algorithms.scans.surface_cells import LEAST_CELLS, CellSurfaces, SurfaceCells
 
 NORMAL_LIMIT = float(np.cos(np.deg2rad(15.0)))
@@ -36,12 +40,16 @@ FACING = 0.7
 """Least cosine of incidence of surfaces that face the instrument."""
 FEW_FACING = 30
 """Fewer such neighbourhoods tell nothing; then all count."""
-ENOUGH = 100_000
-"""A quartile needs no more neighbourhoods than about so many."""
+ENOUGH = 200_000
+"""A quartile needs no more than the neighbourhoods of about so many cells."""
 LEAST_SHARE = 0.5
 """Least share of the noise of ranges that is expected across a surface, however slanted it is seen."""
+THICK_IN_NOISE, THICK_IN_UNEVENNESS = 4.0, 3.0
+"""How far points of one plane may lie off it, in standard deviations of the noise and of the unevenness."""
 ON_PLANE = 1.2
 """A region whose points deviate from a larger touching plane by less than so many standard deviations is part of it."""
+EACH_ONCE = 0.0
+"""Cap by which every cell counts once."""
 CANDIDATES = 6
 """Planes remembered per cell for its points to choose from."""
 
@@ -69,12 +77,13 @@ def typical_noise(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3
     The error of a range shows across a surface with the cosine of the incidence, so surfaces seen at a slant look
     smoother than the scan is. Of the rest the lower quartile is taken, as relief only adds to noise.
     """
-    flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
+    thin = slice(None, None, max(1, len(cells) // ENOUGH))
+    residuals = surfaces.residual_std_m[thin]
+    flat = residuals < FLATNESS * surfaces.width_std_m[thin]
     if sensor_m is not None:
-        facing = flat & (incidences(cells.means, surfaces.normals, sensor_m) > FACING)
+        facing = flat & (incidences(cells.means[thin], surfaces.normals[thin], sensor_m) > FACING)
         flat = facing if np.count_nonzero(facing) >= FEW_FACING else flat
-    residuals = surfaces.residual_std_m[flat]
-    return float(np.quantile(residuals[:: max(1, len(residuals) // ENOUGH)], 0.25)) if len(residuals) else 0.0
+    return float(np.quantile(residuals[flat], 0.25)) if flat.any() else 0.0
 
 
 def noise_across(noise_std_m: float, positions: Points, normals: Points, sensor_m: Vector3 | None) -> Scalars:
@@ -90,7 +99,7 @@ def noise_across(noise_std_m: float, positions: Points, normals: Points, sensor_
 
 def thickness(noise_std_m: Scalars) -> Scalars:
     """Give how far points of one plane may lie off it [m]: four standard deviations and the unevenness of buildings."""
-    return np.asarray(np.hypot(4.0 * noise_std_m, 3.0 * UNEVENNESS_M))
+    return np.asarray(np.hypot(THICK_IN_NOISE * noise_std_m, THICK_IN_UNEVENNESS * UNEVENNESS_M))
 
 
 def segment_planes(
@@ -117,28 +126,30 @@ def segment_planes(
     min_cells
         Smallest region kept.
     """
-    flat = surfaces.residual_std_m < FLATNESS * surfaces.width_std_m
-    normals = np.where(flat[:, None], surfaces.normals, 0.0)
-    noise = noise_across(noise_std_m, cells.means, normals, sensor_m)
-    seeds = np.flatnonzero(flat)
-    quality = surfaces.residual_std_m[seeds] / surfaces.width_std_m[seeds]
-    # in steps of a 65536th of the limit, which are sorted by counting
-    steps = (quality * (np.iinfo(np.uint16).max / FLATNESS)).astype(np.uint16)
-    order = seeds[np.argsort(steps, kind="stable")].astype(np.int32)
-    labels, count = grow_regions(
-        order, cells.moments, normals, cells.neighbours, cap, NORMAL_LIMIT, thickness(noise), min_cells
-    )
-    labels = _drop(labels, _curved(cells, labels, count))
-    labels = _merge(cells, labels, noise_std_m, sensor_m, cap)
-    moments = region_moments(cells.moments, cells.counts, labels, int(labels.max(initial=-1)) + 1, cap)
-    _, region_normals, deviations = frames_of_moments(moments)
-    region_normals = _orient(region_normals, normals, labels)
+    pieces, steps = np.empty((len(cells), 8)), np.empty(len(cells), dtype=np.int32)
+    sensor = np.full(3, np.nan) if sensor_m is None else sensor_m
+
+    def write(start: int, end: int) -> None:
+        write_pieces(
+            cells.moments, surfaces.normals, surfaces.residual_std_m, surfaces.width_std_m, sensor, FLATNESS, cap,
+            noise_std_m, LEAST_SHARE, (THICK_IN_NOISE, THICK_IN_UNEVENNESS * UNEVENNESS_M), start, end, pieces, steps,
+        )  # fmt: skip
+
+    over_blocks(write, len(cells), least=LEAST_CELLS)
+    labels, count = grow_regions(ordered_seeds(steps), pieces, cells.neighbours, NORMAL_LIMIT, min_cells)
+    curved = _curved(cells, labels, count)
+    _renumber(labels, np.where(curved, -1, np.cumsum(~curved) - 1))
+    count = _merge(cells, labels, count - int(curved.sum()), noise_std_m, sensor_m, cap)
+    moments = _region_moments(cells, labels, count, cap)
+    _, normals, deviations = frames_of_moments(moments)
+    # to the side that most of the cells' normals point to
+    normals[agreements(labels, pieces, normals) < 0] *= -1.0
     centroids = np.ascontiguousarray(moments[:, 1:4])
-    noise = noise_across(noise_std_m, centroids, region_normals, sensor_m)
+    noise = noise_across(noise_std_m, centroids, normals, sensor_m)
     tolerances = 3.0 * np.maximum(deviations[:, 2], np.maximum(noise, NUMERICAL_STD_M))
     for _ in range(2):
-        labels = _dilated(cells, labels, region_normals, centroids, tolerances)
-    return PlaneRegions(labels, region_normals, centroids, noise)
+        labels = _dilated(cells, labels, normals, centroids, tolerances)
+    return PlaneRegions(labels, normals, centroids, noise)
 
 
 def _dilated(
@@ -160,37 +171,65 @@ def _dilated(
 
 def candidates_of(cells: SurfaceCells, regions: PlaneRegions) -> CellPlanes:
     """List the planes that each cell's points may belong to: those of the cell and of its neighbours."""
-    return CellPlanes(*candidate_labels(regions.cell_labels, cells.neighbours, CANDIDATES))
+    labels, neighbours = regions.cell_labels, cells.neighbours
+    only = np.empty(len(labels), dtype=np.int32)
+
+    def work(start: int, end: int) -> Array:
+        return candidate_labels(labels, neighbours, CANDIDATES, start, end, only)
+
+    parts = over_blocks(work, len(labels), least=LEAST_CELLS)
+    rows = 0
+    for (start, end), part in zip(blocks_of(len(labels), least=LEAST_CELLS), parts, strict=True):
+        shift_rows(only, rows, start, end)
+        rows += len(part)
+    return CellPlanes(only, np.concatenate(parts))
 
 
-def _drop(labels: Labels, dropped: Bool[Array, "k"]) -> Labels:
-    """Remove regions and number the rest anew."""
-    numbers = np.where(dropped, -1, np.cumsum(~dropped) - 1).astype(np.int32)
-    return np.asarray(np.where(labels >= 0, numbers[labels] if len(numbers) else -1, -1), dtype=np.int32)
+def _renumber(labels: Labels, numbers: Int64[Array, "k"]) -> None:
+    """Give regions new numbers, -1 for none, in place."""
+    over_blocks(lambda start, end: renumber_labels(labels, numbers, start, end), len(labels), least=LEAST_CELLS)
 
 
-def _orient(region_normals: Float64[Array, "k 3"], normals: Points, labels: Labels) -> Float64[Array, "k 3"]:
-    """Turn region normals to the side most of their cells' normals point to."""
-    side = agreements(labels, normals, region_normals)
-    return np.asarray(np.where(side[:, None] < 0, -region_normals, region_normals))
+def _region_moments(cells: SurfaceCells, labels: Labels, count: int, cap: float) -> Float64[Array, "k 10"]:
+    """Add the cells of every region: by blocks, and then the blocks."""
+    parts = over_blocks(
+        lambda start, end: region_moments(cells.moments, labels, count, cap, start, end), len(labels), least=LEAST_CELLS
+    )
+    return _added(np.concatenate(parts), np.tile(np.arange(count, dtype=np.int32), len(parts)), count)
+
+
+def _added(moments: Float64[Array, "r 10"], groups: Labels, count: int) -> Float64[Array, "k 10"]:
+    """Add sets of points by groups: count, mean, central sums of products."""
+    some = moments[:, 0] > 0.0
+    moments = moments[some]
+    total: Array = region_moments(moments, groups[some], count, np.inf, 0, len(moments))
+    return total
 
 
 def _curved(cells: SurfaceCells, labels: Labels, count: int) -> Bool[Array, "k"]:
     """Find bent regions from the means of their cells."""
-    regions = region_moments(cells.moments, np.ones(len(cells)), labels, count, 1.0)
+    regions = _region_moments(cells, labels, count, EACH_ONCE)
     bases, normals, deviations = frames_of_moments(regions)
     # an evenly filled strip is sqrt(3) standard deviations wide to each side
     half = np.maximum(np.sqrt(3.0) * deviations[:, :2], LEAST_HALF_WIDTH_M)
-    return bent(sums_of_cells(labels, cells.moments, regions, normals, bases, half), half)
+
+    def work(start: int, end: int) -> Array:
+        return sums_of_cells(labels, cells.moments, regions, normals, bases, half, start, end)
+
+    return bent(np.sum(over_blocks(work, len(labels), least=LEAST_CELLS), axis=0), half)
 
 
-def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Vector3 | None, cap: float) -> Labels:
-    """Unite touching regions that are one plane within the noise."""
-    count = int(labels.max(initial=-1)) + 1
+def _merge(
+    cells: SurfaceCells, labels: Labels, count: int, noise_std_m: float, sensor_m: Vector3 | None, cap: float
+) -> int:
+    """Unite touching regions that are one plane within the noise: renumber `labels` and tell how many are left."""
     if count < 2:
-        return labels
-    moments = region_moments(cells.moments, cells.counts, labels, count, cap)
-    touch = touching_labels(labels, cells.neighbours, count)
+        return count
+    moments = _region_moments(cells, labels, count, cap)
+    touch = np.zeros((count, count), dtype=np.bool_)
+    over_blocks(
+        lambda start, end: touching_labels(labels, cells.neighbours, start, end, touch), len(labels), least=LEAST_CELLS
+    )
     numbers: Array = np.arange(count)
     for _ in range(5):
         _, normals, _ = frames_of_moments(moments)
@@ -202,12 +241,13 @@ def _merge(cells: SurfaceCells, labels: Labels, noise_std_m: float, sensor_m: Ve
         graph = coo_array((np.ones(len(joined)), joined.T), shape=(len(moments), len(moments)))
         groups, group = connected_components(graph, directed=False)
         numbers = group[numbers]
-        moments = region_moments(moments, moments[:, 0], group.astype(np.int32), int(groups), np.inf)
+        moments = _added(moments, group.astype(np.int32), int(groups))
         wider = np.zeros((groups, groups), dtype=np.bool_)
         i, j = np.nonzero(touch)
         wider[group[i], group[j]] = True
         touch = wider
-    return np.where(labels >= 0, numbers[labels], -1).astype(np.int32)
+    _renumber(labels, numbers.astype(np.int64))
+    return len(moments)
 
 
 def _are_one_plane(

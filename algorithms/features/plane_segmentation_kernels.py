@@ -8,33 +8,91 @@ from numba import njit
 from algorithms.arrays import Array
 from algorithms.scans.normals_kernels import smallest_axis
 
+STEPS = 1 << 16
+"""Qualities of seeds are told apart in so many steps, which are sorted by counting."""
+
+
+@njit(cache=True, nogil=True)
+def write_pieces(
+    moments: Array,
+    normals: Array,
+    residuals: Array,
+    widths: Array,
+    sensor: Array,
+    flatness: float,
+    cap: float,
+    noise: float,
+    least_share: float,
+    limits: tuple[float, float],
+    start: int,
+    end: int,
+    pieces: Array,
+    steps: Array,
+) -> None:
+    """Write what region growing reads of the cells from `start` to `end`, a row of (m, 8) each.
+
+    These are the normal (zero unless the cell is flat), the mean, how far it may lie off a plane, and its weight; one
+    row is one line of the cache. `steps` gets the quality of flat cells as seeds, from 0 (best), and `STEPS` for
+    others. The noise across a surface is that of ranges times the cosine of incidence, at least `least_share`, where
+    the sensor is known (not nan); the limit is the root of the squares of limits[0] times noise and of limits[1].
+    """
+    known = not math.isnan(sensor[0])
+    for cell in range(start, end):
+        flat = residuals[cell] < flatness * widths[cell]
+        steps[cell] = int(residuals[cell] / widths[cell] * ((STEPS - 1) / flatness)) if flat else STEPS
+        across = noise
+        if known:
+            dot = 0.0
+            square = 0.0
+            for a in range(3):
+                ray = moments[cell, 1 + a] - sensor[a]
+                dot += ray * normals[cell, a]
+                square += ray * ray
+            cosine = abs(dot) / max(math.sqrt(square), 1e-9) if flat else 0.0
+            across = noise * min(max(cosine, least_share), 1.0)
+        for a in range(3):
+            pieces[cell, a] = normals[cell, a] if flat else 0.0
+            pieces[cell, 3 + a] = moments[cell, 1 + a]
+        pieces[cell, 6] = math.hypot(limits[0] * across, limits[1])
+        pieces[cell, 7] = min(moments[cell, 0], cap)
+
+
+@njit(cache=True, nogil=True)
+def ordered_seeds(steps: Array) -> Array:
+    """List the flat cells by their quality as seeds, the best first, of equals the first."""
+    starts = np.zeros(STEPS + 2, dtype=np.int64)
+    for step in steps:
+        starts[step + 1] += 1
+    for k in range(STEPS):
+        starts[k + 1] += starts[k]
+    out = np.empty(starts[STEPS], dtype=np.int32)
+    for cell in range(steps.shape[0]):
+        step = steps[cell]
+        if step < STEPS:
+            out[starts[step]] = cell
+            starts[step] += 1
+    return out
+
 
 @njit(cache=True, nogil=True)
 def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
-    order: Array,
-    moments: Array,
-    normals: Array,
-    neighbours: Array,
-    cap: float,
-    cos_limit: float,
-    distance_limits: Array,
-    min_cells: int,
+    order: Array, pieces: Array, neighbours: Array, cos_limit: float, min_cells: int
 ) -> tuple[Array, int]:
-    """Grow regions of cells that lie on one plane, in the given order of seeds.
+    """Grow regions of cells that lie on one plane, in the given order of seeds; `pieces` as `write_pieces` gives them.
 
     A cell joins when its normal agrees with the region's plane and its mean lies on it within the cell's limit; the
     plane is fitted anew whenever the region has grown by a quarter. Regions below `min_cells` are dissolved. Returns
     labels and the number of regions.
     """
-    m = moments.shape[0]
+    m = pieces.shape[0]
     labels = np.full(m, -1, dtype=np.int32)
     stack = np.empty(m, dtype=np.int32)
     count = 0
     for seed in order:
         if labels[seed] >= 0:
             continue
-        ox, oy, oz = moments[seed, 1], moments[seed, 2], moments[seed, 3]
-        nx, ny, nz = normals[seed, 0], normals[seed, 1], normals[seed, 2]
+        ox, oy, oz = pieces[seed, 3], pieces[seed, 4], pieces[seed, 5]
+        nx, ny, nz = pieces[seed, 0], pieces[seed, 1], pieces[seed, 2]
         d = 0.0
         w = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
         refit_at = 12
@@ -47,10 +105,10 @@ def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
             cell = stack[head]
             head += 1
             size += 1
-            f = min(moments[cell, 0], cap)
-            x = moments[cell, 1] - ox
-            y = moments[cell, 2] - oy
-            z = moments[cell, 3] - oz
+            f = pieces[cell, 7]
+            x = pieces[cell, 3] - ox
+            y = pieces[cell, 4] - oy
+            z = pieces[cell, 5] - oz
             w += f
             sx += f * x
             sy += f * y
@@ -81,11 +139,11 @@ def grow_regions(  # noqa: C901, PLR0915 - one compiled loop
                 other = neighbours[cell, k]
                 if other < 0 or labels[other] >= 0:
                     continue
-                dot = normals[other, 0] * nx + normals[other, 1] * ny + normals[other, 2] * nz
+                dot = pieces[other, 0] * nx + pieces[other, 1] * ny + pieces[other, 2] * nz
                 if abs(dot) < cos_limit:
                     continue
-                gap = (moments[other, 1] - ox) * nx + (moments[other, 2] - oy) * ny + (moments[other, 3] - oz) * nz - d
-                if abs(gap) > distance_limits[other]:
+                gap = (pieces[other, 3] - ox) * nx + (pieces[other, 4] - oy) * ny + (pieces[other, 5] - oz) * nz - d
+                if abs(gap) > pieces[other, 6]:
                     continue
                 labels[other] = count
                 stack[top] = other
@@ -130,11 +188,13 @@ def dilate_labels(
 
 
 @njit(cache=True, nogil=True)
-def touching_labels(labels: Array, neighbours: Array, count: int) -> Array:
-    """Mark which regions touch, directly or across one unlabelled cell: (count, count) bool."""
-    touch = np.zeros((count, count), dtype=np.bool_)
+def touching_labels(labels: Array, neighbours: Array, start: int, end: int, touch: Array) -> None:
+    """Mark which regions touch at the cells from `start` to `end`, directly or across one of them without a label.
+
+    The marks go into `touch`, (count, count) bool; every block writes the same mark.
+    """
     around = np.empty(neighbours.shape[1], dtype=np.int32)
-    for cell in range(labels.shape[0]):
+    for cell in range(start, end):
         found = 0
         for k in range(neighbours.shape[1]):
             other = neighbours[cell, k]
@@ -153,22 +213,20 @@ def touching_labels(labels: Array, neighbours: Array, count: int) -> Array:
             else:
                 for j in range(found):
                     touch[around[i], around[j]] = True
-    return touch
 
 
 @njit(cache=True, nogil=True)
-def candidate_labels(labels: Array, neighbours: Array, width: int) -> tuple[Array, Array]:
-    """List the different labels of each cell and its neighbours, own first.
+def candidate_labels(labels: Array, neighbours: Array, width: int, start: int, end: int, only: Array) -> Array:
+    """List the different labels of each cell from `start` to `end` and its neighbours, own first.
 
-    Returns (m,) int32: the label where there is but one, -1 for none, -2 - q for those in row q of the other array; and
-    that, (rows, width) int32, -1 padded.
+    Writes (m,) int32: the label where there is but one, -1 for none, -2 - q for those in row q of what is returned:
+    (rows, width) int32, -1 padded.
     """
-    m = labels.shape[0]
-    only = np.full(m, -1, dtype=np.int32)
     several = np.full((64, width), -1, dtype=np.int32)
     rows = 0
     found = np.empty(width, dtype=np.int32)
-    for cell in range(m):
+    for cell in range(start, end):
+        only[cell] = -1
         count = 0
         for k in range(-1, neighbours.shape[1]):
             other = cell if k < 0 else neighbours[cell, k]
@@ -191,23 +249,43 @@ def candidate_labels(labels: Array, neighbours: Array, width: int) -> tuple[Arra
             several[rows, :count] = found[:count]
             only[cell] = -2 - rows
             rows += 1
-    return only, several[:rows].copy()
+    return several[:rows].copy()
 
 
 @njit(cache=True, nogil=True)
-def region_moments(moments: Array, counts: Array, labels: Array, count: int, cap: float) -> Array:
-    """Add the cells of every region, each with at most `cap` of its `counts`: count, mean, central sums of products."""
+def shift_rows(only: Array, rows: int, start: int, end: int) -> None:
+    """Let what `candidate_labels` wrote for the cells from `start` to `end` point so many rows further on."""
+    for cell in range(start, end):
+        if only[cell] < -1:
+            only[cell] -= rows
+
+
+@njit(cache=True, nogil=True)
+def renumber_labels(labels: Array, numbers: Array, start: int, end: int) -> None:
+    """Give the cells from `start` to `end` the new numbers of their regions, in place."""
+    for cell in range(start, end):
+        if labels[cell] >= 0:
+            labels[cell] = numbers[labels[cell]]
+
+
+@njit(cache=True, nogil=True)
+def region_moments(moments: Array, labels: Array, count: int, cap: float, start: int, end: int) -> Array:
+    """Add the cells from `start` to `end` of every region, each with at most `cap` of its points.
+
+    Returns count, mean and central sums of products, all zero for regions without a cell. With a cap of 0 every cell
+    counts once, whatever its points.
+    """
     origins = np.zeros((count, 3))
     out = np.zeros((count, 10))
-    for cell in range(labels.shape[0]):
+    for cell in range(start, end):
         p = labels[cell]
         if p < 0:
             continue
         if out[p, 0] == 0.0:  # the first cell's mean is near enough to the region's to keep the digits
             for a in range(3):
                 origins[p, a] = moments[cell, 1 + a]
-        w = min(counts[cell], cap)
-        f = w / counts[cell]
+        w = min(moments[cell, 0], cap) if cap > 0.0 else 1.0
+        f = w / moments[cell, 0] if cap > 0.0 else 1.0
         x = moments[cell, 1] - origins[p, 0]
         y = moments[cell, 2] - origins[p, 1]
         z = moments[cell, 3] - origins[p, 2]
@@ -223,6 +301,8 @@ def region_moments(moments: Array, counts: Array, labels: Array, count: int, cap
         out[p, 9] += f * moments[cell, 9] + w * z * z
     for p in range(count):
         n = out[p, 0]
+        if n == 0.0:
+            continue
         x = out[p, 1] / n
         y = out[p, 2] / n
         z = out[p, 3] / n
@@ -254,12 +334,12 @@ def incidences(positions: Array, normals: Array, sensor: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def agreements(labels: Array, normals: Array, region_normals: Array) -> Array:
-    """Add the scalar products of the cells' normals with their region's, (k,)."""
+def agreements(labels: Array, pieces: Array, region_normals: Array) -> Array:
+    """Add the scalar products of the cells' normals, which begin the rows of `pieces`, with their region's, (k,)."""
     out = np.zeros(region_normals.shape[0])
     for cell in range(labels.shape[0]):
         p = labels[cell]
         if p >= 0:
             for a in range(3):
-                out[p] += normals[cell, a] * region_normals[p, a]
+                out[p] += pieces[cell, a] * region_normals[p, a]
     return out

@@ -167,12 +167,11 @@ def wider_surfaces(
 
 
 @njit(cache=True, nogil=True)
-def turn_normals(normals: Array, moments: Array, sensor: Array) -> None:
-    """Turn the normals of cells towards the sensor, in place."""
-    for cell in range(normals.shape[0]):
+def turn_normals(normals: Array, moments: Array, sensor: Array, start: int, end: int, out: Array) -> None:
+    """Write the normals of the cells from `start` to `end`, turned towards the sensor."""
+    for cell in range(start, end):
         away = 0.0
         for a in range(3):
             away += normals[cell, a] * (moments[cell, 1 + a] - sensor[a])
-        if away > 0.0:
-            for a in range(3):
-                normals[cell, a] = -normals[cell, a]
+        for a in range(3):
+            out[cell, a] = -normals[cell, a] if away > 0.0 else normals[cell, a]

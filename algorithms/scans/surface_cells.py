@@ -124,6 +124,10 @@ def orient(cells: SurfaceCells, surfaces: CellSurfaces, sensor_m: Vector3 | None
     """Turn normals towards the sensor; without one they stay as they are."""
     if sensor_m is None:
         return surfaces
-    normals = surfaces.normals.copy()
-    kernels.turn_normals(normals, cells.moments, sensor_m)
+    normals = np.empty_like(surfaces.normals)
+
+    def work(start: int, end: int) -> None:
+        kernels.turn_normals(surfaces.normals, cells.moments, sensor_m, start, end, normals)
+
+    over_blocks(work, len(cells), least=LEAST_CELLS)
     return replace(surfaces, normals=normals)
