@@ -14,7 +14,7 @@ from algorithms.photos.edge_profile import (
     edge_function,
     locate,
 )
-from algorithms.photos.edge_widths import composite_edges
+from algorithms.photos.edge_widths import composite_edges, displacement_stds
 from algorithms.photos.images import GreyImage, noise_std
 from algorithms.photos.line_fit import (
     EdgeLines,
@@ -201,7 +201,8 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
     )
     chosen = lines[good]
     cut = chosen.half_widths < WIDE * chosen.widths + BESIDE_PX - CUT_PX
-    systematic = systematic_covariances(chosen, place_patches(chosen, camera), cut)
+    widths = (chosen.widths, points.edge_contrasts[good], chosen.lengths, noise)
+    systematic = systematic_covariances(chosen, place_patches(chosen, camera), cut, displacement_stds(*widths))
     ends = chosen.centres[:, None] + chosen.extents[:, :, None] * chosen.directions[:, None]
     scale = GAUSSIAN_OF_ARCTAN if options.localisation == "arctan" else 1.0
     segments = ImageSegments(
@@ -213,6 +214,6 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
         widths_px=scale * chosen.widths,
         point_counts=fit.point_counts[good],
         raw_ends=image_from_ideal(ends.reshape(-1, 2), camera).reshape(-1, 2, 2),
-        composite=composite_edges(chosen.widths, points.edge_contrasts[good], chosen.lengths, noise),
+        composite=composite_edges(*widths),
     )
     return longest_first(segments)[: options.max_segments]

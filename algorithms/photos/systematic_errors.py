@@ -22,7 +22,9 @@ NEIGHBOUR_PX = 0.02
 """The same where another edge is so near that the profile had to be cut off before it [px]."""
 
 
-def systematic_covariances(lines: EdgeLines, placed: PlacedPatches, cut: Array) -> Float64[Array, "n 2 2"]:
+def systematic_covariances(
+    lines: EdgeLines, placed: PlacedPatches, cut: Array, displacement_stds: Scalars
+) -> Float64[Array, "n 2 2"]:
     """Give the covariance (n, 2, 2) of (angle, offset) of edges that does not shrink with their length.
 
     A displacement A sin(2 π k u + φ) along the edge, u from -1/2 to 1/2, any φ, moves the fitted line by A sin(π k)/
@@ -40,7 +42,7 @@ def systematic_covariances(lines: EdgeLines, placed: PlacedPatches, cut: Array) 
     turn = np.pi * crossed
     shift = SAMPLING_PX * np.sin(turn) / turn
     tip = 3.0 * SAMPLING_PX * (np.cos(turn) - np.sin(turn) / turn) / turn
-    common = REMAINING_PX**2 + np.where(cut, NEIGHBOUR_PX**2, 0.0)
+    common = REMAINING_PX**2 + np.where(cut, NEIGHBOUR_PX**2, 0.0) + displacement_stds**2
     end = END_PX * PATCH_PX / np.maximum(lines.lengths, PATCH_PX)
     covariances = np.zeros((len(lines), 2, 2))
     covariances[:, 0, 0] = (tip**2 + common + 9.0 * end**2) * (2.0 / np.maximum(lines.lengths, 1.0)) ** 2

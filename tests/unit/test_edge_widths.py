@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from algorithms.photos.edge_widths import FEW, composite_edges
+from algorithms.photos.edge_widths import DISPLACED, FEW, LEAST_TOLERANCE, composite_edges, displacement_stds
 
 SINGLE_PX, NOISE = 0.6, 2.0
 
@@ -56,3 +56,29 @@ def test_the_sharpness_of_a_poor_lens_may_vary_over_the_photo():
     varied = photo_widths(300, rng, spread=0.06)
     # 2.5 standard deviations on both sides hold 98.8 % of a normal distribution; the noise of the widths adds to them
     assert judged(varied).mean() < 0.012
+
+
+def displacements(widths, contrasts=60.0, lengths=200.0):
+    widths = np.asarray(widths, float)
+    return displacement_stds(widths, np.full(len(widths), contrasts), np.full(len(widths), lengths), NOISE)
+
+
+def test_edges_as_wide_as_the_others_are_displaced_by_nothing():
+    assert displacements(photo_widths(100, np.random.default_rng(6))).max() == 0.0
+
+
+@pytest.mark.parametrize("factor", [1.2, 0.8])
+def test_an_edge_wider_or_narrower_than_the_others_may_be_displaced(factor):
+    widths = np.append(np.full(40, SINGLE_PX), factor * SINGLE_PX)
+    allowed = SINGLE_PX * (1.0 + np.sign(factor - 1.0) * LEAST_TOLERANCE)
+    exact = DISPLACED * np.sqrt(abs((factor * SINGLE_PX) ** 2 - allowed**2))
+    # what noise does to the width of so long an edge is hardly anything
+    assert displacements(widths, lengths=1e6)[-1] == pytest.approx(exact, rel=0.02)
+
+
+def test_two_edges_within_the_blur_lie_as_far_from_their_common_profile_as_stated():
+    # a seventh of the contrast belongs to an edge so far from the other one
+    share, apart_px = 1.0 / 7.25, 0.8
+    between = np.sqrt(SINGLE_PX**2 + share * (1.0 - share) * apart_px**2)
+    widths = np.append(np.full(40, SINGLE_PX), between)
+    assert displacements(widths, lengths=1e6)[-1] == pytest.approx(share * apart_px, rel=0.35)

@@ -7,13 +7,13 @@ from algorithms.photos.line_fit import lines_between, place_patches
 from algorithms.photos.systematic_errors import END_PX, NEIGHBOUR_PX, REMAINING_PX, SAMPLING_PX, systematic_covariances
 
 
-def stds(length_px, crossed_px=None, cut=False, steep=False):
+def stds(length_px, crossed_px=None, cut=False, steep=False, displaced_px=0.0):
     """Standard deviations of the place [px] and of an end against the middle [px] of an edge crossing so many rows."""
     rise = length_px / np.sqrt(2.0) if crossed_px is None else crossed_px
     end = np.array([np.sqrt(length_px**2 - rise**2), rise])
     ends = 700.3 + np.stack([np.zeros(2), end[::-1] if steep else end])[None]
     lines = lines_between(ends, 1.0, 3.5)
-    covariance = systematic_covariances(lines, place_patches(lines, None), np.array([cut]))[0]
+    covariance = systematic_covariances(lines, place_patches(lines, None), np.array([cut]), np.array([displaced_px]))[0]
     return np.sqrt(covariance[1, 1]), np.sqrt(covariance[0, 0]) * 0.5 * length_px
 
 
@@ -57,6 +57,11 @@ def test_the_formulas_are_those_of_lines_through_sampled_waves(crossed_px):
 def test_a_neighbour_within_the_profile_adds_its_own_error():
     alone, beside = stds(2000.0), stds(2000.0, cut=True)
     assert np.square(beside) - np.square(alone) == pytest.approx(NEIGHBOUR_PX**2, rel=1e-6)
+
+
+def test_what_another_edge_within_the_blur_may_displace_adds_to_place_and_ends():
+    alone, displaced = stds(2000.0), stds(2000.0, displaced_px=0.1)
+    assert np.square(displaced) - np.square(alone) == pytest.approx(0.1**2, rel=1e-6)
 
 
 def test_what_lies_at_an_end_moves_short_edges_most():
