@@ -5,7 +5,8 @@ import numpy as np
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.line_pairs import MAX_LINES, line_pair_motions
 from algorithms.matching.options import MatchingOptions
-from algorithms.matching.plane_triples import plane_motions
+from algorithms.matching.plane_triples import offset_votes, plane_motions
+from algorithms.matching.sliding import sliding_motions
 from algorithms.matching.votes import Motions, joined, vote_motions
 
 VOTE_RADIUS_RAD = 0.07
@@ -19,8 +20,9 @@ def candidate_motions(
     *,
     max_lines: int = MAX_LINES,
     max_plane_hypotheses: int | None = None,
+    sliding: bool = True,
 ) -> Motions:
-    """Let pairs of lines that look alike vote for motions, and planes propose more (MATH 1.7, 5.5).
+    """Let pairs of lines that look alike vote for motions, and planes and surfaces propose more (MATH 1.7, 5.5).
 
     Parameters
     ----------
@@ -32,6 +34,8 @@ def candidate_motions(
         So many of the longest lines form pairs.
     max_plane_hypotheses
         So many of the motions that planes propose, those with most votes; None: all.
+    sliding
+        Also look for the place along a direction of which the planes say nothing, surface by surface.
     """
     motions = line_pair_motions(
         target,
@@ -48,7 +52,9 @@ def candidate_motions(
         most_rotations=MOST_ROTATIONS,
         most=options.max_line_hypotheses,
     )
-    by_planes = plane_motions(target, source, max_angle_rad=options.max_angle_rad)
+    votes = offset_votes(target, source, max_angle_rad=options.max_angle_rad)
+    by_planes = plane_motions(votes)
     if max_plane_hypotheses is not None:
         by_planes = by_planes[np.argsort(-by_planes.votes, kind="stable")[:max_plane_hypotheses]]
-    return joined([voted, by_planes])
+    by_surfaces = sliding_motions(votes, target.index, source.index) if sliding else Motions.empty()
+    return joined([voted, by_planes, by_surfaces])

@@ -6,6 +6,7 @@ the translations (MATCHING 2.4). Pairs of lines alone fail where nearly all are 
 pillars and the water's level do.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ MAX_PLANES = 60
 MAX_LINES = 60
 MAX_DIRECTIONS = 10
 MAX_ROTATIONS = 48
-MAX_PEAKS = 10
+MAX_PEAKS = 8
 SAME_DIRECTION_COSINE = 0.995
 """Normals within 5.7 degrees form one class."""
 AGREEING_COSINE = 0.985
@@ -64,8 +65,33 @@ class _Features:
         )
 
 
-def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float) -> Motions:
-    """Give motions that lay many planes of one scan on planes of the other, and lines on lines.
+@dataclass(frozen=True, eq=False)
+class OffsetVotes:
+    """What planes and parallel lines say of the translation once a rotation is assumed."""
+
+    rotation: Matrix3
+    """Target from source."""
+    axes: Array
+    """(k, 3) at most three unit directions, each far from the span of those before."""
+    offsets_m: tuple[Array, ...]
+    """Components of the translation along each axis that have most votes, the strongest first [m]."""
+    votes: tuple[Array, ...]
+    """Their votes."""
+
+
+def plane_motions(votes: Sequence[OffsetVotes]) -> Motions:
+    """Combine the strongest offsets of three directions to motions, with the sum of their votes.
+
+    Parameters
+    ----------
+    votes
+        Of `offset_votes`; those of fewer than three directions give no motion.
+    """
+    return joined([_combined(each) for each in votes if len(each.axes) == 3])
+
+
+def offset_votes(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: float) -> list[OffsetVotes]:
+    """Let planes vote for rotations, and planes and parallel lines for how far the scans are apart along directions.
 
     Parameters
     ----------
@@ -76,12 +102,12 @@ def plane_motions(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: 
 
     Returns
     -------
-    Motions with their votes; none if planes and lines together fix the place along fewer than three directions.
+    One entry for each rotation, the one that lays most normals on normals first.
     """
     ours, theirs = _Features.of(target), _Features.of(source)
     if min(len(each.normals) for each in (ours, theirs)) < LEAST_PLANES:
-        return Motions.empty()
-    return joined([_translations(rotation, ours, theirs) for rotation in _rotations(ours, theirs, max_angle_rad)])
+        return []
+    return [_offsets(rotation, ours, theirs) for rotation in _rotations(ours, theirs, max_angle_rad)]
 
 
 def direction_classes(normals: Points, weights: Scalars) -> tuple[Array, Array]:
@@ -133,8 +159,8 @@ def _direction_pairs(directions: Points) -> Array:
     return np.argwhere(sines > LEAST_SINE)
 
 
-def _translations(rotation: Matrix3, target: _Features, source: _Features) -> Motions:
-    """Combine the strongest offset votes of three independent directions."""
+def _offsets(rotation: Matrix3, target: _Features, source: _Features) -> OffsetVotes:
+    """Find the strongest offsets along up to three independent directions."""
     moved_normals, moved_centroids = source.normals @ rotation.T, source.centroids @ rotation.T
     agreeing = target.normals @ moved_normals.T > AGREEING_COSINE
     directions, weights = direction_classes(target.normals, target.areas * agreeing.any(axis=1))
@@ -143,26 +169,25 @@ def _translations(rotation: Matrix3, target: _Features, source: _Features) -> Mo
     axes = _independent(directions)
     if len(axes) < 3 and len(directions) and len(lines[2]):
         axes = _independent(np.vstack([directions, _across_lines(lines[1], lines[2], directions[0])]))
-    if len(axes) < 3:
-        return Motions.empty()
-    peaks = []
+    found = []
     for axis in axes:
         t, s = np.nonzero(agreeing & (np.abs(target.normals @ axis) > AGREEING_COSINE)[:, None])
         across = np.abs(lines[1] @ axis) < ACROSS_SINE
         offsets = np.concatenate([target.centroids[t] @ axis - moved_centroids[s] @ axis, lines[0][across] @ axis])
-        if len(offsets) == 0:
-            return Motions.empty()
-        areas = np.concatenate([np.minimum(target.areas[t], source.areas[s]), LINE_WIDTH_M * lines[2][across]])
-        peaks.append(_peaks(offsets, np.sqrt(areas)))
-    grids = np.meshgrid(*[offsets for offsets, _ in peaks], indexing="ij")
-    votes = np.meshgrid(*[weights for _, weights in peaks], indexing="ij")
-    right_sides = np.stack(grids, axis=-1).reshape(-1, 3)
-    translations = np.linalg.solve(axes, right_sides.T).T
-    return Motions(
-        np.broadcast_to(rotation, (len(translations), 3, 3)).copy(),
-        np.ascontiguousarray(translations),
-        np.sum(np.stack(votes, axis=-1).reshape(-1, 3), axis=1),
-    )
+        if len(offsets):
+            areas = np.concatenate([np.minimum(target.areas[t], source.areas[s]), LINE_WIDTH_M * lines[2][across]])
+            found.append((axis, *_peaks(offsets, np.sqrt(areas))))
+    kept, peaks, votes = zip(*found, strict=True) if found else ((), (), ())
+    return OffsetVotes(rotation, np.array(kept).reshape(-1, 3), tuple(peaks), tuple(votes))
+
+
+def _combined(votes: OffsetVotes) -> Motions:
+    """Lay every strong offset along one axis together with every one along the others."""
+    right_sides = np.stack(np.meshgrid(*votes.offsets_m, indexing="ij"), axis=-1).reshape(-1, 3)
+    totals = np.stack(np.meshgrid(*votes.votes, indexing="ij"), axis=-1).reshape(-1, 3).sum(axis=1)
+    translations = np.linalg.solve(votes.axes, right_sides.T).T
+    rotations = np.broadcast_to(votes.rotation, (len(translations), 3, 3)).copy()
+    return Motions(rotations, np.ascontiguousarray(translations), totals)
 
 
 def _line_offsets(rotation: Matrix3, ours: DescribedLines, theirs: DescribedLines) -> tuple[Points, Points, Scalars]:

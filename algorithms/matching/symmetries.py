@@ -54,6 +54,7 @@ def _symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[RigidTrans
         replace(options, max_line_hypotheses=MOST_HYPOTHESES),
         max_lines=MAX_LINES,
         max_plane_hypotheses=MOST_HYPOTHESES,
+        sliding=False,
     )
     motions = motions[_moves(motions, scan)]
     if len(motions) == 0:

@@ -11,7 +11,7 @@ from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.lines import Lines, LineSource, bases_of, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.matching.line_pairs import line_pair_motions
-from algorithms.matching.plane_triples import plane_motions
+from algorithms.matching.plane_triples import offset_votes, plane_motions
 from algorithms.matching.votes import Motions
 
 MAX_ANGLE_RAD = 0.03
@@ -75,7 +75,9 @@ def _nearest(proposed: Motions, motion: RigidTransform) -> tuple[float, float]:
 
 @pytest.mark.parametrize("symmetry", [RigidTransform.identity(), HALF_TURN], ids=["itself", "half a turn"])
 def test_two_pillars_and_the_water_propose_the_motion_and_its_half_turn(symmetry):
-    proposed = plane_motions(_river(MOTION), _river(RigidTransform.identity()), max_angle_rad=MAX_ANGLE_RAD)
+    proposed = plane_motions(
+        offset_votes(_river(MOTION), _river(RigidTransform.identity()), max_angle_rad=MAX_ANGLE_RAD)
+    )
     # Exact data; votes are gathered in bins of a decimetre.
     turn, shift = _nearest(proposed, MOTION * symmetry)
     assert turn < 1e-6
@@ -91,4 +93,4 @@ def test_parallel_pillars_form_no_pair_that_fixes_a_motion():
 
 def test_pillars_without_any_plane_propose_nothing():
     bare = [_river(motion, with_planes=False) for motion in (MOTION, RigidTransform.identity())]
-    assert len(plane_motions(*bare, max_angle_rad=MAX_ANGLE_RAD)) == 0
+    assert len(plane_motions(offset_votes(*bare, max_angle_rad=MAX_ANGLE_RAD))) == 0
