@@ -87,7 +87,11 @@ class Network(Document):
     )
     covariance_factor: float = Field(
         description="By which the covariances of the stations were multiplied in all: the variance factor of the "
-        "adjustment times that of the loops."
+        "adjustment times that of the loops, times what the difference between lines and planes and registrations says."
+    )
+    feature_share: float = Field(
+        description="Weight of the adjustment to lines and planes in the poses, 0..1; the rest is that of the "
+        "registrations of pairs, which use the surfaces too."
     )
     adjustment: NetworkAdjustment | None = Field(
         description="Null: the stations could not be adjusted together; `remarks` says why."

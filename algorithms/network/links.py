@@ -1,6 +1,6 @@
 """What a registered pair contributes to a network of many stations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -30,6 +30,8 @@ class StationLink:
     """Rms distance of these features from it [m]."""
     noise_m: float
     """Larger standard deviation of single points of the two scans [m]."""
+    feature_share: float = 1.0
+    """Share of the pose's information that lines and planes give, 0..1; the rest comes from surfaces."""
 
     @property
     def stations(self) -> tuple[int, int]:
@@ -44,6 +46,10 @@ class StationLink:
     def from_station(self, station: int) -> PoseEstimate:
         """Give the pose of the other station in the frame of this one."""
         return self.target_from_source if station == self.target else self.target_from_source.inverse()
+
+    def with_covariance_scaled(self, factor: float) -> "StationLink":
+        """Give the link with a covariance that is larger by a factor."""
+        return replace(self, target_from_source=self.target_from_source.with_covariance_scaled(factor))
 
     def with_floor(self, noises: float) -> "StationLink":
         """Give the link with a covariance to which errors of the size of the scans' noise are added (MATH 6.5).
@@ -66,16 +72,7 @@ class StationLink:
         added[:3, 3:] = added[3:, :3].T
         added[3:, 3:] = lever @ turn @ lever.T + size**2 * np.eye(3)
         enlarged = PoseEstimate(pose.target_from_source, pose.covariance + added, pose.null_space)
-        return StationLink(
-            self.target,
-            self.source,
-            enlarged,
-            self.lines,
-            self.planes,
-            self.centroid_m,
-            self.radius_m,
-            self.noise_m,
-        )
+        return replace(self, target_from_source=enlarged)
 
     def seen_from(self, station: int, base_from_station: RigidTransform) -> RigidTransform:
         """Carry a known station's pose on to the other one.

@@ -20,6 +20,7 @@ from algorithms.network.loop_closure import (
     loop_covariance_factor,
 )
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
+from algorithms.network.station_fusion import FusedStations, fused_stations, share_of_features, with_shared_scans
 from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.surface_decisions import decided_by_surfaces
 from algorithms.network.tracks import StationFeatures, Tracks, build_tracks
@@ -38,20 +39,25 @@ class NetworkRegistration:
     tracks: Tracks | None
     """Objects that several stations see; None: no station is connected to the first one."""
     joint: JointAdjustment | None
-    """The adjustment of all stations; None: the poses are those of the pose graph, `remarks` says why."""
+    """The adjustment of all stations to lines and planes; None: there is none, `remarks` says why."""
     uncontrolled: tuple[int, ...]
     """Numbers of used links that lie in no loop of used or confirmed ones: nothing checks them."""
     confirmed: tuple[int, ...]
     """Numbers of those doubtful links that agree with the poses which accepted ones lead to; they are used too."""
     loop_factor: float
     """By which the covariances of the poses were multiplied because loops close worse than those of pairs say."""
+    feature_share: float
+    """Weight of the adjustment to lines and planes in the poses, 0..1; the rest is that of the registrations."""
+    difference_factor: float
+    """By which the covariances were multiplied because these two differ by more than chance."""
     remarks: tuple[str, ...]
     """What the reader should know, in words."""
 
     @property
     def variance_factor(self) -> float:
         """Factor on the covariances that follow from the scans' own noise: residuals and loops together (MATH 6.5)."""
-        return self.loop_factor * (1.0 if self.joint is None else self.joint.variance_factor)
+        features = 1.0 if self.joint is None or self.feature_share == 0.0 else self.joint.variance_factor
+        return self.loop_factor * self.difference_factor * features
 
 
 def register_network(
@@ -66,7 +72,8 @@ def register_network(
     """Find the poses of all stations that consistent registrations connect to the first one (MATH 6.4, 6.5).
 
     Loops of registrations are tested and wrong ones left out; a pose graph of the others gives start values; then all
-    stations are adjusted at once to the planes and lines that two or more of them see.
+    stations are adjusted at once to the planes and lines that two or more of them see. As far as the registrations rest
+    on surfaces, the poses are those of the pose graph (`fused_stations`).
 
     Parameters
     ----------
@@ -91,7 +98,7 @@ def register_network(
     kept = [link for link in usable if link.target in stations]
     fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     if not kept:
-        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, ())
+        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, 1.0, 1.0, ())
     graph = adjust_pose_graph(kept, stations)
     verdict, again = _taken_back(links, verdict, stations, graph)
     confirmed = agreeing_links(doubtful, stations, graph, verdict.variance_factor)
@@ -102,13 +109,33 @@ def register_network(
     tracks = build_tracks(features, kept, start)
     joint, remarks = _adjusted(features, tracks, stations, start, options)
     factor = loop_covariance_factor(kept)
-    poses = {
-        station: _pose(station, k, joint, graph).with_covariance_scaled(factor)
-        for k, station in enumerate(stations[1:])
-    }
+    registered = adjust_pose_graph(with_shared_scans(kept), stations)
+    fused = fused_stations(joint, registered, share_of_features(kept))
+    found = zip(stations[1:], fused.poses, strict=True)
     return NetworkRegistration(
-        {0: fixed, **poses}, verdict, tracks, joint, _uncontrolled(links, verdict, kept), confirmed, factor, remarks
+        poses={0: fixed, **{station: pose.with_covariance_scaled(factor) for station, pose in found}},
+        loops=verdict,
+        tracks=tracks,
+        joint=joint,
+        uncontrolled=_uncontrolled(links, verdict, kept),
+        confirmed=confirmed,
+        loop_factor=factor,
+        feature_share=fused.feature_share,
+        difference_factor=fused.factor,
+        remarks=(*remarks, *_in_words(fused, joint)),
     )
+
+
+def _in_words(fused: FusedStations, joint: JointAdjustment | None) -> list[str]:
+    """Say what the poses rest on, where it is not lines and planes alone."""
+    if joint is None or fused.feature_share == 1.0:
+        return []
+    differ = f"; they differ by more than chance, so all variances are {fused.factor:.1f} times larger"
+    remark = (
+        f"lines and planes, adjusted together, give {fused.feature_share:.0%} of the poses, and the registrations of "
+        f"pairs, which use the surfaces too, the rest{differ if fused.factor > 1.0 else ''}"
+    )
+    return [remark]
 
 
 def _taken_back(
@@ -134,19 +161,11 @@ def _adjusted(
         joint = adjust_jointly(features, tracks, stations, start, options)
     except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
         remark = (
-            f"the stations could not be adjusted together ({error}); their poses are adjusted to the registrations of "
-            "pairs as if these were independent of each other"
+            f"the stations could not be adjusted together to lines and planes ({error}); their poses are adjusted to "
+            "the registrations of pairs"
         )
         return None, (remark,)
     return joint, () if joint.solution.converged else ("the adjustment of all stations did not settle",)
-
-
-def _pose(station: int, number: int, joint: JointAdjustment | None, graph: Solution) -> PoseEstimate:
-    """Give the pose of a station from the joint adjustment, else from the pose graph, where it has the given number."""
-    if joint is not None:
-        return PoseEstimate(joint.pose(station), joint.covariance(station))
-    columns = slice(6 * number, 6 * number + 6)
-    return PoseEstimate(graph.unknowns.poses[number + 1], graph.cofactors[columns, columns])
 
 
 def _uncontrolled(links: Sequence[StationLink], verdict: LoopVerdict, kept: Sequence[StationLink]) -> tuple[int, ...]:

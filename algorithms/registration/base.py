@@ -107,6 +107,8 @@ class FinalPose:
     """Why, in words with figures."""
     parts: tuple[PosePart, ...]
     """What the pose is made of, the largest share first."""
+    feature_share: float
+    """Share of the information that lines and planes give, 0..1; the rest comes from surfaces."""
     surfaces: SurfaceEstimate | None
     """The estimate by surfaces alone; None where too little surface lies on surface."""
     free_directions: tuple[str, ...] = ()

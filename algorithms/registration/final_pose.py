@@ -72,7 +72,7 @@ def frame_of(surfaces: SurfaceEstimate) -> FusionFrame:
 def of_surfaces(problem: RegistrationProblem, surfaces: SurfaceEstimate, reason: str) -> FinalPose:
     """Take the pose of the surfaces alone."""
     part = PosePart("surfaces", 1.0)
-    return _final(problem, surfaces.pose, frame_of(surfaces).centred, "surfaces", reason, (part,), surfaces)
+    return _final(problem, surfaces.pose, frame_of(surfaces).centred, "surfaces", reason, (part,), 0.0, surfaces)
 
 
 def of_features(
@@ -81,7 +81,7 @@ def of_features(
     """Take the pose of lines and planes alone."""
     adjustment = fine.adjustment
     centred = CentredFrame(adjustment.centroid_m, adjustment.radius_m)
-    return _final(problem, adjustment.pose_a_posteriori, centred, label, reason, (PosePart(label, 1.0),), surfaces)
+    return _final(problem, adjustment.pose_a_posteriori, centred, label, reason, (PosePart(label, 1.0),), 1.0, surfaces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ def joined(
     reason = f"{words} of the information; {agreement} (features and surfaces {in_words(comparison)})"
     carrying = ((label, shares[0]), ("surfaces", shares[1] + shares[2]))
     estimator = "+".join(name for name, value in carrying if value >= LEAST_SHARE)
-    final = _final(problem, estimate, frame.centred, estimator, reason, parts, surfaces)
+    final = _final(problem, estimate, frame.centred, estimator, reason, parts, shares[0], surfaces)
     untold = max(factor, comparison.test.factor)
     difference = information_of_difference(*(part.with_covariance_scaled(untold) for part in candidates))
     return Joined(final, share * covariance @ features.matrix, difference)
@@ -264,6 +264,7 @@ def _final(
     estimator: str,
     reason: str,
     parts: tuple[PosePart, ...],
+    feature_share: float,
     surfaces: SurfaceEstimate | None,
 ) -> FinalPose:
     """Carry a pose to the files' coordinates, and put what is free in words."""
@@ -278,6 +279,7 @@ def _final(
         estimator=estimator,
         reason=reason,
         parts=parts,
+        feature_share=feature_share,
         surfaces=surfaces,
         free_directions=tuple(motion.text for motion in words),
         advice="add surfaces that stand across these motions, or lines that cross them" if free else "",

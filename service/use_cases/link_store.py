@@ -39,7 +39,8 @@ def link_of(
         pose, centroid_m, radius_m = adjustment.pose_a_posteriori, adjustment.centroid_m, adjustment.radius_m
     else:
         raise InvalidInputError("registration", "it has no pose")
-    return StationLink(0, 1, pose, lines, planes, centroid_m, radius_m, noise_m)
+    share = 1.0 if final is None else final.feature_share
+    return StationLink(0, 1, pose, lines, planes, centroid_m, radius_m, noise_m, share)
 
 
 def save_link(path: Path, link: StationLink) -> None:
@@ -53,6 +54,7 @@ def save_link(path: Path, link: StationLink) -> None:
         centroid_m=link.centroid_m,
         radius_m=link.radius_m,
         noise_m=link.noise_m,
+        feature_share=link.feature_share,
     )
 
 
@@ -76,4 +78,5 @@ def load_link(path: Path, target: int, source: int) -> StationLink:
             centroid_m=stored["centroid_m"],
             radius_m=float(stored["radius_m"]),
             noise_m=float(stored["noise_m"]),
+            feature_share=float(stored["feature_share"]),
         )

@@ -61,6 +61,7 @@ def network_document(
         loop_variance_factor=result.loops.variance_factor,
         loop_covariance_factor=result.loop_factor,
         covariance_factor=result.variance_factor,
+        feature_share=result.feature_share,
         adjustment=adjustment,
         remarks=list(result.remarks),
     )

@@ -124,7 +124,7 @@ def test_without_common_features_the_poses_are_those_of_the_pairs(network: Stati
     links = tuple(replace(link, lines=nothing, planes=nothing) for link in network.links)
     result = registered(replace(network, links=links).with_links((0, 1), (1, 2)))
     assert result.joint is None
-    assert "as if these were independent" in result.remarks[0]
+    assert "their poses are adjusted to the registrations of pairs" in result.remarks[0]
     first, second = (link.target_from_source for link in network.with_links((0, 1), (1, 2)).links)
     chained = first.after(second)
     np.testing.assert_allclose(result.poses[2].covariance, chained.covariance, rtol=1e-6, atol=1e-15)
