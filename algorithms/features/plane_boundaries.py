@@ -17,6 +17,8 @@ LARGEST_RASTER = 400
 """Cells along the longer side."""
 BORDER = 4
 """Free cells around every raster, room for dilation."""
+LEAST_PLANES = 16
+"""Fewer planes are not worth a thread's while."""
 SMALLEST_RING = 12
 """Pieces and holes below three raster cells (in quarter cells) are left out of the outline."""
 
@@ -143,10 +145,14 @@ def _turned(ring: Array, *, clockwise: bool) -> Array:
 def signed_area(polygon: Vectors2) -> float:
     """Give the area inside a polygon (shoelace formula), negative when it runs clockwise."""
     x, y = polygon.T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    return 0.5 * float(x[:-1] @ y[1:] - y[:-1] @ x[1:] + x[-1] * y[0] - y[-1] * x[0])
 
 
 def boundaries_of(rasters: PlaneRasters) -> tuple[list[Array], Scalars]:
     """Give the outline of every plane in plane coordinates [m], and its area [m2]."""
-    polygons = [outline(rasters.of(p)) * rasters.cell_sizes[p] + rasters.origins[p] for p in range(len(rasters))]
+
+    def work(start: int, end: int) -> list[Array]:
+        return [outline(rasters.of(p)) * rasters.cell_sizes[p] + rasters.origins[p] for p in range(start, end)]
+
+    polygons = [polygon for part in over_blocks(work, len(rasters), least=LEAST_PLANES) for polygon in part]
     return polygons, np.array([abs(signed_area(polygon)) for polygon in polygons], dtype=np.float64)

@@ -7,7 +7,7 @@ from numba import njit
 
 from algorithms.arrays import Array
 
-TILE = 16
+TILE = 64
 """Blocks are visited in squares of so many: whether a scan was recorded by rows or by columns, its points are near."""
 
 

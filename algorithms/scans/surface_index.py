@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.scans.point_blocks import LEAST_BLOCK, over_blocks
-from algorithms.scans.range_image import conservative_nearest_m, spherical_range_image
+from algorithms.scans.range_image import SphericalRangeImage, conservative_nearest_m, spherical_range_image
 
 CELL_RAD = math.radians(1.0)
-"""Angular cell of the range image of the thinned surface: about the spacing of its points at common ranges."""
+"""Angular cell of a range image of the thinned surface: about the spacing of its points at common ranges."""
 MAX_CELLS = 24_000_000
 """Largest number of cells of the look-up raster; coarser cells beyond."""
 
@@ -84,7 +84,14 @@ class EvidenceLimits:
         )
 
 
-def surface_index(points: Points, normals: Points, spacing_m: float, sensor_m: Vector3 | None) -> SurfaceIndex:
+def surface_index(
+    points: Points,
+    normals: Points,
+    spacing_m: float,
+    sensor_m: Vector3 | None,
+    *,
+    seen: SphericalRangeImage | None = None,
+) -> SurfaceIndex:
     """Build the index of one scan.
 
     Parameters
@@ -97,6 +104,9 @@ def surface_index(points: Points, normals: Points, spacing_m: float, sensor_m: V
         Spacing of the points [m].
     sensor_m
         Position of the instrument [m]; None when unknown: then nothing is known of free space.
+    seen
+        What the instrument saw, from all points of the scan: the space it knows to be empty reaches nearer to surfaces
+        than the thinned surface can tell. None: the thinned surface must do.
     """
     oriented = np.flatnonzero(np.einsum("ij,ij->i", normals, normals) > 0.5)
     # A fixed shuffle: any prefix covers the whole surface. The generator is local and its seed belongs to the method.
@@ -106,7 +116,8 @@ def surface_index(points: Points, normals: Points, spacing_m: float, sensor_m: V
     if sensor_m is None:
         nearest, sensor, cell_rad = np.empty((0, 0), dtype=np.float32), np.zeros(3), CELL_RAD
     else:
-        seen = spherical_range_image(points, sensor_m, CELL_RAD, splat_m=0.7 * spacing_m)
+        if seen is None:
+            seen = spherical_range_image(points, sensor_m, CELL_RAD, splat_m=0.7 * spacing_m)
         nearest, sensor, cell_rad = conservative_nearest_m(seen), seen.sensor_m, seen.cell_rad
     return SurfaceIndex(
         points=np.ascontiguousarray(own),

@@ -1,7 +1,8 @@
 """Speed and memory of feature extraction, by stages, on simulated scans of five and of fifty million points.
 
 Wall time means something only on an idle machine. So the tests judge what it would be on two idle cores: the processor
-time of the main thread, and half of that of the threads that work together while it waits.
+time of the main thread, and half of that of the threads that work together while it waits. Everything is measured in
+processes of their own, as the service runs it: tests check the shapes of all arrays at every call.
 """
 
 import dataclasses
@@ -12,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from feature_stages import timed_features
 
 from algorithms.simulation.pipe_hall import pipe_hall_scene
 from algorithms.simulation.scanner import scanner_with_step
@@ -40,27 +40,29 @@ def without_grid(scan):
     return dataclasses.replace(scan, points=scan.points[order], grid=None, intensity=None, color=None)
 
 
-@pytest.fixture(scope="module")
-def structured():
-    scan = pipe_hall(STEP_RAD)
-    thinned = without_grid(scan)
-    for warm in (pipe_hall(10 * STEP_RAD), dataclasses.replace(thinned, points=thinned.points[::4].copy())):
-        timed_features(warm)
-    return scan
-
-
-def rates(name, scan, repeats=3):
+def rates(kind, repeats=3):
     """Print the time of all stages, of the fastest of several runs, and give points per second on two idle cores."""
-    runs = [timed_features(scan) for _ in range(repeats)]
-    features = runs[0][0]
-    print(
-        f"\n{name}: {len(scan)} points, {len(features.planes)} planes, {len(features.lines)} lines, "
-        f"{len(features.cylinders)} cylinders"
+    *figures, points, planes, lines, cylinders = run_alone(
+        f"""
+        import dataclasses, sys
+        from benchmark.test_feature_speed import STAGES, pipe_hall, without_grid
+        from feature_stages import timed_features
+        as_wanted = without_grid if sys.argv[1] == "shuffled" else lambda scan: scan
+        scan = as_wanted(pipe_hall({STEP_RAD}))
+        timed_features(as_wanted(pipe_hall(10 * {STEP_RAD})))
+        timed_features(dataclasses.replace(without_grid(scan), points=scan.points[::4].copy()))
+        runs = [timed_features(scan) for _ in range({repeats})]
+        features = runs[0][0]
+        times = [min(clock.until(mark)[k] for _, clock in runs) for mark in STAGES.values() for k in range(3)]
+        print(*times, len(scan), len(features.planes), len(features.lines), len(features.cylinders))
+        """,
+        kind,
     )
+    print(f"\n{kind}: {points:.0f} points, {planes:.0f} planes, {lines:.0f} lines, {cylinders:.0f} cylinders")
     found = {}
-    for stage, mark in STAGES.items():
-        wall, processor, idle = (min(clock.until(mark)[k] for _, clock in runs) for k in range(3))
-        found[stage] = len(scan) / idle
+    for number, stage in enumerate(STAGES):
+        wall, processor, idle = figures[3 * number : 3 * number + 3]
+        found[stage] = points / idle
         print(
             f"  {stage:25s} wall {wall:5.2f} s, processor {processor:5.2f} s, "
             f"on two idle cores {idle:5.2f} s = {found[stage] / 1e6:5.1f} M points/s"
@@ -69,13 +71,13 @@ def rates(name, scan, repeats=3):
 
 
 @pytest.fixture(scope="module")
-def structured_rates(structured):
-    return rates("structured", structured)
+def structured_rates():
+    return rates("structured")
 
 
 @pytest.fixture(scope="module")
-def shuffled_rates(structured):
-    return rates("shuffled", without_grid(structured))
+def shuffled_rates():
+    return rates("shuffled")
 
 
 def test_planes_of_a_structured_scan_are_found_at_fifteen_million_points_a_second(structured_rates):
@@ -113,7 +115,8 @@ def test_memory_stays_within_three_times_the_coordinates():
     (ratio,) = run_alone(
         f"""
         import resource
-        from benchmark.test_feature_speed import pipe_hall, timed_features
+        from benchmark.test_feature_speed import pipe_hall
+        from feature_stages import timed_features
         def now():
             return int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize()
         timed_features(pipe_hall(10 * {STEP_RAD}))
