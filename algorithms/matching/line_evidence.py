@@ -172,7 +172,7 @@ def moved_across(lines: Lines, motion: RigidTransform, other: RigidTransform) ->
     return np.asarray(np.minimum(*across))
 
 
-def _with_witnesses(features: ScanFeatures) -> ScanFeatures:
+def with_witnesses(features: ScanFeatures) -> ScanFeatures:
     """Add the edges of photos that measure nothing but can be recognised."""
     edges = features.photo_edges
     if edges is None or edges.witnesses is None or edges.witness_normals is None:
@@ -186,7 +186,7 @@ class _Witness:
     """One scan: its lines, with samples of the surfaces beside them, and what its photos show."""
 
     def __init__(self, scan: ScanFeatures) -> None:
-        features = _with_witnesses(scan)
+        features = with_witnesses(scan)
         self.features, self.index = features, scan.index
         self.described = described_lines(features)
         self._owners, self._samples = _along(features.lines)

@@ -11,12 +11,16 @@ from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.arrays import Array, IndexPairs, OtherIndexPairs
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
+from algorithms.matching.open_shifts import shifted_by_lines
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.pair_verdict import expected_supporters, searched, status_of_pair
+
+MOST_TURN_PER_M = 1e-4
+"""An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,17 @@ def adjusted_features(
     TooFewCorrespondencesError
         Below two corresponding features.
     """
+    fine = _in_rounds(problem, use, options, start)
+    shifted = _along_open_shift(problem, fine) if use.lines else None
+    if shifted is not None:
+        fine = _in_rounds(problem, use, options, shifted)
+    return _with_moved_features(problem, use, options, fine)
+
+
+def _in_rounds(
+    problem: RegistrationProblem, use: FeatureUse, options: AdjustmentOptions, start: RigidTransform
+) -> FineRegistration:
+    """Adjust with the correspondences near the start, then with those near the better pose, and so on."""
     pose, fine = start, None
     for gate in use.gates:
         lines, planes = _corresponding(problem, use, pose, gate)
@@ -97,7 +112,19 @@ def adjusted_features(
         pose = fine.adjustment.pose.target_from_source
     if fine is None:
         raise TooFewCorrespondencesError(0, 2, "lines and planes")
-    return _with_moved_features(problem, use, options, fine)
+    return fine
+
+
+def _along_open_shift(problem: RegistrationProblem, fine: FineRegistration) -> RigidTransform | None:
+    """Move the pose along the one shift that its features leave open to where more lines of both scans meet, if so."""
+    pose = fine.adjustment.pose
+    if pose.null_space.shape[1] != 1:
+        return None
+    turn, shift = np.split(pose.null_space[:, 0], 2)
+    length = float(np.linalg.norm(shift))
+    if float(np.linalg.norm(turn)) > MOST_TURN_PER_M * length:
+        return None
+    return shifted_by_lines(problem.target, problem.source, pose.target_from_source, shift / length)
 
 
 def _corresponding(
