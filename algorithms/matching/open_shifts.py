@@ -23,7 +23,7 @@ LEAST_CROSSING = 0.5
 """Sine of the least angle between a line and the open direction."""
 AGREEING_M = 0.005
 """Shifts so near to each other agree."""
-LEAST_AGREEING, LEAST_LEAD = 3, 1.5
+LEAST_AGREEING, LEAST_LEAD = 4, 2.0
 """So many lines must agree, and so many times as many as on any other shift."""
 
 

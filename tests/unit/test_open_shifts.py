@@ -66,8 +66,8 @@ def test_edges_that_measure_nothing_help() -> None:
     assert shift_m(target, source, 0.15) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_two_lines_are_too_few() -> None:
-    assert shift_m(front(UNEVEN[:2]), front(UNEVEN[:2]), 0.1) is None
+def test_three_lines_are_too_few() -> None:
+    assert shift_m(front(UNEVEN[:3]), front(UNEVEN[:3]), 0.1) is None
 
 
 def test_lines_that_fit_on_two_shifts_alike_tell_nothing() -> None:
