@@ -21,10 +21,14 @@ import uvicorn
 from service import engine
 from service.adapters import database
 from service.adapters.child_process import remove_left_scratch
+from service.adapters.database_files import DatabaseFileStore
+from service.adapters.database_tables import connect
+from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.errors import StorageError
 from service.settings import Settings
+from service.use_cases.adopt_files import adopt_files
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
@@ -67,9 +71,12 @@ class Supervised:
 
 
 def prepare(settings: Settings) -> None:
-    """Bring the database up to date: the service's tables, then the queue engine's. Before any process starts."""
+    """Bring the data up to date: the service's tables, the queue engine's, the files. Before any process starts."""
     database.migrate(settings)
     engine.prepare(settings)
+    tables = connect(settings)
+    adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
+    tables.dispose()
 
 
 def serve(

@@ -9,8 +9,9 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from service.adapters.child_process import ChildProcesses
-from service.adapters.database import DatabaseFileStore, DatabaseJobStore
+from service.adapters.database import DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
+from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_tables import connect
 from service.adapters.local_files import LocalFiles
 from service.adapters.nursery_client import WarmUp

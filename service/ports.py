@@ -117,8 +117,17 @@ class JobStore(Protocol):
 class FileStore(Protocol):
     """Keep the metadata of files."""
 
-    def add(self, file: StoredFile) -> None:
-        """Insert."""
+    def add(self, file: StoredFile, place: Callable[[], None] = lambda: None) -> None:
+        """Insert.
+
+        Parameters
+        ----------
+        file
+            The metadata.
+        place
+            Puts the content where it belongs, in the same transaction; meanwhile nobody else adds or removes content
+            of this hash. When it raises, the file is not inserted.
+        """
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""
@@ -126,15 +135,21 @@ class FileStore(Protocol):
     def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
         """List, newest first, with the number of all."""
 
-    def count_with_content(self, sha256: str) -> int:
-        """Count the files with this content."""
+    def contents(self) -> frozenset[str]:
+        """Give the hashes of all contents that files have."""
 
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
 
+    def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
+        """Call `remove` if no file has this content, while nobody can add one; tell whether it was called."""
+
+    def forget_lost(self, sha256: str, is_there: Callable[[], bool]) -> int:
+        """Forget the files of a content that is not there (any more); give their number."""
+
 
 class BlobStore(Protocol):
-    """Keep bytes under keys such as ``files/<id>``, ``features/<hash>.npz``, ``jobs/<id>/result.json``.
+    """Keep bytes under keys such as ``files/<sha256>``, ``features/<hash>.npz``, ``jobs/<id>/result.json``.
 
     A blob appears whole or not at all (temporary name, fsync, rename).
     """
@@ -148,6 +163,12 @@ class BlobStore(Protocol):
     def put_file(self, key: str, path: Path) -> None:
         """Move a finished local file into the store."""
 
+    def put_copy(self, key: str, path: Path) -> None:
+        """Put a finished local file, which is never written again, into the store; the file itself stays."""
+
+    def move(self, key: str, new_key: str) -> None:
+        """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
+
     def local_path(self, key: str) -> Path:
         """Give a local, readable copy of a blob (the blob itself for a local store). FileNotFoundError when absent."""
 
@@ -156,6 +177,12 @@ class BlobStore(Protocol):
 
     def keys(self, prefix: str) -> Sequence[str]:
         """List the keys under a prefix."""
+
+    def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
+        """List the keys under a prefix that were last written before a moment."""
+
+    def remove_abandoned(self, moment: datetime) -> int:
+        """Remove unfinished blobs that nobody has written to since a moment; give their number."""
 
     def delete_prefix(self, prefix: str) -> None:
         """Remove everything under a prefix; nothing happens when there is nothing."""

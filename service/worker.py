@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from typing import cast
 
 from service.adapters.child_process import NOTHING_WARM, ChildProcesses, remove_left_scratch
-from service.adapters.database import DatabaseFileStore, DatabaseJobStore
+from service.adapters.database import DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
+from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_tables import connect
 from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp

@@ -1,4 +1,4 @@
-"""Jobs and files in the metadata database (SQLite or PostgreSQL)."""
+"""Jobs in the metadata database (SQLite or PostgreSQL)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
@@ -8,8 +8,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.adapters.database_tables import connect, files, job_files, job_steps, jobs
-from service.ports import Job, JobFilter, JobStatus, Json, StoredFile
+from service.adapters.database_tables import connect, job_files, job_steps, jobs
+from service.ports import Job, JobFilter, JobStatus, Json
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
@@ -212,45 +212,3 @@ class DatabaseJobStore:
 def _at_least(progress: int) -> sa.ColumnElement[int]:
     """Let progress only grow."""
     return sa.case((jobs.c.progress < progress, progress), else_=jobs.c.progress)
-
-
-class DatabaseFileStore:
-    """Keep the metadata of files."""
-
-    def __init__(self, engine: sa.Engine) -> None:
-        self._engine = engine
-
-    def add(self, file: StoredFile) -> None:
-        """Insert."""
-        row = {**asdict(file), "scans": list(file.scans), "photos": list(file.photos)}
-        with self._engine.begin() as connection:
-            connection.execute(sa.insert(files).values(row))
-
-    def get(self, file_id: str) -> StoredFile | None:
-        """Fetch."""
-        with _reading(self._engine) as connection:
-            row = connection.execute(sa.select(files).where(files.c.id == file_id)).mappings().one_or_none()
-        return None if row is None else _file(row)
-
-    def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
-        """List, newest first, with the number of all."""
-        query = sa.select(files).order_by(files.c.created.desc(), files.c.id.desc()).limit(limit).offset(offset)
-        with _reading(self._engine) as connection:
-            number = connection.execute(sa.select(sa.func.count()).select_from(files)).scalar_one()
-            rows = connection.execute(query).mappings().all()
-        return [_file(row) for row in rows], number
-
-    def count_with_content(self, sha256: str) -> int:
-        """Count the files with this content."""
-        query = sa.select(sa.func.count()).select_from(files).where(files.c.sha256 == sha256)
-        with _reading(self._engine) as connection:
-            return int(connection.execute(query).scalar_one())
-
-    def delete(self, file_id: str) -> bool:
-        """Forget; False when it was unknown."""
-        with self._engine.begin() as connection:
-            return bool(connection.execute(sa.delete(files).where(files.c.id == file_id)).rowcount)
-
-
-def _file(row: sa.RowMapping) -> StoredFile:
-    return StoredFile(**{**row, "scans": tuple(row["scans"]), "photos": tuple(row["photos"])})

@@ -7,6 +7,8 @@ import re
 import shutil
 import tempfile
 from collections.abc import AsyncIterator, Sequence
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 
 from service.errors import FileTooLargeError, StorageError
@@ -89,6 +91,25 @@ class LocalFiles:
         else:
             self._adopt(path, target)
 
+    def put_copy(self, key: str, path: Path) -> None:
+        """Put a finished local file, which is never written again, into the store; the file itself stays.
+
+        Where the file system can, both are one file with two names.
+        """
+        folder = self.scratch()
+        try:
+            try:
+                os.link(path, folder / "copy")
+            except OSError:  # another file system, or one without hard links
+                shutil.copyfile(path, folder / "copy")
+            self._adopt(folder / "copy", self._path(key))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def move(self, key: str, new_key: str) -> None:
+        """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
+        _move(self._path(key), self._path(new_key))
+
     def local_path(self, key: str) -> Path:
         """Give the blob itself. FileNotFoundError when absent."""
         path = self._path(key)
@@ -107,6 +128,17 @@ class LocalFiles:
         folder = self._blobs / (prefix.rpartition("/")[0])
         found = (path.relative_to(self._blobs).as_posix() for path in folder.rglob("*") if path.is_file())
         return sorted(key for key in found if key.startswith(prefix))
+
+    def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
+        """List the keys under a prefix that were last written before a moment."""
+        return [key for key in self.keys(prefix) if _is_older(self._blobs / key, moment)]
+
+    def remove_abandoned(self, moment: datetime) -> int:
+        """Remove unfinished blobs that nobody has written to since a moment; give their number."""
+        found = [path for path in self._scratch.glob("partial-*") if _is_older(path, moment)]
+        for path in found:
+            path.unlink(missing_ok=True)
+        return len(found)
 
     def delete_prefix(self, prefix: str) -> None:
         """Remove everything under a prefix; nothing happens when there is nothing."""
@@ -155,6 +187,13 @@ class _PartialFile:
         """Remove what was not finished."""
         self._file.close()
         self._path.unlink(missing_ok=True)
+
+
+def _is_older(path: Path, moment: datetime) -> bool:
+    """Tell whether a file was last written before a moment; one that has vanished was not."""
+    with suppress(FileNotFoundError):
+        return path.stat().st_mtime < moment.timestamp()
+    return False
 
 
 def _move(source: Path, target: Path) -> None:

@@ -7,7 +7,7 @@ import threading
 import weakref
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -112,10 +112,13 @@ class MemoryFileStore:
 
     def __init__(self) -> None:
         self._files: dict[str, StoredFile] = {}
+        self._lock = threading.RLock()
 
-    def add(self, file: StoredFile) -> None:
-        """Insert."""
-        self._files[file.id] = file
+    def add(self, file: StoredFile, place: Callable[[], None] = lambda: None) -> None:
+        """Insert; `place` puts the content where it belongs."""
+        with self._lock:
+            place()
+            self._files[file.id] = file
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""
@@ -126,13 +129,31 @@ class MemoryFileStore:
         found = sorted(self._files.values(), key=lambda file: (file.created, file.id), reverse=True)
         return found[offset : offset + limit], len(found)
 
-    def count_with_content(self, sha256: str) -> int:
-        """Count the files with this content."""
-        return sum(file.sha256 == sha256 for file in self._files.values())
+    def contents(self) -> frozenset[str]:
+        """Give the hashes of all contents that files have."""
+        with self._lock:
+            return frozenset(file.sha256 for file in self._files.values())
 
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
-        return self._files.pop(file_id, None) is not None
+        with self._lock:
+            return self._files.pop(file_id, None) is not None
+
+    def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
+        """Call `remove` if no file has this content; tell whether it was called."""
+        with self._lock:
+            unused = sha256 not in self.contents()
+            if unused:
+                remove()
+            return unused
+
+    def forget_lost(self, sha256: str, is_there: Callable[[], bool]) -> int:
+        """Forget the files of a content that is not there (any more); give their number."""
+        with self._lock:
+            lost = [] if is_there() else [file.id for file in self._files.values() if file.sha256 == sha256]
+            for file_id in lost:
+                del self._files[file_id]
+            return len(lost)
 
 
 class MemoryBlobStore:
@@ -140,6 +161,7 @@ class MemoryBlobStore:
 
     def __init__(self) -> None:
         self._blobs: dict[str, bytes] = {}
+        self._written: dict[str, datetime] = {}
         directory = tempfile.mkdtemp(prefix="tieline-memory-")
         weakref.finalize(self, shutil.rmtree, directory, ignore_errors=True)
         self._files = LocalFiles(Path(directory))
@@ -157,11 +179,23 @@ class MemoryBlobStore:
     def write_bytes(self, key: str, data: bytes) -> None:
         """Store small content."""
         self._blobs[checked_key(key)] = data
+        self._written[key] = datetime.now(UTC)
 
     def put_file(self, key: str, path: Path) -> None:
         """Move a finished local file into the store."""
-        self.write_bytes(key, path.read_bytes())
+        self.put_copy(key, path)
         path.unlink()
+
+    def put_copy(self, key: str, path: Path) -> None:
+        """Put a finished local file into the store; the file itself stays."""
+        self.write_bytes(key, path.read_bytes())
+
+    def move(self, key: str, new_key: str) -> None:
+        """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
+        if key not in self._blobs:
+            raise FileNotFoundError(key)
+        self.write_bytes(new_key, self._blobs.pop(key))
+        self._written[new_key] = self._written.pop(key)
 
     def local_path(self, key: str) -> Path:
         """Give a local copy of a blob. FileNotFoundError when absent."""
@@ -177,6 +211,14 @@ class MemoryBlobStore:
     def keys(self, prefix: str) -> Sequence[str]:
         """List the keys under a prefix."""
         return sorted(key for key in self._blobs if key.startswith(prefix))
+
+    def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
+        """List the keys under a prefix that were last written before a moment."""
+        return [key for key in self.keys(prefix) if self._written[key] < moment]
+
+    def remove_abandoned(self, moment: datetime) -> int:
+        """Remove unfinished blobs: here there are none."""
+        return self._files.remove_abandoned(moment)
 
     def delete_prefix(self, prefix: str) -> None:
         """Remove everything under a prefix; nothing happens when there is nothing."""

@@ -21,7 +21,8 @@ from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.request_bodies import FormReader, declared_length, media_type, raw_filename, require_filename
 from service.settings import Settings
-from service.use_cases.store_files import FileIntake, Upload, blob_key, delete_file, find_file
+from service.use_cases.content_keys import content_key
+from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
 from service.use_cases.validate_request import pointer_to
 
 router = APIRouter(tags=["files"], responses=PROBLEM_RESPONSES)
@@ -102,7 +103,7 @@ def get_content(file_id: str, adapters: AdaptersDependency) -> Response:
     """Send a file as it was uploaded, or the range of it that was asked for."""
     file = find_file(file_id, adapters.files)
     try:
-        path = adapters.blobs.local_path(blob_key(file.id))
+        path = adapters.blobs.local_path(content_key(file.sha256))
     except FileNotFoundError:
         raise StorageError(f"the content of file '{file_id}' is missing from the storage") from None
     return FileResponse(

@@ -18,6 +18,7 @@ from service.formats import read_photo
 from service.formats.photo import camera_document
 from service.ports import Json, StepContext
 from service.use_cases.check_photos import camera_of
+from service.use_cases.content_keys import content_key
 from service.use_cases.run_features import read_limits
 from service.use_cases.run_lines_report import software
 
@@ -38,7 +39,7 @@ def detect_edges_of_photo(context: StepContext, arguments: Json) -> Json:
     options = TypeAdapter(EdgeOptions).validate_python(arguments["inputs"]["edges"])
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
-    path = context.blobs.local_path(f"files/{reference['file']}")
+    path = context.blobs.local_path(content_key(arguments["sha256"]))
     photo = read_photo(path, arguments["filename"], reference["index"], read_limits(context))
     if photo.image is None:  # pragma: no cover - such a photo is refused by `read_photo`
         raise AssertionError

@@ -14,6 +14,7 @@ from algorithms.geometry.lines import LineSource
 from algorithms.progress import ProgressSection
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
+from service.use_cases.content_keys import content_key
 from service.use_cases.feature_keys import feature_key, photos_identity
 from service.use_cases.feature_store import load_features, save_features
 
@@ -102,7 +103,7 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
-    path = context.blobs.local_path(f"files/{arguments['file']}")
+    path = context.blobs.local_path(content_key(arguments["sha256"]))
     scan = read_scan(path, arguments["filename"], arguments["index"], read_limits(context))
     read = time.perf_counter()
     references = arguments.get("photos", [])

@@ -18,6 +18,7 @@ from service.formats import read_photo
 from service.formats.photo import PhotoInfo
 from service.ports import Json, StepContext
 from service.use_cases.check_photos import camera_of
+from service.use_cases.content_keys import content_key
 from service.use_cases.run_features import read_limits
 
 GON = math.pi / 200.0
@@ -53,7 +54,7 @@ def with_photo_lines(
 
 def read_station_photo(photo: Json, context: StepContext) -> StationPhoto:
     """Read one photo with its camera and pose; parameters and errors as `with_photo_lines`."""
-    path = context.blobs.local_path(f"files/{photo['file']}")
+    path = context.blobs.local_path(content_key(photo["sha256"]))
     found = read_photo(path, photo["filename"], photo["index"], read_limits(context))
     camera = found.info.camera if photo.get("camera") is None else camera_of(photo["camera"])
     pose = pose_of_camera(photo, found.info)

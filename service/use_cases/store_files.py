@@ -1,6 +1,7 @@
 """Take uploaded files in: all of a request, or nothing."""
 
 import asyncio
+import hashlib
 import shutil
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from service.errors import (
 )
 from service.ports import BlobStore, FileStore, JobStore, StepRunner, StoredFile
 from service.settings import Settings
+from service.use_cases.content_keys import content_key, incoming_key
 from service.use_cases.feature_keys import features_of_content
 from service.use_cases.identifiers import is_identifier, new_identifier
 
@@ -58,20 +60,44 @@ class FileIntake:
             inspected = [await self._inspected(each, now) for each in received]
             for file in inspected:
                 entered.append(file)
-                await asyncio.to_thread(self.files.add, file)
+                await asyncio.to_thread(self._enter, file)
         except BaseException:  # also when the client leaves or the service stops: nothing may stay behind
-            for file in entered:
-                self.files.delete(file.id)
             for each in received:
-                self.blobs.delete_prefix(blob_key(each.id))
+                self.blobs.delete_prefix(incoming_key(each.id))
+            self.discard(entered)
             raise
         return inspected
+
+    async def store_finished(self, file_id: str, filename: str, path: Path, now: datetime) -> StoredFile:
+        """Take a finished local file in, which is never written again and stays where it is; doing it again is no harm.
+
+        Raises
+        ------
+        UnreadableFileError
+            The file is empty, or no reader understands it.
+        """
+        known = await asyncio.to_thread(self.files.get, file_id)
+        if known is not None:
+            return known
+        received = _Received(file_id, filename)
+        received.bytes, received.sha256 = await asyncio.to_thread(_size_and_hash, path)
+        if received.bytes == 0:
+            raise UnreadableFileError(filename, "the file is empty", "byte 0")
+        try:
+            await asyncio.to_thread(self.blobs.put_copy, incoming_key(file_id), path)
+            file = await self._inspected(received, now)
+            await asyncio.to_thread(self._enter, file)
+        except BaseException:
+            self.blobs.delete_prefix(incoming_key(file_id))
+            release_content(received.sha256, self.files, self.blobs)
+            raise
+        return file
 
     def discard(self, files: Sequence[StoredFile]) -> None:
         """Take back what `store` entered."""
         for file in files:
             self.files.delete(file.id)
-            self.blobs.delete_prefix(blob_key(file.id))
+            release_content(file.sha256, self.files, self.blobs)
 
     def require_room(self, coming_bytes: int = 0) -> None:
         """Refuse when the disk would be (nearly) full.
@@ -87,9 +113,13 @@ class FileIntake:
                 f"{free} bytes are free on the disk of this service, {self.settings.min_free_bytes} must remain"
             )
 
+    def _enter(self, file: StoredFile) -> None:
+        """Give the file its place; where its content is stored already, that of the new one takes its place."""
+        self.files.add(file, lambda: self.blobs.move(incoming_key(file.id), content_key(file.sha256)))
+
     async def _receive(self, upload: Upload, received: "_Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(
-            blob_key(received.id), self._watched(upload.chunks), self.settings.max_file_bytes
+            incoming_key(received.id), self._watched(upload.chunks), self.settings.max_file_bytes
         )
         if received.bytes == 0:
             raise UnreadableFileError(upload.filename, "the file is empty", "byte 0")
@@ -107,7 +137,7 @@ class FileIntake:
         try:
             found = await self.steps.run(
                 "inspect-file",
-                {"key": blob_key(received.id), "filename": received.filename},
+                {"key": incoming_key(received.id), "filename": received.filename},
                 timeout_s=self.settings.inspect_timeout_s,
             )
         except ComputationFailedError as error:  # a file that kills its reader is a bad file
@@ -133,11 +163,6 @@ class _Received:
     sha256: str = ""
 
 
-def blob_key(file_id: str) -> str:
-    """Name the blob of a file."""
-    return f"files/{file_id}"
-
-
 def find_file(file_id: str, files: FileStore) -> StoredFile:
     """Fetch the metadata of a file.
 
@@ -153,7 +178,7 @@ def find_file(file_id: str, files: FileStore) -> StoredFile:
 
 
 def delete_file(file_id: str, files: FileStore, jobs: JobStore, blobs: BlobStore) -> None:
-    """Remove a file that no unfinished job reads, and the features of its scans unless a twin needs them.
+    """Remove a file that no unfinished job reads, and its content with the features of its scans unless a twin has it.
 
     Raises
     ------
@@ -167,9 +192,22 @@ def delete_file(file_id: str, files: FileStore, jobs: JobStore, blobs: BlobStore
     if user is not None:
         raise JobNotFinishedError(f"file '{file.name}'", user.id)
     files.delete(file_id)
-    blobs.delete_prefix(blob_key(file_id))
-    if files.count_with_content(file.sha256) == 0:
-        blobs.delete_prefix(features_of_content(file.sha256))
+    release_content(file.sha256, files, blobs)
+
+
+def release_content(sha256: str, files: FileStore, blobs: BlobStore) -> bool:
+    """Remove a content and what was computed from it if no file has it; tell whether it was removed."""
+
+    def remove() -> None:
+        blobs.delete_prefix(content_key(sha256))
+        blobs.delete_prefix(features_of_content(sha256))
+
+    return files.remove_unused(sha256, remove)
+
+
+def _size_and_hash(path: Path) -> tuple[int, str]:
+    with path.open("rb") as file:
+        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _existing(path: Path) -> Path:

@@ -22,7 +22,7 @@ RAW = {"Content-Type": "application/octet-stream"}
 @pytest.fixture
 def nothing_stored(client: Client, adapters: Adapters) -> Callable[[], bool]:
     def check() -> bool:
-        return not adapters.blobs.keys("files/") and client.get("/files").json()["numberMatched"] == 0
+        return not adapters.blobs.keys("") and client.get("/files").json()["numberMatched"] == 0
 
     return check
 

@@ -77,7 +77,7 @@ def test_a_bad_form_is_pointed_at_and_leaves_nothing_behind(
             "/registrations", content=b"--X--\r\n", headers={"Content-Type": "multipart/form-data; boundary=X"}
         )
     assert pointers(answer) == [pointer]
-    assert not adapters.blobs.keys("files/")
+    assert not adapters.blobs.keys("")
     assert client.get("/files").json()["files"] == []
     assert client.get("/jobs").json()["jobs"] == []
 
@@ -86,7 +86,7 @@ def test_an_unreadable_scan_leaves_nothing_behind(client: Client, adapters: Adap
     answer = client.post("/registrations", files=[TWO[0], ("scan", ("b.e57", b"broken"))])
     assert answer.status_code == 400
     assert answer.json()["file"] == "b.e57"
-    assert not adapters.blobs.keys("files/")
+    assert not adapters.blobs.keys("")
 
 
 def test_anything_but_a_form_is_refused(client: Client) -> None:

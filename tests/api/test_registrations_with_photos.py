@@ -142,7 +142,7 @@ def test_what_belongs_to_no_station_is_pointed_at_and_leaves_nothing_behind(
 ) -> None:
     form = files if stations is None else form_of(stations, files)
     assert sorted(set(pointers(client.post("/registrations", files=form)))) == sorted(set(expected))
-    assert not adapters.blobs.keys("files/")
+    assert not adapters.blobs.keys("")
     assert client.get("/files").json()["files"] == []
     assert client.get("/jobs").json()["jobs"] == []
 

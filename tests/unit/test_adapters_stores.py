@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service.adapters.database import DatabaseFileStore, DatabaseJobStore, migrate
+from service.adapters.database import DatabaseJobStore, migrate
+from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_tables import connect, metadata
 from service.adapters.memory import MemoryFileStore, MemoryJobStore
 from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, StoredFile

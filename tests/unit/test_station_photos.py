@@ -101,7 +101,7 @@ def test_the_same_photo_uploaded_again_has_the_same_features() -> None:
 def context() -> StepContext:
     limits = {name: value for name, value in Settings().model_dump().items() if isinstance(value, int)}
     blobs = MemoryBlobStore()
-    blobs.write_bytes("files/f", bytes(cv2.imencode(".png", wall_photo())[1]))
+    blobs.write_bytes("files/ab", bytes(cv2.imencode(".png", wall_photo())[1]))
     return StepContext(blobs, NoProgress(), limits)
 
 
@@ -122,7 +122,7 @@ def test_a_photo_without_camera_or_pose_cannot_be_read(missing: str) -> None:
 def test_camera_and_pose_may_come_from_an_e57_file(tmp_path: Path) -> None:
     picture = Picture(pose=POSE, distortion={"K1": -0.02})
     without = context()
-    without.blobs.write_bytes("files/f", written(tmp_path / "a", [picture], [TURN]).read_bytes())
+    without.blobs.write_bytes("files/ab", written(tmp_path / "a", [picture], [TURN]).read_bytes())
     request = {**REQUEST, "filename": "a.e57", "camera": None, "scan_from_camera": None}
     read = read_station_photo(request, without)
     assert read.camera.k1 == -0.02
