@@ -48,6 +48,12 @@ class Settings(BaseSettings):
     """Most unfinished jobs."""
     min_free_bytes: int = Field(default=GIGABYTE, ge=0)
     """Uploads are refused (507) when less would remain free on the disk."""
+    body_timeout_s: int = Field(default=60, ge=1)
+    """Longest silence of a client in the middle of a request."""
+    upload_expiry_s: int = Field(default=86_400, ge=60)
+    """How long an unfinished upload waits to be continued, and anything half-done to be finished, before removal."""
+    clean_up_interval_s: int = Field(default=600, ge=1)
+    """Time between two searches for unfinished and orphaned content."""
     step_timeout_s: int = Field(default=3600, ge=1)
     """Longest run of one computation."""
     step_memory_bytes: int = Field(default=16 * GIGABYTE, ge=GIGABYTE)
