@@ -5,7 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from service.ports import BlobStore, FileStore, JobStore, Queue, StepRunner
+from service.ports import BlobStore, FileStore, JobStore, Queue, StepRunner, UploadStore
 from service.settings import Settings
 
 
@@ -35,6 +35,10 @@ def _adapters(request: Request) -> Adapters:
     return cast("Adapters", request.app.state.adapters)
 
 
+def _uploads(request: Request) -> UploadStore:
+    return cast("UploadStore", request.app.state.uploads)
+
+
 def _settings(request: Request) -> Settings:
     return cast("Settings", request.app.state.settings)
 
@@ -45,5 +49,6 @@ def _base_url(request: Request) -> BaseUrl:
 
 
 AdaptersDependency = Annotated[Adapters, Depends(_adapters)]
+UploadsDependency = Annotated[UploadStore, Depends(_uploads)]
 SettingsDependency = Annotated[Settings, Depends(_settings)]
 BaseUrlDependency = Annotated[BaseUrl, Depends(_base_url)]

@@ -147,6 +147,91 @@ class FileTooLargeError(ServiceError):
         super().__init__(f"{what} has {size} {unit}, the limit of this service is {limit} {unit}")
 
 
+class RequestTimeoutError(ServiceError):
+    """Say that a client fell silent in the middle of a request."""
+
+    status, title = 408, "Request timeout"
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"nothing of the request's body came for {seconds:g} s, so the service stopped waiting")
+
+
+class NoSuchUploadError(ServiceError):
+    """Say that a resumable upload does not exist."""
+
+    status, title = 404, "No such upload"
+
+    def __init__(self, upload_id: str) -> None:
+        super().__init__(f"there is no upload '{upload_id}'; POST /uploads begins one")
+
+
+class UploadGoneError(ServiceError):
+    """Say that a resumable upload cannot be continued any more."""
+
+    status, title = 410, "Upload gone"
+
+    def __init__(self, upload_id: str, reason: str) -> None:
+        super().__init__(f"upload '{upload_id}' cannot be continued: {reason}; POST /uploads begins a new one")
+
+
+class UploadLockedError(ServiceError):
+    """Say that another request writes to a resumable upload."""
+
+    status, title = 423, "Upload in use"
+
+    def __init__(self, upload_id: str) -> None:
+        super().__init__(f"another request is writing to upload '{upload_id}'; ask again when it has ended or stalls")
+
+
+class UploadOffsetError(ServiceError):
+    """Say that a client would leave a gap in an upload or overwrite it."""
+
+    status, title = 409, "Wrong offset"
+
+    def __init__(self, upload_id: str, given: int, expected: int) -> None:
+        self.expected = expected
+        super().__init__(
+            f"upload '{upload_id}' holds {expected} bytes, Upload-Offset says {given}; HEAD tells where to continue"
+        )
+
+    def extra(self) -> Mapping[str, Any]:
+        """Give the right offset."""
+        return {"offset": self.expected}
+
+
+class UploadOverrunError(ServiceError):
+    """Say that more came of an upload than was announced."""
+
+    status, title = 413, "Too large"
+
+    def __init__(self, upload_id: str, size: int, length: int) -> None:
+        super().__init__(
+            f"upload '{upload_id}' was announced with {length} bytes (Upload-Length), this body would make it {size}"
+        )
+
+
+class ChecksumMismatchError(ServiceError):
+    """Say that a part of an upload was damaged on its way; the status is that of tus."""
+
+    status, title = 460, "Checksum mismatch"
+
+    def __init__(self, algorithm: str, offset: int) -> None:
+        super().__init__(
+            f"the {algorithm} of the body is not that of Upload-Checksum; nothing of it was kept: send it again from "
+            f"offset {offset}"
+        )
+
+
+class UnsupportedTusVersionError(ServiceError):
+    """Say which version of the tus protocol is spoken here."""
+
+    status, title = 412, "Unsupported version of tus"
+
+    def __init__(self, given: str, spoken: str) -> None:
+        said = f"is '{given}'" if given else "is missing"
+        super().__init__(f"the header Tus-Resumable {said}; this service speaks tus {spoken}")
+
+
 class QuotaExceededError(ServiceError):
     """Say that a client has too much under way."""
 

@@ -14,10 +14,11 @@ from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_tables import connect
 from service.adapters.local_files import LocalFiles
+from service.adapters.local_uploads import LocalUploads
 from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
 from service.engine import DbosQueue
-from service.routes import files, health, jobs, landing, processes, registrations
+from service.routes import files, health, jobs, landing, processes, registrations, uploads
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
@@ -56,7 +57,8 @@ def create_app(
     app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"), lifespan=lifespan)
     app.state.settings = settings
     app.state.adapters = adapters
-    for resource in (landing, processes, jobs, files, registrations, health):
+    app.state.uploads = LocalUploads(settings.data_dir / "uploads")
+    for resource in (landing, processes, jobs, files, uploads, registrations, health):
         app.include_router(resource.router)
     install_error_handlers(app)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]

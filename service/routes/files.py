@@ -19,7 +19,14 @@ from service.errors import (
 from service.routes.documents import file_document, page_links
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
-from service.routes.request_bodies import FormReader, declared_length, media_type, raw_filename, require_filename
+from service.routes.request_bodies import (
+    FormReader,
+    body_of,
+    declared_length,
+    media_type,
+    raw_filename,
+    require_filename,
+)
 from service.settings import Settings
 from service.use_cases.content_keys import content_key
 from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
@@ -133,7 +140,7 @@ async def _uploads(request: Request, intake: FileIntake) -> AsyncIterator[Upload
         filename = raw_filename(request)
         if length > intake.settings.max_file_bytes:
             raise FileTooLargeError(filename, length, intake.settings.max_file_bytes)
-        yield Upload(filename, request.stream())
+        yield Upload(filename, body_of(request))
 
 
 async def _form_uploads(request: Request) -> AsyncIterator[Upload]:

@@ -5,13 +5,15 @@ from collections import deque
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from email.message import Message
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser
 
 from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, UnsupportedMediaTypeError
+from service.settings import Settings
+from service.use_cases.patient_reading import timely
 from service.use_cases.validate_request import pointer_to
 
 if TYPE_CHECKING:
@@ -32,6 +34,12 @@ def media_type(request: Request) -> str:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
+def body_of(request: Request) -> AsyncIterator[bytes]:
+    """Give the body as it comes; a client that falls silent for too long is sent away."""
+    settings = cast("Settings", request.app.state.settings)
+    return timely(request.stream(), settings.body_timeout_s)
+
+
 async def read_json_body(request: Request) -> bytes:
     """Read a JSON body; its Content-Type does not matter, many clients send none.
 
@@ -43,7 +51,7 @@ async def read_json_body(request: Request) -> bytes:
     length = declared_length(request)
     if length is not None and length > MAX_JSON_BYTES:
         raise FileTooLargeError("the request body", length, MAX_JSON_BYTES)
-    return await read_within("the request body", request.stream(), MAX_JSON_BYTES)
+    return await read_within("the request body", body_of(request), MAX_JSON_BYTES)
 
 
 async def read_within(what: str, chunks: AsyncIterator[bytes], limit: int) -> bytes:
@@ -107,7 +115,7 @@ class FormReader:
     """
 
     def __init__(self, request: Request) -> None:
-        self._chunks = request.stream()
+        self._chunks = body_of(request)
         self._events: deque[_PartStart | bytes | _PartEnd] = deque()
         self._finished = False
         self._header_name = b""

@@ -1,0 +1,294 @@
+"""Resumable uploads: begin, continue, look, end; the last byte makes a file of it."""
+
+import asyncio
+import hashlib
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any, TypeVar
+
+from service.errors import (
+    ChecksumMismatchError,
+    FileTooLargeError,
+    UnreadableFileError,
+    UploadGoneError,
+    UploadLockedError,
+    UploadOffsetError,
+    UploadOverrunError,
+    to_problem,
+)
+from service.ports import OpenUpload, PendingUpload, UploadState, UploadStore
+from service.use_cases.identifiers import new_identifier
+from service.use_cases.patient_reading import timely
+from service.use_cases.store_files import BYTES_BETWEEN_DISK_CHECKS, FileIntake
+
+CHECKSUMS = ("sha1", "sha256")
+BLOCK_BYTES = 1 << 20
+TICK_S = 0.25
+STALE_AFTER_S = 1.0
+"""A request that has sent nothing for so long may be ended by a new one for the same upload."""
+TAKE_OVER_WITHIN_S = 5.0
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Checksum:
+    """What the hash of one request's body must be."""
+
+    algorithm: str
+    digest: bytes
+
+
+@dataclass(frozen=True)
+class UploadPart:
+    """The body of one request that continues an upload."""
+
+    offset: int
+    """Where the client says that it continues."""
+    chunks: AsyncIterator[bytes]
+    declared_bytes: int | None = None
+    checksum: Checksum | None = None
+
+
+@dataclass(frozen=True)
+class UploadDesk:
+    """Where resumable uploads are taken in."""
+
+    uploads: UploadStore
+    intake: FileIntake
+
+    async def begin(self, filename: str, length: int, metadata: str, now: datetime) -> UploadState:
+        """Enter an upload.
+
+        Raises
+        ------
+        FileTooLargeError, InsufficientStorageError
+            It would exceed a limit.
+        UnreadableFileError
+            It is empty.
+        """
+        limit = self.intake.settings.max_file_bytes
+        if length > limit:
+            raise FileTooLargeError(filename, length, limit)
+        if length == 0:
+            raise UnreadableFileError(filename, "the file is empty", "byte 0")
+        await asyncio.to_thread(self.intake.require_room, length)
+        upload = PendingUpload(new_identifier(), filename, length, metadata, now)
+        await asyncio.to_thread(self.uploads.create, upload)
+        return UploadState(upload, 0, now)
+
+    async def describe(self, upload_id: str, now: datetime) -> UploadState:
+        """Tell how far an upload is, without disturbing who writes to it.
+
+        Raises
+        ------
+        NoSuchUploadError, UploadGoneError
+            There is none, or it has waited too long.
+        """
+        state = await asyncio.to_thread(self.uploads.find, upload_id)
+        if self.expires(state) < now:
+            raise UploadGoneError(upload_id, "nothing came for too long")
+        return state
+
+    async def look(self, upload_id: str, now: datetime) -> UploadState:
+        """Tell where to continue an upload; a request for it that has stalled is ended.
+
+        Raises
+        ------
+        UploadLockedError
+            A request is writing to it right now.
+        NoSuchUploadError, UploadGoneError
+            There is none, it has waited too long, or what came was no readable file.
+        """
+        state = await self.describe(upload_id, now)
+        if not state.complete:
+            async with self._locked(upload_id) as opened:
+                state = opened.state
+        _require_unrefused(state.upload)
+        return state
+
+    async def append(self, upload_id: str, part: UploadPart, now: datetime) -> UploadState:
+        """Continue an upload; the last byte makes a file of it.
+
+        What has come when the connection breaks is kept, unless a checksum was promised for it.
+
+        Raises
+        ------
+        UploadLockedError, UploadOffsetError, UploadOverrunError, ChecksumMismatchError, InsufficientStorageError
+            The part cannot be taken.
+        UnreadableFileError
+            The upload is complete and no readable file.
+        NoSuchUploadError, UploadGoneError
+            There is no such upload, or not any more.
+        """
+        await self.describe(upload_id, now)
+        async with self._locked(upload_id) as opened:
+            state = opened.state
+            _require_unrefused(state.upload)
+            if part.offset != state.offset:
+                raise UploadOffsetError(upload_id, part.offset, state.offset)
+            room = state.upload.length - state.offset
+            if part.declared_bytes is not None and part.declared_bytes > room:
+                raise UploadOverrunError(upload_id, state.offset + part.declared_bytes, state.upload.length)
+            await asyncio.to_thread(self.intake.require_room, part.declared_bytes or 0)
+            await self._take(opened, part)
+            await self._finish(opened, now)
+            return opened.state
+
+    async def finish(self, upload_id: str, now: datetime) -> None:
+        """Make a file of an upload whose last byte came before a process died; nothing happens if another one does it.
+
+        Raises
+        ------
+        UnreadableFileError
+            It is no readable file.
+        """
+        opened = await asyncio.to_thread(self.uploads.lock, upload_id)
+        if opened is not None:
+            try:
+                await self._finish(opened, now)
+            finally:
+                opened.close()
+
+    async def terminate(self, upload_id: str) -> None:
+        """Remove an upload; a file that it has become stays.
+
+        Raises
+        ------
+        UploadLockedError
+            A request is writing to it right now.
+        NoSuchUploadError
+            There is none.
+        """
+        async with self._locked(upload_id) as opened:
+            await _undisturbed(opened.remove)
+
+    def expires(self, state: UploadState) -> datetime:
+        """Tell when an upload is removed unless it goes on."""
+        return state.touched + timedelta(seconds=self.intake.settings.upload_expiry_s)
+
+    @asynccontextmanager
+    async def _locked(self, upload_id: str) -> AsyncIterator[OpenUpload]:
+        opened = await asyncio.to_thread(self.uploads.lock, upload_id)
+        if opened is None:
+            opened = await self._taken_over(upload_id)
+        try:
+            yield opened
+        finally:
+            opened.close()
+
+    async def _taken_over(self, upload_id: str) -> OpenUpload:
+        """Ask a request that has stalled to end."""
+        state = await asyncio.to_thread(self.uploads.find, upload_id)
+        if (datetime.now(UTC) - state.touched).total_seconds() < STALE_AFTER_S:
+            raise UploadLockedError(upload_id)
+        self.uploads.ask_for(upload_id)
+        deadline = time.monotonic() + TAKE_OVER_WITHIN_S
+        while time.monotonic() < deadline:
+            await asyncio.sleep(TICK_S / 5.0)
+            opened = await asyncio.to_thread(self.uploads.lock, upload_id)
+            if opened is not None:
+                return opened
+        raise UploadLockedError(upload_id)
+
+    async def _take(self, opened: OpenUpload, part: UploadPart) -> None:
+        writer = _PartWriter(opened, part, self.intake.require_room)
+        opened.touch()
+        if part.checksum is not None:
+            opened.doubt()
+        try:
+            async for chunk in timely(part.chunks, self.intake.settings.body_timeout_s, TICK_S):
+                await writer.add(chunk)
+            await writer.finish()
+        except BaseException:
+            await writer.give_up()
+            raise
+
+    async def _finish(self, opened: OpenUpload, now: datetime) -> None:
+        state = opened.state
+        upload = state.upload
+        if upload.finished or upload.problem is not None or not state.complete:
+            return
+        try:
+            await self.intake.store_finished(upload.id, upload.filename, opened.path, now)
+        except UnreadableFileError as error:
+            await _undisturbed(opened.save, replace(upload, problem=to_problem(error)))
+            raise
+        await _undisturbed(opened.save, replace(upload, finished=True))
+
+
+class _PartWriter:
+    """Write one body block by block."""
+
+    def __init__(self, opened: OpenUpload, part: UploadPart, require_room: Callable[[], None]) -> None:
+        self._opened = opened
+        self._part = part
+        self._room = opened.state.upload.length - part.offset
+        self._digest = None if part.checksum is None else hashlib.new(part.checksum.algorithm, usedforsecurity=False)
+        self._require_room = require_room
+        self._block = bytearray()
+        self._written = 0
+        self._unchecked = 0
+        self._due = time.monotonic() + TICK_S
+
+    async def add(self, chunk: bytes) -> None:
+        """Take a chunk; an empty one only says that time has passed."""
+        if self._opened.asked_for():
+            raise UploadLockedError(self._opened.state.upload.id)
+        self._block += chunk
+        if self._written + len(self._block) > self._room:
+            upload = self._opened.state.upload
+            raise UploadOverrunError(upload.id, self._part.offset + self._written + len(self._block), upload.length)
+        # what a slow client sends shows soon: the size of the file on disk is what others take for its progress
+        if len(self._block) >= BLOCK_BYTES or time.monotonic() >= self._due:
+            await self._flush()
+
+    async def finish(self) -> None:
+        """Write the rest and compare the checksum."""
+        await self._flush()
+        await _undisturbed(self._opened.sync)
+        if self._digest is not None and self._part.checksum is not None:
+            if self._digest.digest() != self._part.checksum.digest:
+                raise ChecksumMismatchError(self._part.checksum.algorithm, self._part.offset)
+            await _undisturbed(self._opened.trust)
+
+    async def give_up(self) -> None:
+        """Keep what has come, if it counts without being complete."""
+        if self._digest is not None:
+            await _undisturbed(self._opened.cut)
+        elif self._written + len(self._block) <= self._room:
+            await self._flush()
+
+    async def _flush(self) -> None:
+        data = bytes(self._block)
+        self._block.clear()  # never written again, even if the disk is full in the middle
+        self._due = time.monotonic() + TICK_S
+        if data:
+            await _undisturbed(self._write, data)
+
+    def _write(self, data: bytes) -> None:
+        self._unchecked += len(data)
+        if self._unchecked >= BYTES_BETWEEN_DISK_CHECKS:
+            self._require_room()
+            self._unchecked = 0
+        self._opened.write(data)
+        self._written += len(data)
+        if self._digest is not None:
+            self._digest.update(data)
+
+
+async def _undisturbed(function: Callable[..., Value], *arguments: Any) -> Value:
+    """Run in a thread and wait for its end even when cancelled: the file must not be closed under it."""
+    task = asyncio.ensure_future(asyncio.to_thread(function, *arguments))
+    try:
+        return await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait({task})
+        raise
+
+
+def _require_unrefused(upload: PendingUpload) -> None:
+    if upload.problem is not None:
+        raise UploadGoneError(upload.id, str(upload.problem.get("detail")))
