@@ -29,6 +29,7 @@ from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.errors import StorageError
 from service.settings import Settings
 from service.use_cases.adopt_files import adopt_files
+from service.use_cases.content_keys import INCOMING
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
@@ -138,6 +139,7 @@ def _listening(settings: Settings) -> Iterator[socket.socket]:
 def _remove_partial(settings: Settings) -> None:
     """Remove what a service that was killed left half-written."""
     remove_left_scratch(settings)
+    LocalFiles(settings.data_dir).delete_prefix(INCOMING)
     for path in (settings.data_dir / "scratch").glob("partial-*"):
         path.unlink(missing_ok=True)
 

@@ -1,12 +1,18 @@
 """The composition root of the web process."""
 
+import asyncio
+import random
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
+import structlog
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.adapters.child_process import ChildProcesses
 from service.adapters.database import DatabaseJobStore
@@ -18,10 +24,15 @@ from service.adapters.local_uploads import LocalUploads
 from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
 from service.engine import DbosQueue
+from service.errors import ServiceError
 from service.routes import files, health, jobs, landing, processes, registrations, uploads
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
+from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
+from service.use_cases.receive_uploads import UploadDesk
+
+log = structlog.get_logger()
 
 
 def app_from_environment() -> FastAPI:
@@ -39,13 +50,29 @@ def app_from_environment() -> FastAPI:
     )
 
     @asynccontextmanager
-    async def closing(_app: FastAPI) -> AsyncIterator[None]:
+    async def closing(app: FastAPI) -> AsyncIterator[None]:
+        desk = UploadDesk(app.state.uploads, files.file_intake(adapters, settings))
+        cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), settings))
         yield
+        cleaning.cancel()
         readers.close()
         queue.close()
         database.dispose()
 
     return create_app(settings, adapters, closing)
+
+
+async def _clean_up_regularly(cleaner: Cleaner, settings: Settings) -> None:
+    """Clean up from time to time, each process at its own; what fails is tried again the next time."""
+    while True:
+        await asyncio.sleep(settings.clean_up_interval_s * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
+        try:
+            done = await cleaner.clean_up(datetime.now(UTC))
+        except (ServiceError, SQLAlchemyError, OSError) as error:
+            log.warning("cleaning up failed", error=str(error))
+            continue
+        if not done.nothing:
+            log.info("cleaned up", **asdict(done))
 
 
 def create_app(

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
+from uuid import uuid4
 
 from service.errors import FileTooLargeError, StorageError
 
@@ -80,7 +81,7 @@ class LocalFiles:
         """Move a finished local file into the store; a file from another file system is copied first."""
         target = self._path(key)
         if path.stat().st_dev != self._blobs.stat().st_dev:
-            descriptor, name = tempfile.mkstemp(dir=self._scratch, prefix="copy-")
+            descriptor, name = tempfile.mkstemp(dir=self._scratch, prefix="partial-")
             os.close(descriptor)
             try:
                 shutil.copyfile(path, name)
@@ -96,15 +97,15 @@ class LocalFiles:
 
         Where the file system can, both are one file with two names.
         """
-        folder = self.scratch()
+        copy = self._scratch / f"partial-{uuid4().hex}"
         try:
             try:
-                os.link(path, folder / "copy")
+                copy.hardlink_to(path)
             except OSError:  # another file system, or one without hard links
-                shutil.copyfile(path, folder / "copy")
-            self._adopt(folder / "copy", self._path(key))
+                shutil.copyfile(path, copy)
+            self._adopt(copy, self._path(key))
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            copy.unlink(missing_ok=True)
 
     def move(self, key: str, new_key: str) -> None:
         """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""

@@ -1,8 +1,7 @@
 """Carry over what earlier versions stored: one blob per file, named by the file's id."""
 
 from service.ports import BlobStore, FileStore
-from service.use_cases.content_keys import FILES, content_key
-from service.use_cases.identifiers import is_identifier
+from service.use_cases.content_keys import FILES, content_key, is_content
 
 
 def adopt_files(files: FileStore, blobs: BlobStore) -> int:
@@ -13,7 +12,7 @@ def adopt_files(files: FileStore, blobs: BlobStore) -> int:
     adopted = 0
     for key in blobs.keys(FILES):
         name = key.removeprefix(FILES)
-        file = files.get(name) if is_identifier(name) else None
+        file = None if is_content(name) else files.get(name)
         if file is not None:
             blobs.move(key, content_key(file.sha256))
             adopted += 1

@@ -10,6 +10,9 @@ FEATURE_VERSION = 3
 """Raise when extraction gives other features for the same scan and options."""
 
 
+FEATURES = "features/"
+
+
 def photos_identity(photos: Sequence[Json], options: Json) -> Json | None:
     """Give all that the lines of photos depend on: content, number, camera, pose and mount of each, and the options.
 
@@ -23,7 +26,7 @@ def photos_identity(photos: Sequence[Json], options: Json) -> Json | None:
 
 def features_of_content(sha256: str) -> str:
     """Name the folder with the features of all scans of a file, by its content."""
-    return f"features/{sha256}"
+    return f"{FEATURES}{sha256}"
 
 
 def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None = None) -> str:
