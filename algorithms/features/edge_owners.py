@@ -25,11 +25,13 @@ from algorithms.features.side_planes import (
 )
 
 DOWNWARDS = 0.5
-"""Cosine between the scanner's nadir and the direction from an edge to a side that counts as below it."""
+"""Cosine between the nadir and the direction from an edge to a side that counts as below it."""
 
 FACE_PX = 4.0
 """Faces narrower than this in the photo have their far end so near that both ends look like one edge, or that the far
 one, where it is all that is seen, could not be told from the near one [px]."""
+HORIZON = float(np.sin(np.deg2rad(6.0)))
+"""Rays that rise by less may look down upon level surfaces, as scanners stand upright to a few degrees only."""
 LEAST_TURN = 1e-3
 """Sine of the angle from which a face that bounds a body is seen: one of 0.3 m in 10 m is then 0.05 px wide."""
 
@@ -65,6 +67,7 @@ def edge_owners(
     uneven: Bool[Array, "n 2"],
     crowded: Bool[Array, "n 2"],
     touches: EdgeTouches,
+    up: Vector3,
     min_angle_rad: float,
 ) -> EdgeOwners:
     """Decide to which plane each edge belongs.
@@ -91,6 +94,8 @@ def edge_owners(
         (n, 2) sides on which another edge runs nearer than the points of the plane: the surface may end there.
     touches
         Where planes are seen to end at the edge.
+    up
+        (3,) unit direction upwards.
     min_angle_rad
         Least angle between projecting plane and surface.
     """
@@ -130,7 +135,11 @@ def edge_owners(
     explained = planes.on_plane[rows, :, 1 - owner].sum(axis=1)
     between: Array = others[rows, owner] - explained
     unclear |= doubted & both & (others[rows, owner] >= FEW_BESIDE) & (between > BETWEEN_SHARE * others[rows, owner])
-    unclear |= ends & planes.empty[rows, 1 - owner] & _lies_above(centroids, projecting, centre)
+    unclear |= (
+        ends
+        & planes.empty[rows, 1 - owner]
+        & (_lies_above(centroids, projecting, centre, up) | _may_hide_a_top(centroids, projecting, rays, centre, up))
+    )
     # side 0 is the brighter one: what is darker and not measured is hardly the sky, rather a body that does not reflect
     unclear |= ends & (owner == 0) & planes.empty[:, 1]
     narrow: Array = doubted | (ends & (touches.faces_px[rows, owner] < FACE_PX))
@@ -173,14 +182,31 @@ def _may_hide_a_face(
     return np.asarray((np.einsum("ni,nei->ne", outwards, rays) < -LEAST_TURN).any(axis=1))
 
 
-def _lies_above(centroids: Points, projecting: Points, centre: Vector3) -> Flags:
-    """Tell which surfaces end downwards, in the axes of the scanner, which stands upright more or less.
+def _lies_above(centroids: Points, projecting: Points, centre: Vector3, up: Vector3) -> Flags:
+    """Tell which surfaces end downwards.
 
     Below bodies there is no sky. Where nothing is measured there, a body that reflects nothing back, or is seen too
     flatly, hides their lower end.
     """
+    return np.asarray(_upwards(centroids, projecting, centre, up) < -DOWNWARDS)
+
+
+def _may_hide_a_top(
+    centroids: Points, projecting: Points, rays: Float64[Array, "n 3 3"], centre: Vector3, up: Vector3
+) -> Flags:
+    """Tell which surfaces end upwards below the camera, or hardly above it.
+
+    Where nothing is measured beyond there need not be sky: a level top, as of a bank, is seen too flatly to be
+    measured, and what the photo shows may be the far end of it, or a shadow on it.
+    """
+    below = (rays @ up < HORIZON).any(axis=1)
+    return np.asarray((_upwards(centroids, projecting, centre, up) > DOWNWARDS) & below)
+
+
+def _upwards(centroids: Points, projecting: Points, centre: Vector3, up: Vector3) -> Scalars:
+    """Give how far upwards the normals of the projecting planes point on the side that is not the surface's."""
     inside = np.einsum("ni,ni->n", projecting, centroids - centre)
-    return np.asarray(-np.where(inside > 0.0, 1.0, -1.0) * projecting[:, 2] < -DOWNWARDS)
+    return np.asarray(-np.where(inside > 0.0, 1.0, -1.0) * (projecting @ up))
 
 
 def _steep_enough(

@@ -25,6 +25,7 @@ from algorithms.geometry.projecting_planes import projecting_planes
 from algorithms.photos.segments import ImageSegments
 from algorithms.progress import Progress, ProgressSection
 from algorithms.scans.scan import Scan
+from algorithms.scans.scanner_axis import scanner_axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +161,8 @@ def _projected(
     rays = _edge_rays(chosen, camera, pose)
     uneven = planes.uneven(centre, noise_std_m**2)
     touches = edge_touches(bands, planes, normals, centre, options.gap_px)
-    owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, touches, least_angle)
+    up = scanner_axis(scan)
+    owners = edge_owners(planes, normals, rays, centre, variances, uneven, ends_before, touches, up, least_angle)
     reasons[long] = owners.reasons
     clear = owners.reasons == EdgeRejection.NONE
     owned = clear | (owners.reasons == EdgeRejection.OCCLUSION_UNCLEAR)

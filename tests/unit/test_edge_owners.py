@@ -75,6 +75,23 @@ def test_only_upwards_bodies_end_before_the_sky(upwards):
     assert edges.rejected_reasons.tolist() == ([] if upwards else [EdgeRejection.OCCLUSION_UNCLEAR])
 
 
+@pytest.mark.parametrize("above", [True, False])
+def test_hardly_above_the_camera_what_is_not_measured_beyond_an_upper_end_is_no_sky(above):
+    # a bank ends upwards; the meadow on it is seen too flatly to be measured, and may end or lie in shadow farther off
+    height = 1.2 if above else 0.5
+    board = panel((6.0, -1.0, height - 0.8), (0, 2, 0), (0, 0, 0.8), STEP_M)
+    starts, ends = np.array([[6.0, -0.8, height]]), np.array([[6.0, 0.8, height]])
+    edges = project(board, starts=starts, ends=ends)
+    assert edges.rejected_reasons.tolist() == ([] if above else [EdgeRejection.OCCLUSION_UNCLEAR])
+
+
+def test_hardly_above_the_camera_an_upper_end_before_something_measured_is_a_silhouette():
+    board = panel((6.0, -1.0, -0.3), (0, 2, 0), (0, 0, 0.8), STEP_M)
+    behind = panel((9.0, -1.6, 0.66), (0, 3.2, 0), (0, 0, 1.5), 1.5 * STEP_M)
+    starts, ends = np.array([[6.0, -0.8, 0.5]]), np.array([[6.0, 0.8, 0.5]])
+    assert project(board, behind, starts=starts, ends=ends).kinds.tolist() == [SpaceEdgeKind.SILHOUETTE]
+
+
 def test_something_between_both_planes_makes_the_edge_unclear():
     # half of what lies right beside the edge is neither of the wall nor of the one behind it
     behind = seen_behind()
