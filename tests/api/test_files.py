@@ -292,3 +292,19 @@ def test_a_file_in_use_cannot_be_removed_before_its_job_ends(client: Client) -> 
 def test_an_unknown_file_is_not_found(client: Client, method: str, file: str) -> None:
     assert client.request(method, f"/files/{file}").status_code == 404
     assert client.get(f"/files/{file}/content").status_code == 404
+
+
+def test_the_same_content_is_stored_once_and_goes_with_its_last_file(client: Client, adapters: Adapters) -> None:
+    files = [client.upload(name, b"1 2 3\n") for name in ("a.xyz", "b.xyz")]
+    assert len(adapters.blobs.keys("")) == 1
+    client.delete(f"/files/{files[0]}")
+    assert client.get(f"/files/{files[1]}/content").content == b"1 2 3\n"
+    client.delete(f"/files/{files[1]}")
+    assert adapters.blobs.keys("") == []
+
+
+def test_a_refused_upload_takes_nothing_from_a_file_of_the_same_content(client: Client) -> None:
+    file = client.upload("a.xyz", b"1 2 3\n")
+    files = [("file", ("b.xyz", b"1 2 3\n")), ("file", ("c.xyz", b"broken"))]
+    assert client.post("/files", files=files).status_code == 400
+    assert client.get(f"/files/{file}/content").content == b"1 2 3\n"

@@ -3,6 +3,7 @@
 import asyncio
 import hashlib
 from collections.abc import AsyncIterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -77,3 +78,29 @@ def test_a_finished_file_is_moved_into_the_store(blobs: BlobStore) -> None:
     path.write_bytes(b"made")
     blobs.put_file("features/made.npz", path)
     assert (blobs.local_path("features/made.npz").read_bytes(), path.exists()) == (b"made", False)
+
+
+def test_a_copy_leaves_the_file_where_it_is(blobs: BlobStore) -> None:
+    path = blobs.scratch() / "made"
+    path.write_bytes(b"made")
+    blobs.put_copy("incoming/made", path)
+    assert (blobs.local_path("incoming/made").read_bytes(), path.read_bytes()) == (b"made", b"made")
+
+
+def test_a_moved_blob_takes_the_place_of_another(blobs: BlobStore) -> None:
+    blobs.write_bytes("files/a", b"old")
+    blobs.write_bytes("incoming/b", b"new")
+    blobs.move("incoming/b", "files/a")
+    assert (blobs.local_path("files/a").read_bytes(), blobs.keys("")) == (b"new", ["files/a"])
+
+
+def test_a_missing_blob_cannot_be_moved(blobs: BlobStore) -> None:
+    with pytest.raises(FileNotFoundError):
+        blobs.move("incoming/none", "files/a")
+
+
+def test_blobs_are_listed_by_age(blobs: BlobStore) -> None:
+    blobs.write_bytes("incoming/a", b"1")
+    now = datetime.now(UTC)
+    assert blobs.unchanged_since("incoming/", now - timedelta(hours=1)) == []
+    assert blobs.unchanged_since("incoming/", now + timedelta(hours=1)) == ["incoming/a"]

@@ -187,3 +187,36 @@ def test_a_step_of_a_dismissed_job_does_not_begin(engine: sa.Engine) -> None:
     jobs.create_and_enqueue(JOB)
     jobs.dismiss("j1", NOW)
     assert not jobs.begin_step("j1", "features of S1", NOW)
+
+
+def test_the_contents_of_all_files_are_listed_once(files: FileStore) -> None:
+    for file_id, sha256 in (("f1", "0" * 64), ("f2", "0" * 64), ("f3", "1" * 64)):
+        files.add(replace(FILE, id=file_id, sha256=sha256))
+    assert files.contents() == {"0" * 64, "1" * 64}
+
+
+def test_a_file_whose_content_cannot_be_placed_is_not_entered(files: FileStore) -> None:
+    def fail() -> None:
+        raise ConnectionError
+
+    with pytest.raises(ConnectionError):
+        files.add(FILE, fail)
+    assert files.get("f1") is None
+
+
+def test_a_content_is_removed_with_its_last_file_only(files: FileStore) -> None:
+    removed: list[str] = []
+    files.add(FILE)
+    files.add(replace(FILE, id="f2"))
+    files.delete("f1")
+    assert not files.remove_unused(FILE.sha256, lambda: removed.append("early"))
+    files.delete("f2")
+    assert files.remove_unused(FILE.sha256, lambda: removed.append("last"))
+    assert removed == ["last"]
+
+
+def test_files_are_forgotten_only_while_their_content_is_away(files: FileStore) -> None:
+    files.add(FILE)
+    files.add(replace(FILE, id="f2"))
+    assert (files.forget_lost(FILE.sha256, lambda: True), files.forget_lost(FILE.sha256, lambda: False)) == (0, 2)
+    assert files.find(10, 0) == ([], 0)
