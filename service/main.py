@@ -25,7 +25,7 @@ from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
-from service.routes import files, health, jobs, landing, processes, registrations, uploads
+from service.routes import files, health, job_events, jobs, landing, processes, registrations, uploads
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
 from service.use_cases.clean_up import Cleaner
@@ -85,7 +85,7 @@ def create_app(
     app.state.settings = settings
     app.state.adapters = adapters
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
-    for resource in (landing, processes, jobs, files, uploads, registrations, health):
+    for resource in (landing, processes, jobs, job_events, files, uploads, registrations, health):
         app.include_router(resource.router)
     install_error_handlers(app)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]

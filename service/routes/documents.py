@@ -21,6 +21,7 @@ def status_info(job: Job, url: BaseUrl) -> StatusInfo:
         links.append(Link(href=f"{here}/artifacts", rel="related", title="Downloads of the job"))
     if not job.status.finished:
         links.append(Link(href=here, rel="dismiss", title="DELETE to dismiss the job"))
+        links.append(Link(href=f"{here}/events", rel="monitor", type="text/event-stream", title="Events of the job"))
     return StatusInfo(
         process_id=job.process_id,
         job_id=job.id,

@@ -53,8 +53,8 @@ def test_status_has_what_the_standard_and_the_contract_name(client: Client, job_
 @pytest.mark.parametrize(
     ("status", "relations"),
     [
-        (JobStatus.ACCEPTED, {"self", "dismiss"}),
-        (JobStatus.RUNNING, {"self", "dismiss"}),
+        (JobStatus.ACCEPTED, {"self", "dismiss", "monitor"}),
+        (JobStatus.RUNNING, {"self", "dismiss", "monitor"}),
         (JobStatus.SUCCESSFUL, {"self", "results", "related"}),
         (JobStatus.FAILED, {"self", "results"}),
         (JobStatus.DISMISSED, {"self"}),
