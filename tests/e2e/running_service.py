@@ -113,6 +113,9 @@ class RunningService:
     def worker(self) -> psutil.Process:
         return self._running("service.worker")[0]
 
+    def apis(self) -> Sequence[psutil.Process]:
+        return self._running("service.launcher")
+
     def computations(self) -> Sequence[psutil.Process]:
         """Give the computing processes: copies of a nursery, called like it."""
         nurseries = {process.pid for process in self._running("service.child")}
