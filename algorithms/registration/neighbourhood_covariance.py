@@ -13,7 +13,7 @@ import numpy as np
 
 from algorithms.arrays import Array, Points, Scalars
 
-EDGE_FACTORS = (2.0, 4.0, 8.0)
+EDGE_FACTORS = (2, 4, 8)
 """Edges of the larger neighbourhoods that are tried, over the smallest."""
 LEAST_DEGREES = 4.0
 """Larger neighbourhoods that leave fewer degrees of freedom to a motion are not used: their covariance is chance."""
@@ -74,81 +74,106 @@ def neighbourhood_covariance(
     shifts
         (m, k) parameters to shifts: the neighbourhood that does most is the one with the largest effect on them.
     """
-    normal_matrix = bread * (design * weights[:, None]).T @ design
+    cells, sums = _summed(design, weights, gaps_m, positions, normals, edge_m)
+    normal_matrix = bread * sums.own.sum(axis=0)
+    chosen, _ = _at(normal_matrix, bread, sums)
+    summed, factor = sums, 1
+    if np.isfinite(chosen.variances).all():
+        inverse, largest = np.linalg.inv(chosen.matrix), float(design.shape[1])
+        for times in EDGE_FACTORS:
+            coarser = sums.united(np.unique(cells // times, axis=0, return_inverse=True)[1].ravel())
+            found, degrees = _at(normal_matrix, bread, coarser)
+            if degrees < LEAST_DEGREES:
+                break
+            larger = float(np.trace(inverse @ found.matrix))
+            if larger > largest:
+                chosen, largest, summed, factor = found, larger, coarser, times
+    return NeighbourhoodCovariance(
+        axes=chosen.axes,
+        variances=chosen.variances,
+        edge_m=factor * edge_m,
+        count=len(summed.own),
+        largest_share=_largest_share(normal_matrix, summed.moved, shifts),
+    )
 
-    def at(edge: float) -> tuple[NeighbourhoodCovariance, float]:
-        return _at(normal_matrix, bread, design, weights, gaps_m, normals, _groups(positions, edge), edge, shifts)
 
-    chosen, _ = at(edge_m)
-    if not np.isfinite(chosen.variances).all():
-        return chosen
-    inverse, largest = np.linalg.inv(_matrix(chosen)), float(design.shape[1])
-    for factor in EDGE_FACTORS:
-        found, degrees = at(factor * edge_m)
-        if degrees < LEAST_DEGREES:
-            break
-        larger = float(np.trace(inverse @ _matrix(found)))
-        if larger > largest:
-            chosen, largest = found, larger
-    return chosen
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """What the points of each of g neighbourhoods add up to."""
+
+    own: Array
+    """(g, k, k) Σ w a aᵀ."""
+    moved: Array
+    """(g, k, 3) Σ w a nᵀ."""
+    right: Array
+    """(g, k) Σ w a v."""
+
+    def united(self, groups: Array) -> "_Sums":
+        """Add up neighbourhoods by groups, (g,)."""
+        count = int(groups.max()) + 1
+        return _Sums(*(_added(each, groups, count) for each in (self.own, self.moved, self.right)))
 
 
-def _groups(positions: Points, edge_m: float) -> Array:
-    """Find for each point the number of the cube that it lies in, (n,)."""
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """Axes and variances as of `NeighbourhoodCovariance`."""
+
+    axes: Array
+    variances: Scalars
+
+    @property
+    def matrix(self) -> Array:
+        """(k, k)."""
+        return np.asarray((self.axes * self.variances) @ self.axes.T)
+
+
+def _summed(
+    design: Array, weights: Scalars, gaps_m: Scalars, positions: Points, normals: Points, edge_m: float
+) -> tuple[Array, _Sums]:
+    """Sum the points of every cube: its place among cubes (g, 3), and the sums."""
+    from algorithms.registration import surface_kernels as kernels
+
     cells = np.floor(positions / edge_m).astype(np.int64)
-    cells -= cells.min(axis=0)
+    low = cells.min(axis=0)
+    shape = tuple(cells.max(axis=0) - low + 1)
     # one number for each cube: rows are much slower to sort
-    keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
-    return np.unique(keys, return_inverse=True)[1]
+    keys, groups = np.unique(np.ravel_multi_index(tuple((cells - low).T), shape), return_inverse=True)
+    sums = kernels.sums_of_groups(np.ascontiguousarray(design), weights, gaps_m, normals, groups, len(keys))
+    return np.stack(np.unravel_index(keys, shape), axis=1) + low, _Sums(*sums)
 
 
-def _at(
-    normal_matrix: Array,
-    bread: float,
-    design: Array,
-    weights: Scalars,
-    gaps_m: Scalars,
-    normals: Points,
-    groups: Array,
-    edge_m: float,
-    shifts: Array,
-) -> tuple[NeighbourhoodCovariance, float]:
+def _at(normal_matrix: Array, bread: float, sums: _Sums) -> tuple[_Estimate, float]:
     """Estimate with neighbourhoods of one size; give the fewest degrees of freedom of a principal axis too."""
-    count, k = int(groups.max()) + 1, design.shape[1]
-    weighted = design * weights[:, None]
-    own = _sums(weighted[:, :, None] * design[:, None, :], groups, count)
-    moved = _sums(weighted[:, :, None] * normals[:, None, :], groups, count)
-    right = _sums(weighted * gaps_m[:, None], groups, count)
-    without = normal_matrix - bread * own
+    count, k = sums.right.shape
+    without = normal_matrix - bread * sums.own
     # A neighbourhood without which a motion is open leaves a singular matrix: the pseudo-inverse says nothing of that
     # motion then, but the degrees of freedom do, because all its information lies in that neighbourhood.
-    changes = np.einsum("gij,gj->gi", np.linalg.pinv(without, rcond=1e-9, hermitian=True), right)
+    changes = np.einsum("gij,gj->gi", np.linalg.pinv(without, rcond=1e-9, hermitian=True), sums.right)
     values, axes = np.linalg.eigh((count - 1.0) / count * changes.T @ changes)
     values, axes = np.maximum(values[::-1], 0.0), axes[:, ::-1]
     along = np.linalg.solve(normal_matrix, axes)
-    shares = np.einsum("ik,gij,jk->gk", along, bread * own, along)
-    shares /= np.einsum("ik,ij,jk->k", along, normal_matrix, along)
+    shares = bread * np.sum((sums.own @ along) * along, axis=1)
+    shares /= np.sum((normal_matrix @ along) * along, axis=0)
     degrees = 1.0 / np.sum(shares**2, axis=0) - 1.0
     controlled = degrees > NO_DEGREES
     student = degrees / np.where(controlled, degrees - NO_DEGREES, 1.0)
-    effects = np.linalg.solve(normal_matrix, moved)
-    most = int(np.argmax(np.linalg.norm(shifts @ effects, ord=2, axis=(1, 2))))
-    found = NeighbourhoodCovariance(
-        axes=axes,
-        variances=np.where(controlled, values * student, np.inf),
-        edge_m=edge_m,
-        count=count,
-        largest_share=effects[most],
-    )
+    found = _Estimate(axes, np.where(controlled, values * student, np.inf))
     return found, float(degrees.min()) if k else np.inf
 
 
-def _matrix(found: NeighbourhoodCovariance) -> Array:
-    return np.asarray((found.axes * found.variances) @ found.axes.T)
+def _largest_share(normal_matrix: Array, moved: Array, shifts: Array) -> Array:
+    """Give what a shift of one neighbourhood does to the parameters, (k, 3), of the one whose shift does most."""
+    effects = np.linalg.solve(normal_matrix, moved)
+    on_shifts = shifts @ effects
+    # the largest stretch is no more than the root of the sum of squares, and no less than it over the root of three
+    sizes = np.sqrt(np.sum(on_shifts**2, axis=(1, 2)))
+    near = np.flatnonzero(sizes >= float(sizes.max()) / 3.0**0.5 * (1.0 - 1e-9))
+    most = near[int(np.argmax(np.linalg.norm(on_shifts[near], ord=2, axis=(1, 2))))]
+    return np.asarray(effects[most])
 
 
-def _sums(values: Array, groups: Array, count: int) -> Array:
+def _added(values: Array, groups: Array, count: int) -> Array:
     """Add up the rows of each group."""
-    flat = values.reshape(len(values), -1)
-    total = np.stack([np.bincount(groups, weights=column, minlength=count) for column in flat.T], axis=1)
-    return total.reshape(count, *values.shape[1:])
+    total = np.zeros((count, *values.shape[1:]))
+    np.add.at(total, groups, values)
+    return total

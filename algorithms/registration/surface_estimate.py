@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.arrays import Array, Matrix3, Scalars, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
@@ -42,6 +42,8 @@ STEADY_ROUNDS = 15
 """After so many rounds only half of each step is taken: pairs that change to and fro would keep it going."""
 SETTLED_SPREADS = 0.005
 """Steps below so many standard deviations of the gaps, turns as the shift they cause, end the search."""
+FEW_POINTS, NEARLY_SETTLED_SPREADS = 8_000, 0.05
+"""So many points of each scan come near the answer, up to steps of so many standard deviations; then all take part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +112,25 @@ def estimate_by_surfaces(
     noise_m = max(target.noise_std_m, source.noise_std_m)
     least_gate = max(GATE_NOISES * noise_m, LEAST_GATE_M)
     gate = max(options.max_distance_m, least_gate)
+    most = max(len(index.points) for index in (target.index, source.index))
+    points = min(FEW_POINTS, most)
     pose, converged, rounds = start, False, 0
     while not converged and rounds < options.max_iterations:
-        fit = _weighed(target, source, pose, gate, options, left_out)
+        gaps = _gaps(target, source, pose, gate, points, options, left_out)
+        if len(gaps.gaps_m) < LEAST_GAPS and points < most:
+            points = most
+            continue
+        fit = _weighed(gaps)
         step, length = fit.step(1.0 if rounds < STEADY_ROUNDS else 0.5)
         pose = step * pose
         narrower = max(min(gate, GATE_SPREADS * fit.spread_m), least_gate)
         rounds += 1
-        converged = length < SETTLED_SPREADS * fit.spread_m and narrower > 0.95 * gate
+        settled = SETTLED_SPREADS if points == most else NEARLY_SETTLED_SPREADS
+        converged = length < settled * fit.spread_m and narrower > 0.95 * gate
+        if points < most and (converged or rounds >= STEADY_ROUNDS):
+            points, converged = most, False
         gate = narrower
-    fit = _weighed(target, source, pose, gate, options, left_out)
+    fit = _weighed(_gaps(target, source, pose, gate, most, options, left_out))
     return _with_covariance(fit, pose, options, rounds, converged)
 
 
@@ -150,19 +161,31 @@ class _Fit:
         return RigidTransform.from_components(shift, rotation), float(np.linalg.norm(motion))
 
 
-def _weighed(
+def _gaps(
     target: ScanFeatures,
     source: ScanFeatures,
     pose: RigidTransform,
     gate_m: float,
+    points: int,
     options: SurfaceOptions,
     left_out: tuple[Array, Array] | None,
-) -> _Fit:
-    """Find corresponding surface and weigh it."""
+) -> SurfaceGaps:
+    """Find corresponding surface of so many points of each scan."""
     indices = target.index, source.index
     limits = EvidenceLimits(gate_m, options.max_angle_rad, 2.5 * max(index.spacing_m for index in indices))
-    every = max(len(index.points) for index in indices)
-    gaps = surface_gaps(pose, *indices, limits, every, left_out=left_out)
+    return surface_gaps(pose, *indices, limits, points, left_out=left_out)
+
+
+def _weighed(gaps: SurfaceGaps) -> _Fit:
+    """Weigh corresponding surface.
+
+    Raises
+    ------
+    TooFewCorrespondencesError
+        When there is too little.
+    """
+    from algorithms.registration import surface_kernels as kernels
+
     if len(gaps.gaps_m) < LEAST_GAPS:
         raise TooFewCorrespondencesError(len(gaps.gaps_m), LEAST_GAPS, "surface points")
     spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
@@ -171,17 +194,21 @@ def _weighed(
     robust = np.where(inside, np.square(1.0 - squares), 0.0)
     slopes = np.where(inside, (1.0 - squares) * (1.0 - 5.0 * squares), 0.0)
     weights = robust * gaps.weights
-    centre = np.average(gaps.positions, axis=0, weights=weights)
-    size = float(np.sqrt(np.average(np.sum((gaps.positions - centre) ** 2, axis=1), weights=weights)))
-    radius = max(size, 1e-3)
-    design = gaps.design(centre) / np.repeat([radius, 1.0], 3)
-    known, open_ = _motions(design, weights, (gaps.positions - centre) / radius, gaps.normals)
+    centre = weights @ gaps.positions / weights.sum()
+    arms = gaps.positions - centre
+    scatter = (arms * weights[:, None]).T @ arms / weights.sum()
+    radius = max(float(np.sqrt(np.trace(scatter))), 1e-3)
+    design = kernels.scaled_design(gaps.positions, gaps.normals, centre, radius)
+    shares = weights / weights.sum()
+    motions = _motions((design * shares[:, None]).T @ design, scatter / radius**2)
+    told = kernels.testimonies(motions, gaps.positions, gaps.normals, shares, centre, radius, FACING)
+    known, open_ = motions[:, told >= LEAST_TESTIMONY], motions[:, told < LEAST_TESTIMONY]
     bread = float(slopes @ gaps.weights / weights.sum())
     return _Fit(gaps, weights, bread, spread, centre, radius, design, known, open_)
 
 
-def _motions(design: Array, weights: Scalars, arms: Points, normals: Points) -> tuple[Array, Array]:
-    """Split the motions into those that the surfaces determine and those they leave open, (6, k) and (6, 6 - k).
+def _motions(normal_matrix: Array, spread: Matrix3) -> Array:
+    """Give six motions, (6, 6) columns, of which surfaces may determine some and leave others open.
 
     The motions q of N q = λ D q with N = Σ w a aᵀ and D the same if every surface stood square to its displacement: λ
     is the mean squared cosine between normals and displacements, whatever the lever arms. What is left of it when only
@@ -189,27 +216,15 @@ def _motions(design: Array, weights: Scalars, arms: Points, normals: Points) -> 
 
     Parameters
     ----------
-    design, weights
-        (n, 6) and (n,).
-    arms
-        (n, 3) positions from the centre over the radius.
-    normals
-        (n, 3).
+    normal_matrix
+        (6, 6) N, of weights that add up to one.
+    spread
+        Scatter of the surface about the centre, over the squared radius.
     """
-    share = weights / weights.sum()
-    spread = (arms * share[:, None]).T @ arms
     possible = np.zeros((6, 6))
     possible[:3, :3] = np.trace(spread) * np.eye(3) - spread + FLAT * np.eye(3)
     possible[3:, 3:] = np.eye(3)
-    motions = linalg.eigh((design * share[:, None]).T @ design, possible)[1]
-    told = np.empty(6)
-    for k, motion in enumerate(motions.T):
-        moved = np.cross(motion[:3], arms) + motion[3:]
-        along = np.einsum("ij,ij->i", moved, normals) ** 2
-        facing = along > FACING**2 * np.einsum("ij,ij->i", moved, moved)
-        told[k] = share[facing] @ along[facing]
-    determined = told >= LEAST_TESTIMONY
-    return motions[:, determined], motions[:, ~determined]
+    return np.asarray(linalg.eigh(normal_matrix, possible)[1])
 
 
 def _with_covariance(
