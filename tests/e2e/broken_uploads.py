@@ -101,7 +101,7 @@ def watched_memory(service: RunningService) -> Iterator[list[int]]:
     def watch() -> None:
         while not stop.wait(0.05):
             with suppress(psutil.NoSuchProcess):
-                largest[0] = max(largest[0], *(api.memory_info().rss for api in service.apis()))
+                largest[0] = max([largest[0], *(api.memory_info().rss for api in service.apis())])
 
     watcher = threading.Thread(target=watch)
     watcher.start()

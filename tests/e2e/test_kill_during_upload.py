@@ -22,12 +22,12 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 @pytest.mark.parametrize(("manner", "size"), [("tuspy", 100_000_001), ("whole", 99_999_999)])
 def test_an_upload_survives_kills(service: RunningService, tmp_path: Path, manner: str, size: int) -> None:
     path = write_photo(tmp_path / "large.jpg", size)
-    victims = ["client", "api", "everything", "client", "api", "client"]
+    victims = ["client", "api", "everything", "api", "client"]
     with watched_memory(service) as largest:
         file = upload_with_kills(service, path, victims, manner, np.random.default_rng(size))
     with path.open("rb") as sent:
         assert file["sha256"] == hashlib.file_digest(sent, "sha256").hexdigest()
-    assert largest[0] < 150e6
+    assert 50e6 < largest[0] < 150e6
     left = {name for name in service.stored() if file["sha256"] not in name and not name.endswith("/upload.json")}
     assert left == set()
     service.http.delete(f"/files/{file['id']}")
