@@ -110,8 +110,9 @@ class _Sums:
 
     def united(self, groups: Array) -> "_Sums":
         """Add up neighbourhoods by groups, (g,)."""
-        count = int(groups.max()) + 1
-        return _Sums(*(_added(each, groups, count) for each in (self.own, self.moved, self.right)))
+        order = np.argsort(groups, kind="stable")
+        starts = np.searchsorted(groups[order], np.arange(groups.max() + 1))
+        return _Sums(*(np.add.reduceat(each[order], starts) for each in (self.own, self.moved, self.right)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +171,3 @@ def _largest_share(normal_matrix: Array, moved: Array, shifts: Array) -> Array:
     near = np.flatnonzero(sizes >= float(sizes.max()) / 3.0**0.5 * (1.0 - 1e-9))
     most = near[int(np.argmax(np.linalg.norm(on_shifts[near], ord=2, axis=(1, 2))))]
     return np.asarray(effects[most])
-
-
-def _added(values: Array, groups: Array, count: int) -> Array:
-    """Add up the rows of each group."""
-    total = np.zeros((count, *values.shape[1:]))
-    np.add.at(total, groups, values)
-    return total

@@ -146,6 +146,10 @@ class _Fit:
     radius_m: float
     design: Array
     """(n, 6) derivatives by (radius times turn, shift of the centre)."""
+    normal_matrix: Array
+    """(6, 6) of all six parameters, and what stands on the right."""
+    right: Array
+    """(6,)."""
     known: Array
     """(6, k) motions that the surfaces determine, each an rms displacement of the surface by one metre."""
     open_: Array
@@ -153,9 +157,8 @@ class _Fit:
 
     def step(self, share: float) -> tuple[RigidTransform, float]:
         """Solve for the motion that closes the gaps and take a share of it; what is open stays. Give its length [m]."""
-        design = self.design @ self.known
-        weighted = design * self.weights[:, None]
-        motion = share * self.known @ np.linalg.solve(weighted.T @ design, weighted.T @ self.gaps.gaps_m)
+        matrix = self.known.T @ self.normal_matrix @ self.known
+        motion = share * self.known @ np.linalg.solve(matrix, self.known.T @ self.right)
         rotation = Rotation.from_rotvec(motion[:3] / self.radius_m)
         shift = motion[3:] + self.centre_m - rotation.apply(self.centre_m)
         return RigidTransform.from_components(shift, rotation), float(np.linalg.norm(motion))
@@ -199,12 +202,12 @@ def _weighed(gaps: SurfaceGaps) -> _Fit:
     scatter = (arms * weights[:, None]).T @ arms / weights.sum()
     radius = max(float(np.sqrt(np.trace(scatter))), 1e-3)
     design = kernels.scaled_design(gaps.positions, gaps.normals, centre, radius)
-    shares = weights / weights.sum()
-    motions = _motions((design * shares[:, None]).T @ design, scatter / radius**2)
-    told = kernels.testimonies(motions, gaps.positions, gaps.normals, shares, centre, radius, FACING)
+    matrix, right = kernels.normal_equations(design, weights, gaps.gaps_m)
+    motions = _motions(matrix / weights.sum(), scatter / radius**2)
+    told = kernels.testimonies(motions, gaps.positions, gaps.normals, weights, centre, radius, FACING) / weights.sum()
     known, open_ = motions[:, told >= LEAST_TESTIMONY], motions[:, told < LEAST_TESTIMONY]
     bread = float(slopes @ gaps.weights / weights.sum())
-    return _Fit(gaps, weights, bread, spread, centre, radius, design, known, open_)
+    return _Fit(gaps, weights, bread, spread, centre, radius, design, matrix, right, known, open_)
 
 
 def _motions(normal_matrix: Array, spread: Matrix3) -> Array:

@@ -25,6 +25,24 @@ def scaled_design(positions: Array, normals: Array, centre: Array, radius: float
 
 
 @njit(cache=True, nogil=True)
+def normal_equations(design: Array, weights: Array, gaps: Array) -> tuple[Array, Array]:
+    """Sum w a aᵀ (k, k) and w a v (k,) over all rows a of the design and gaps v."""
+    k = design.shape[1]
+    matrix = np.zeros((k, k))
+    right = np.zeros(k)
+    for i in range(design.shape[0]):
+        for a in range(k):
+            weighted = weights[i] * design[i, a]
+            right[a] += weighted * gaps[i]
+            for b in range(a + 1):
+                matrix[a, b] += weighted * design[i, b]
+    for a in range(k):
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    return matrix, right
+
+
+@njit(cache=True, nogil=True)
 def testimonies(
     motions: Array, positions: Array, normals: Array, weights: Array, centre: Array, radius: float, facing: float
 ) -> Array:
