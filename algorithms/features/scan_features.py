@@ -89,4 +89,5 @@ class ScanFeatures:
     @cached_property
     def index(self) -> SurfaceIndex:
         """The thinned surface, ready to have poses of another scan laid into it; built once, O(n log n)."""
-        return surface_index(self.surface.points, self.surface.normals, self.surface.voxel_size_m, self.sensor_m)
+        surface = self.surface
+        return surface_index(surface.points, surface.normals, surface.voxel_size_m, self.sensor_m, seen=self.seen)

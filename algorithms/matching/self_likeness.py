@@ -21,10 +21,11 @@ SPOTLESS, LEAST_RELATIVE_SUPPORT = 0.003, 1.0 / 3.0
 surface on surface: that the next house looks the same is always possible, but then nothing could ever be known."""
 LEAST_TURN_RAD, TURNED_RELATIVE_SUPPORT = np.radians(20.0), 0.1
 TURNED_SUPPORT, TURNED_SHARE = 0.08, 0.005
-"""Unless it is turned: a bridge seen from corresponding places on both sides lays nearly all of its surface on surface
-in the wrong pose, and the right one has little in common. Then a turn makes the other pose possible from this part of
-the surface on, if it lays so much of both scans on themselves with less than `CONTRADICTED` against it, and if hardly
-more speaks against the other pose than against the best."""
+"""Unless it is turned: two storeys alike, or a bridge seen from corresponding places on both sides, lay nearly all of
+the surface on surface in the wrong pose, and the right one has little in common. Then a turn makes the other pose
+possible from this part of the surface on, if it is spotless itself; or if it lays so much of both scans on themselves
+with less than `CONTRADICTED` against it, and if hardly more speaks against the other pose than against the best. Of
+the wrong poses that lay `LEAST_SUPPORT` of the surface on surface none came below 0.007 in 164 pairs, real or not."""
 NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 """Two poses whose motion is seen under a smaller angle than the first value show nearly the same picture: were one by a
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
@@ -91,11 +92,10 @@ def is_possible_alternative(
         return False
     turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
     if best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT:
-        return (
-            turned
-            and relative >= TURNED_RELATIVE_SUPPORT
-            and alternative.share <= TURNED_SHARE
-            and all(like.support >= TURNED_SUPPORT and like.share <= CONTRADICTED for like in likenesses())
+        if not turned or relative < TURNED_RELATIVE_SUPPORT or alternative.share > TURNED_SHARE:
+            return False
+        return alternative.share <= SPOTLESS or all(
+            like.support >= TURNED_SUPPORT and like.share <= CONTRADICTED for like in likenesses()
         )
     limit = max(CONTRADICTED, CONTRADICTED_AS_BEST * best.share)
     if turned or best.share > SPOTLESS:

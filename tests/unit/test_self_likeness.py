@@ -67,6 +67,11 @@ def test_half_a_turn_stays_possible_beside_a_spotless_pose_where_little_is_commo
     assert _possible(scans, HALF_TURN, 0.12, against_best=CLEAN)
 
 
+def test_a_clean_turn_is_possible_beside_a_spotless_pose_although_neither_scan_is_like_itself(scans):
+    quarter = RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi]))
+    assert _possible(scans, quarter, 0.12, against_best=CLEAN)
+
+
 def test_beside_a_spotless_pose_no_shift_is_possible_where_little_is_common(scans):
     assert not _possible(scans, RigidTransform.from_translation([12.0, 0.0, 0.0]), 0.12, against_best=CLEAN)
 
