@@ -5,7 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from service.ports import BlobStore, FileStore, JobStore, Queue, StepRunner, UploadStore
+from service.ports import BlobStore, FileStore, JobLog, JobStore, Queue, StepRunner, UploadStore
 from service.settings import Settings
 
 
@@ -18,6 +18,7 @@ class Adapters:
     blobs: BlobStore
     queue: Queue
     steps: StepRunner
+    log: JobLog
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import os
 import secrets
 import socket
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -28,9 +29,11 @@ from service.ports import (
     FileStore,
     Job,
     JobFilter,
+    JobLog,
     JobStatus,
     JobStore,
     Json,
+    LogLine,
     Plan,
     StepCall,
     StepFailedError,
@@ -162,6 +165,7 @@ class Tools:
     settings: Settings
     jobs: JobStore
     ledger: StepLedger
+    log: JobLog
     files: FileStore
     executors: ExecutorRegistry
     runner: StepRunner
@@ -307,18 +311,28 @@ class Engine:
         tools = self._tools
         if not await asyncio.to_thread(tools.ledger.begin_step, job_id, label, _now()):
             return {"ended": "the job was over before the step began"}
+        await self._note(job_id, f"{label}: begun")
+        began = time.monotonic()
         try:
             output = await self._reported(job_id, stage, index, name, arguments, label)
         except StepFailedError as error:
             return await self._end(job_id, error.problem, label)
         except ComputationFailedError as error:
             log.warning("a computing process crashed", job=job_id, step=name, error=str(error))
+            await self._note(job_id, f"{label}: {error}", level="warning")
             status = DBOS.step_status
             if status is not None and (status.current_attempt or 0) + 1 < STEP_ATTEMPTS:
                 raise
             problem = to_problem(ComputationFailedError(f"{label}: failed {STEP_ATTEMPTS} times: {error}"))
             return await self._end(job_id, problem, label)
-        return {"ended": "the job ended meanwhile"} if output is None else {"output": output}
+        if output is None:
+            return {"ended": "the job ended meanwhile"}
+        await self._note(job_id, f"{label}: done in {time.monotonic() - began:.1f} s")
+        return {"output": output}
+
+    async def _note(self, job_id: str, text: str, level: str = "info") -> None:
+        """Write to the job's log, which its owner reads: what computations print stays in the service's."""
+        await asyncio.to_thread(self._tools.log.write, job_id, [LogLine(_now(), level, text)])
 
     async def _reported(
         self, job_id: str, stage: int, index: int, name: str, arguments: Json, label: str
@@ -358,6 +372,7 @@ class Engine:
     async def _end(self, job_id: str, problem: Json, label: str) -> Json:
         """Fail the job, and stop its other steps."""
         log.warning("a step failed", job=job_id, step=label, problem=problem)
+        await self._note(job_id, f"{label}: {problem.get('detail') or problem.get('title')}", level="error")
         if await asyncio.to_thread(self._tools.jobs.fail, job_id, problem, _now()):
             await asyncio.to_thread(self._tools.queue.cancel, job_id)
         return {"ended": str(problem.get("title"))}
@@ -365,17 +380,7 @@ class Engine:
     def _document(self, job: Job) -> Json:
         """Give what a plan sees of a job."""
         found = {file_id: self._tools.files.get(file_id) for file_id in job.file_ids}
-        files = {
-            file_id: {
-                "name": file.name,
-                "sha256": file.sha256,
-                "bytes": file.bytes,
-                "format": file.format,
-                "kind": file.kind,
-            }
-            for file_id, file in found.items()
-            if file is not None
-        }
+        files = {file_id: file.summary() for file_id, file in found.items() if file is not None}
         return {"id": job.id, "process_id": job.process_id, "inputs": job.inputs, "files": files}
 
     # heartbeat and reaper
@@ -414,6 +419,8 @@ class Engine:
         for workflow in orphans:
             if _job_of(workflow.workflow_id) not in given_up:
                 log.info("taken up again", workflow=workflow.workflow_id, left_by=workflow.executor_id)
+                again = LogLine(_now(), "warning", "its worker is gone; taken up again")
+                self._tools.log.write(_job_of(workflow.workflow_id), [again])
                 queue.take_up_again(workflow)
         self._fail_broken()
 

@@ -18,6 +18,7 @@ from service.adapters.child_process import ChildProcesses
 from service.adapters.database import DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
+from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
 from service.adapters.local_files import LocalFiles
 from service.adapters.local_uploads import LocalUploads
@@ -47,6 +48,7 @@ def app_from_environment() -> FastAPI:
         blobs=LocalFiles(settings.data_dir),
         queue=queue,
         steps=readers,
+        log=DatabaseJobLog(database),
     )
 
     @asynccontextmanager

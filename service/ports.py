@@ -69,6 +69,10 @@ class StoredFile:
     """One document per scan: index, name, points, structured, rows, columns, bounds_m, has_intensity, ..."""
     photos: tuple[Json, ...] = ()
 
+    def summary(self) -> Json:
+        """Give what a plan sees of the file."""
+        return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind")}
+
 
 @dataclass(frozen=True)
 class JobFilter:
@@ -387,6 +391,26 @@ class StepRunner(Protocol):
         ComputationFailedError
             The process died without a report; the message tells how, and its last words.
         """
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """One line of a job's log."""
+
+    time: datetime
+    level: str
+    """info, warning or error."""
+    text: str
+
+
+class JobLog(Protocol):
+    """Keep what happened to each job; it goes with the job."""
+
+    def write(self, job_id: str, lines: Sequence[LogLine]) -> None:
+        """Add lines to a job's log; nothing happens when the job is gone."""
+
+    def read(self, job_id: str, limit: int) -> Sequence[LogLine]:
+        """Give the last lines of a job's log, in the order in which they were written."""
 
 
 class StepLedger(Protocol):

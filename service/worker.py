@@ -11,6 +11,7 @@ from service.adapters.child_process import NOTHING_WARM, ChildProcesses, remove_
 from service.adapters.database import DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
+from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
 from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp
@@ -48,6 +49,7 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         settings=settings,
         jobs=jobs,
         ledger=jobs,
+        log=DatabaseJobLog(database),
         files=DatabaseFileStore(database),
         executors=executors,
         runner=runner,

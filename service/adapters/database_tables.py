@@ -63,6 +63,17 @@ job_steps = sa.Table(
     sa.Column("fraction", sa.Float, nullable=False),
 )
 
+job_log = sa.Table(
+    "job_log",
+    metadata,
+    # SQLite numbers rows by itself only when the key is its own INTEGER
+    sa.Column("id", sa.BigInteger().with_variant(sa.Integer, "sqlite"), primary_key=True, autoincrement=True),
+    sa.Column("job_id", sa.String(64), sa.ForeignKey("jobs.id", ondelete="CASCADE"), nullable=False, index=True),
+    sa.Column("time", UtcDateTime, nullable=False),
+    sa.Column("level", sa.String(16), nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
+)
+
 files = sa.Table(
     "files",
     metadata,

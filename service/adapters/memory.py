@@ -13,7 +13,7 @@ from typing import Any
 
 from service.adapters.local_files import LocalFiles, checked_key
 from service.errors import FileTooLargeError
-from service.ports import Job, JobFilter, JobStatus, Json, StoredFile
+from service.ports import Job, JobFilter, JobStatus, Json, LogLine, StoredFile
 
 
 class MemoryJobStore:
@@ -105,6 +105,21 @@ class MemoryJobStore:
                 return None
             self._jobs[job_id] = replace(job, **values)
             return self._jobs[job_id]
+
+
+class MemoryJobLog:
+    """Keep the lines of each job in a list."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, list[LogLine]] = {}
+
+    def write(self, job_id: str, lines: Sequence[LogLine]) -> None:
+        """Add lines to a job's log."""
+        self._lines.setdefault(job_id, []).extend(lines)
+
+    def read(self, job_id: str, limit: int) -> Sequence[LogLine]:
+        """Give the last lines of a job's log, in the order in which they were written."""
+        return self._lines.get(job_id, [])[-limit:]
 
 
 class MemoryFileStore:

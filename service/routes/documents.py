@@ -15,6 +15,8 @@ def status_info(job: Job, url: BaseUrl) -> StatusInfo:
     """Describe where a job stands, as OGC API - Processes 1.0 names it."""
     here = url(f"/jobs/{job.id}")
     links = [Link(href=here, rel="self", title="This job")]
+    if job.status is not JobStatus.ACCEPTED:
+        links.append(Link(href=f"{here}/log", rel="related", type="text/plain", title="Log of the job"))
     if job.status in {JobStatus.SUCCESSFUL, JobStatus.FAILED}:
         links.append(Link(href=f"{here}/results", rel=RESULTS, title="Result of the job"))
     if job.status is JobStatus.SUCCESSFUL:

@@ -5,7 +5,7 @@ from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, PlainTextResponse
 
 from schemas.jobs import Artifact, ArtifactList, JobList, StatusInfo
 from schemas.links import Link
@@ -20,6 +20,8 @@ from service.use_cases.find_job import find_artifact, find_artifacts, find_job, 
 from service.use_cases.identifiers import is_identifier
 
 router = APIRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
+MOST_LOG_LINES = 20_000
+"""A job with more has its oldest left out."""
 
 StatusParameter = Annotated[
     list[str], Query(description="Only jobs of this status; several, also separated by commas.")
@@ -73,6 +75,22 @@ def get_results(job_id: str, request: Request, adapters: AdaptersDependency) -> 
     if isinstance(result, dict):
         return problem_response(result, request)
     return FileResponse(result, media_type="application/json")
+
+
+@router.get(
+    "/jobs/{job_id}/log",
+    summary="Log of a job",
+    response_class=PlainTextResponse,
+    responses={200: {"description": "Lines of time, level and text, the oldest first."}},
+)
+def get_log(job_id: str, adapters: AdaptersDependency) -> Response:
+    """Give what happened to a job: its steps, how long they took, what failed."""
+    find_job(job_id, adapters.jobs)
+    lines = [
+        f"{line.time.isoformat(timespec='milliseconds')} {line.level:7} {line.text}\n"
+        for line in adapters.log.read(job_id, MOST_LOG_LINES)
+    ]
+    return PlainTextResponse("".join(lines), headers={"X-Content-Type-Options": "nosniff"})
 
 
 @router.get("/jobs/{job_id}/artifacts", summary="Downloads of a job")

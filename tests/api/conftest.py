@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobStore, MemoryQueue
+from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
 from service.errors import ComputationFailedError, UnreadableFileError
 from service.main import create_app
@@ -124,7 +124,7 @@ def settings(tmp_path: Path) -> Settings:
 @pytest.fixture
 def adapters() -> Adapters:
     blobs = MemoryBlobStore()
-    return Adapters(MemoryJobStore(), MemoryFileStore(), blobs, MemoryQueue(), FakeSteps(blobs))
+    return Adapters(MemoryJobStore(), MemoryFileStore(), blobs, MemoryQueue(), FakeSteps(blobs), MemoryJobLog())
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobStore, MemoryQueue
+from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
 from service.main import create_app
 from service.settings import Settings
@@ -121,7 +121,9 @@ def test_service_is_ready_with_a_worker(client: Client) -> None:
 
 def test_service_without_workers_is_alive_but_not_ready(settings: Settings) -> None:
     blobs = MemoryBlobStore()
-    adapters = Adapters(MemoryJobStore(), MemoryFileStore(), blobs, MemoryQueue(workers=0), FakeSteps(blobs))
+    adapters = Adapters(
+        MemoryJobStore(), MemoryFileStore(), blobs, MemoryQueue(workers=0), FakeSteps(blobs), MemoryJobLog()
+    )
     lonely = Client(create_app(settings, adapters))
     assert lonely.get("/healthz").status_code == 200
     assert lonely.get("/readyz").status_code == 503

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from service.dependencies import Adapters
-from service.ports import Job, JobStatus
+from service.ports import Job, JobStatus, LogLine
 from tests.api.conftest import Client
 
 OGC = "http://www.opengis.net/def/exceptions/ogcapi-processes-1/1.0/"
@@ -54,10 +54,10 @@ def test_status_has_what_the_standard_and_the_contract_name(client: Client, job_
     ("status", "relations"),
     [
         (JobStatus.ACCEPTED, {"self", "dismiss", "monitor"}),
-        (JobStatus.RUNNING, {"self", "dismiss", "monitor"}),
+        (JobStatus.RUNNING, {"self", "dismiss", "monitor", "related"}),
         (JobStatus.SUCCESSFUL, {"self", "results", "related"}),
-        (JobStatus.FAILED, {"self", "results"}),
-        (JobStatus.DISMISSED, {"self"}),
+        (JobStatus.FAILED, {"self", "results", "related"}),
+        (JobStatus.DISMISSED, {"self", "related"}),
     ],
 )
 def test_links_tell_what_can_be_done(
@@ -233,3 +233,18 @@ def test_a_range_of_a_download_can_be_fetched(client: Client, with_artifacts: st
 @pytest.mark.parametrize("name", ["none.csv", "..%2Fresult.json", "%2e%2e", "%00", "a%20b", ".hidden"])
 def test_a_download_that_does_not_exist_is_not_found(client: Client, with_artifacts: str, name: str) -> None:
     assert client.get(f"/jobs/{with_artifacts}/artifacts/{name}").status_code == 404
+
+
+def test_the_log_tells_what_happened_in_order(client: Client, adapters: Adapters, job_of: Callable[..., str]) -> None:
+    job = job_of(JobStatus.FAILED)
+    adapters.log.write(job, [LogLine(NOW, "info", "features of A: begun"), LogLine(NOW, "error", "no points")])
+    answer = client.get(f"/jobs/{job}/log")
+    assert answer.headers["content-type"] == "text/plain; charset=utf-8"
+    assert answer.text.splitlines() == [
+        "2026-01-31T12:00:00.000+00:00 info    features of A: begun",
+        "2026-01-31T12:00:00.000+00:00 error   no points",
+    ]
+
+
+def test_the_log_of_a_job_that_does_not_exist_is_a_problem(client: Client) -> None:
+    assert client.get("/jobs/none/log").status_code == 404

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ import sqlalchemy as sa
 from engine_harness import Harness, alive, harness, wait_until
 
 from service.adapters.child_process import ChildProcesses
+from service.adapters.database_job_log import DatabaseJobLog
 from service.errors import to_problem
 from service.ports import JobStatus, StepFailedError
 from service.settings import GIGABYTE, Settings
@@ -64,6 +66,23 @@ def test_an_error_that_a_step_reports_fails_the_job_at_once_with_the_same_proble
         "status": 400,
         "detail": "the scan: has no points",
     }
+
+
+def test_the_log_of_a_job_tells_of_its_steps_and_how_long_they_took(service: Harness) -> None:
+    job = service.submit([{**NAP, "name": "noted"}])
+    service.finished(job)
+    begun, done = DatabaseJobLog(service.engine).read(job, 10)
+    assert begun.text == "noted: begun"
+    assert re.fullmatch(r"noted: done in \d+\.\d s", done.text)
+
+
+def test_the_log_of_a_failed_job_tells_why_but_no_details_of_the_implementation(service: Harness) -> None:
+    refused, burst = (service.submit([{"step": step, "name": step}]) for step in ("refuse", "burst"))
+    service.finished(refused)
+    service.finished(burst)
+    log = DatabaseJobLog(service.engine)
+    assert log.read(refused, 10)[-1].text == "refuse: the scan: has no points"
+    assert not any("secret" in line.text for line in log.read(burst, 10))
 
 
 def test_an_unexpected_error_keeps_its_details_to_the_log(service: Harness) -> None:

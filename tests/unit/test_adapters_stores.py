@@ -10,9 +10,10 @@ import sqlalchemy as sa
 
 from service.adapters.database import DatabaseJobStore, migrate
 from service.adapters.database_files import DatabaseFileStore
+from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect, metadata
-from service.adapters.memory import MemoryFileStore, MemoryJobStore
-from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, StoredFile
+from service.adapters.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore
+from service.ports import FileStore, Job, JobFilter, JobLog, JobStatus, JobStore, LogLine, StoredFile
 from service.settings import Settings
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -220,3 +221,29 @@ def test_files_are_forgotten_only_while_their_content_is_away(files: FileStore) 
     files.add(replace(FILE, id="f2"))
     assert (files.forget_lost(FILE.sha256, lambda: True), files.forget_lost(FILE.sha256, lambda: False)) == (0, 2)
     assert files.find(10, 0) == ([], 0)
+
+
+@pytest.fixture(params=["memory", "database"])
+def job_log(request: pytest.FixtureRequest) -> JobLog:
+    if request.param == "memory":
+        return MemoryJobLog()
+    engine = request.getfixturevalue("engine")
+    DatabaseJobStore(engine, lambda *_: None).create_and_enqueue(JOB)
+    return DatabaseJobLog(engine)
+
+
+def test_the_last_lines_of_a_log_come_back_in_the_order_in_which_they_were_written(job_log: JobLog) -> None:
+    job_log.write("j1", [LogLine(NOW, "info", "a"), LogLine(NOW, "warning", "b")])
+    job_log.write("j1", [LogLine(NOW, "error", "c")])
+    assert job_log.read("j1", 2) == [LogLine(NOW, "warning", "b"), LogLine(NOW, "error", "c")]
+    assert job_log.read("j2", 2) == []
+
+
+def test_the_log_goes_with_its_job_and_what_comes_later_is_lost(engine: sa.Engine) -> None:
+    jobs, log = DatabaseJobStore(engine, lambda *_: None), DatabaseJobLog(engine)
+    jobs.create_and_enqueue(JOB)
+    log.write("j1", [LogLine(NOW, "info", "a")])
+    jobs.dismiss("j1", NOW)
+    jobs.delete("j1")
+    log.write("j1", [LogLine(NOW, "info", "b")])
+    assert log.read("j1", 10) == []

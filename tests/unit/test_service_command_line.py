@@ -8,7 +8,7 @@ import httpx
 import pytest
 from rich.console import Console
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobStore, MemoryQueue
+from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.client import RefusedError, ServiceClient, UnreachableError
 from service.demo import print_comparison
 from service.dependencies import Adapters
@@ -57,7 +57,7 @@ def adapters() -> Adapters:
     def store_result(job: Job) -> None:
         blobs.write_bytes(f"jobs/{job.id}/result.json", b'{"status": "registered"}')
 
-    return Adapters(MemoryJobStore(store_result), MemoryFileStore(), blobs, MemoryQueue(), Steps())
+    return Adapters(MemoryJobStore(store_result), MemoryFileStore(), blobs, MemoryQueue(), Steps(), MemoryJobLog())
 
 
 @pytest.fixture
