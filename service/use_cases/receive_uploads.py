@@ -19,7 +19,7 @@ from service.errors import (
     UploadOverrunError,
     to_problem,
 )
-from service.ports import OpenUpload, PendingUpload, UploadState, UploadStore
+from service.ports import OpenUpload, PendingUpload, StepFailedError, UploadState, UploadStore
 from service.use_cases.identifiers import new_identifier
 from service.use_cases.patient_reading import timely
 from service.use_cases.store_files import BYTES_BETWEEN_DISK_CHECKS, FileIntake
@@ -118,7 +118,7 @@ class UploadDesk:
         ------
         UploadLockedError, UploadOffsetError, UploadOverrunError, ChecksumMismatchError, InsufficientStorageError
             The part cannot be taken.
-        UnreadableFileError
+        UnreadableFileError, StepFailedError
             The upload is complete and no readable file.
         NoSuchUploadError, UploadGoneError
             There is no such upload, or not any more.
@@ -142,7 +142,7 @@ class UploadDesk:
 
         Raises
         ------
-        UnreadableFileError
+        UnreadableFileError, StepFailedError
             It is no readable file.
         """
         opened = await asyncio.to_thread(self.uploads.lock, upload_id)
@@ -213,7 +213,7 @@ class UploadDesk:
             return
         try:
             await self.intake.store_finished(upload.id, upload.filename, opened.path, now)
-        except UnreadableFileError as error:
+        except (UnreadableFileError, StepFailedError) as error:  # trying again would not help
             await _undisturbed(opened.save, replace(upload, problem=to_problem(error)))
             raise
         await _undisturbed(opened.save, replace(upload, finished=True))
