@@ -235,14 +235,15 @@ class _PartWriter:
 
     async def add(self, chunk: bytes) -> None:
         """Take a chunk; an empty one only says that time has passed."""
-        if self._opened.asked_for():
-            raise UploadLockedError(self._opened.state.upload.id)
         self._block += chunk
         if self._written + len(self._block) > self._room:
             upload = self._opened.state.upload
-            raise UploadOverrunError(upload.id, self._part.offset + self._written + len(self._block), upload.length)
+            size = self._part.offset + self._written + len(self._block)
+            raise UploadOverrunError(upload.id, size, upload.length)
         # what a slow client sends shows soon: the size of the file on disk is what others take for its progress
         if len(self._block) >= BLOCK_BYTES or time.monotonic() >= self._due:
+            if self._opened.asked_for():
+                raise UploadLockedError(self._opened.state.upload.id)
             await self._flush()
 
     async def finish(self) -> None:

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import cv2
 import httpx
+import laspy
 import numpy as np
 import psutil
 
@@ -21,12 +21,14 @@ PART = {**TUS, "Content-Type": "application/offset+octet-stream"}
 BLOCK_BYTES = 1 << 22
 
 
-def write_photo(path: Path, size: int) -> Path:
-    """Write a photo of any size: what follows the end of a JPEG does not matter to its reader."""
+def write_scan(path: Path, size: int) -> Path:
+    """Write a scan of any size: what follows the points of a LAS file does not matter to its reader."""
     rng = np.random.default_rng(size)
-    picture = bytes(cv2.imencode(".jpg", rng.integers(0, 255, (480, 640, 3)).astype(np.uint8))[1])
-    with path.open("wb") as file:
-        file.write(picture)
+    scan = laspy.create(point_format=0, file_version="1.2")
+    scan.header.scales = np.full(3, 1e-4)
+    scan.x, scan.y, scan.z = 10.0 * rng.random((3, 1000))
+    scan.write(path)
+    with path.open("ab") as file:
         while (left := size - file.tell()) > 0:
             file.write(rng.bytes(min(left, BLOCK_BYTES)))
     return path

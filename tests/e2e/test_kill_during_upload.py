@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.e2e.broken_uploads import upload_with_kills, watched_memory, write_photo
+from tests.e2e.broken_uploads import upload_with_kills, watched_memory, write_scan
 from tests.e2e.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.service
@@ -21,7 +21,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 
 @pytest.mark.parametrize(("manner", "size"), [("tuspy", 100_000_001), ("whole", 99_999_999)])
 def test_an_upload_survives_kills(service: RunningService, tmp_path: Path, manner: str, size: int) -> None:
-    path = write_photo(tmp_path / "large.jpg", size)
+    path = write_scan(tmp_path / "large.las", size)
     victims = ["client", "api", "everything", "api", "client"]
     with watched_memory(service) as largest:
         file = upload_with_kills(service, path, victims, manner, np.random.default_rng(size))

@@ -12,7 +12,7 @@ import httpx
 import pytest
 from tusclient.client import TusClient
 
-from tests.e2e.broken_uploads import PART, TUS, begun, finished, write_photo
+from tests.e2e.broken_uploads import PART, TUS, begun, finished, write_scan
 from tests.e2e.running_service import RunningService, running_service, wait_until
 
 SIZE = 3_000_000
@@ -27,8 +27,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 
 
 @pytest.fixture
-def photo(tmp_path: Path) -> Path:
-    return write_photo(tmp_path / "a.jpg", SIZE)
+def scan(tmp_path: Path) -> Path:
+    return write_scan(tmp_path / "a.las", SIZE)
 
 
 @contextmanager
@@ -43,21 +43,34 @@ def patching(service: RunningService, upload: str, body: bytes, declared: int) -
 
 
 @pytest.mark.parametrize("checked", [True, False])
-def test_tuspy_uploads_in_parts(service: RunningService, photo: Path, checked: bool) -> None:
+def test_tuspy_uploads_in_parts(service: RunningService, scan: Path, checked: bool) -> None:
     client = TusClient(f"{service.url}/uploads")
-    with photo.open("rb") as stream:
+    with scan.open("rb") as stream:
         uploader = client.uploader(
-            file_stream=stream, chunk_size=700_000, metadata={"filename": "a.jpg"}, upload_checksum=checked
+            file_stream=stream, chunk_size=700_000, metadata={"filename": "a.las"}, upload_checksum=checked
         )
         uploader.upload()
     file = finished(service, httpx.URL(uploader.url).path)
-    assert file["sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
-    assert (file["name"], file["kind"]) == ("a.jpg", "photo")
+    assert file["sha256"] == hashlib.sha256(scan.read_bytes()).hexdigest()
+    assert (file["name"], file["kind"]) == ("a.las", "scan")
 
 
-def test_a_request_that_stalls_is_ended_by_a_new_one(service: RunningService, photo: Path) -> None:
-    content = photo.read_bytes()
-    upload = begun(service, photo)
+def test_what_is_no_scan_is_refused_and_leaves_nothing(service: RunningService, tmp_path: Path) -> None:
+    path = tmp_path / "a.e57"
+    path.write_bytes(b"no E57 at all" * 1000)
+    before = service.stored()
+    upload = begun(service, path)
+    answer = service.http.patch(upload, headers={**PART, "Upload-Offset": "0"}, content=path.read_bytes())
+    assert (answer.status_code, answer.json()["file"]) == (400, "a.e57")
+    document = service.http.get(upload).json()
+    assert (document["status"], document["problem"]["title"]) == ("refused", "Unreadable file")
+    assert service.http.head(upload, headers=TUS).status_code == 410
+    assert {name for name in service.stored() - before if not name.endswith("/upload.json")} == set()
+
+
+def test_a_request_that_stalls_is_ended_by_a_new_one(service: RunningService, scan: Path) -> None:
+    content = scan.read_bytes()
+    upload = begun(service, scan)
     with patching(service, upload, content[:1_000_000], SIZE):
         time.sleep(1.5)
         head = service.http.head(upload, headers=TUS)
@@ -67,9 +80,9 @@ def test_a_request_that_stalls_is_ended_by_a_new_one(service: RunningService, ph
     assert finished(service, upload)["sha256"] == hashlib.sha256(content).hexdigest()
 
 
-def test_a_busy_upload_is_locked_at_once(service: RunningService, photo: Path) -> None:
-    content = photo.read_bytes()
-    upload = begun(service, photo)
+def test_a_busy_upload_is_locked_at_once(service: RunningService, scan: Path) -> None:
+    content = scan.read_bytes()
+    upload = begun(service, scan)
     with patching(service, upload, content[:1000], SIZE) as busy:
         for k in range(12):
             time.sleep(0.1)
@@ -84,9 +97,9 @@ def test_a_busy_upload_is_locked_at_once(service: RunningService, photo: Path) -
     service.http.delete(upload, headers=TUS)
 
 
-def test_a_client_that_falls_silent_is_sent_away_and_may_come_back(service: RunningService, photo: Path) -> None:
-    content = photo.read_bytes()
-    upload = begun(service, photo)
+def test_a_client_that_falls_silent_is_sent_away_and_may_come_back(service: RunningService, scan: Path) -> None:
+    content = scan.read_bytes()
+    upload = begun(service, scan)
     with patching(service, upload, content[:2_000_000], SIZE) as silent:
         assert silent.recv(100).startswith(b"HTTP/1.1 408 ")
     head = service.http.head(upload, headers=TUS)
@@ -112,14 +125,14 @@ def test_other_uploads_that_fall_silent_leave_nothing(service: RunningService, k
 
 
 def test_the_same_scan_sent_three_ways_is_stored_once(service: RunningService, tmp_path: Path) -> None:
-    photo = write_photo(tmp_path / "thrice.jpg", 1_234_567)
-    content = photo.read_bytes()
-    name = base64.b64encode(b"thrice.jpg").decode()
+    scan = write_scan(tmp_path / "thrice.las", 1_234_567)
+    content = scan.read_bytes()
+    name = base64.b64encode(b"thrice.las").decode()
     headers = {**PART, "Upload-Length": str(len(content)), "Upload-Metadata": f"filename {name}"}
     by_tus = service.post("/uploads", headers=headers, content=content).headers["tieline-file"]
-    raw = {"Content-Type": "application/octet-stream", "Content-Disposition": 'attachment; filename="thrice.jpg"'}
+    raw = {"Content-Type": "application/octet-stream", "Content-Disposition": 'attachment; filename="thrice.las"'}
     by_body = service.post("/files", headers=raw, content=content).json()["id"]
-    by_form = service.upload(photo)["id"]
+    by_form = service.upload(scan)["id"]
     sha256 = hashlib.sha256(content).hexdigest()
     assert [path.name for path in service.data.rglob("*") if path.is_file() and path.stat().st_size == 1_234_567] == [
         sha256
