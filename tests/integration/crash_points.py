@@ -1,7 +1,7 @@
 """Let a process die at each of its dealings with the disk while files come and go, and look whether all mends itself.
 
-Run as ``python -m tests.integration.crash_points DIRECTORY``; prints one JSON line: how many points were tried, and what
-was wrong after which.
+Run as ``python -m tests.integration.crash_points DIRECTORY``; prints one JSON line: how many points were tried, and
+what was wrong after which.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""A crash at any dealing with the disk, while files are uploaded, shared, removed, leaves nothing that does not mend."""
+"""A crash at any dealing with the disk, while files are uploaded, shared, removed, leaves nothing that stays wrong."""
 
 import json
 import subprocess
