@@ -18,7 +18,7 @@ from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
-from algorithms.scans.mixed_pixels import grid_ranges
+from algorithms.scans.mixed_pixels import angular_step, grid_ranges
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.range_image import spherical_range_image
 from algorithms.scans.range_noise import range_noise
@@ -43,6 +43,8 @@ MOST_LEFT = 8_000_000
 """Cylinders are looked for among so many points at most: the only copy of coordinates stays small."""
 SEEN_CELL_RAD = float(np.deg2rad(0.5))
 """Direction cells of the range image."""
+STEPS_PER_SEEN_CELL = 1.2
+"""They are at least so many steps of a grid wide: in narrower ones nothing would be known of most directions."""
 
 
 def extract_features(
@@ -101,7 +103,9 @@ def extract_features(
         planes=planes,
         cylinders=cylinders,
         surface=surface,
-        seen=None if sensor is None else spherical_range_image(scan.points, sensor, SEEN_CELL_RAD, splat_m=splat),
+        seen=None
+        if sensor is None
+        else spherical_range_image(scan.points, sensor, _seen_cell_rad(scan, sensor), splat_m=splat),
         origin_m=scan.origin_m,
         sensor_m=sensor,
         point_count=len(scan),
@@ -141,6 +145,13 @@ def _left_over(cells: SurfaceCells, planes: FittedPlanes) -> Indices:
     parts = over_blocks(lambda start, end: unlabelled(labels, numbers, cell_of_point, start, end), len(labels))
     left: Indices = np.concatenate(parts)
     return left[:: max(1, math.ceil(len(left) / MOST_LEFT))]
+
+
+def _seen_cell_rad(scan: Scan, sensor: Vector3) -> float:
+    """Give how large the direction cells of the range image are [rad]."""
+    if scan.grid is None:
+        return SEEN_CELL_RAD
+    return max(SEEN_CELL_RAD, STEPS_PER_SEEN_CELL * angular_step(scan.points, scan.grid, sensor))
 
 
 def _reported_noise(planes: Planes, noise_std_m: float, options: FeatureOptions) -> float:
