@@ -4,6 +4,7 @@ import argparse
 import fcntl
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -149,6 +150,10 @@ def _processes(settings: Settings, listener: socket.socket, steps: str, plans: s
     environment = dict(os.environ)
     for name, value in settings.model_dump(mode="json").items():
         environment[f"TIELINE_{name.upper()}"] = value if isinstance(value, str) else json.dumps(value)
+    counts = settings.data_dir.resolve() / "scratch" / "metrics"
+    shutil.rmtree(counts, ignore_errors=True)  # of processes that are no more
+    counts.mkdir(parents=True)
+    environment["PROMETHEUS_MULTIPROC_DIR"] = str(counts)
     parent = ("--parent", str(os.getpid()))
     descriptor = listener.fileno()
     api = (sys.executable, "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)

@@ -20,13 +20,14 @@ from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
+from service.adapters.https_sources import HttpsSources
 from service.adapters.local_files import LocalFiles
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
-from service.routes import files, health, job_events, jobs, landing, processes, registrations, uploads
+from service.routes import files, health, job_events, jobs, landing, metrics, processes, registrations, uploads
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
 from service.use_cases.clean_up import Cleaner
@@ -87,9 +88,11 @@ def create_app(
     app.state.settings = settings
     app.state.adapters = adapters
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
-    for resource in (landing, processes, jobs, job_events, files, uploads, registrations, health):
+    app.state.sources = HttpsSources(settings)
+    for resource in (landing, processes, jobs, job_events, files, uploads, registrations, health, metrics):
         app.include_router(resource.router)
     install_error_handlers(app)
+    metrics.count_requests(app)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
 

@@ -1,0 +1,68 @@
+"""Figures for Prometheus: requests of all API processes, jobs and workers."""
+
+import os
+from collections.abc import Iterator
+
+from fastapi import APIRouter, FastAPI, Request, Response
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.metrics_core import GaugeMetricFamily, Metric
+from prometheus_client.multiprocess import MultiProcessCollector
+from prometheus_client.registry import Collector
+from prometheus_fastapi_instrumentator import Instrumentator
+
+from service.dependencies import Adapters, AdaptersDependency
+from service.ports import JobFilter, JobStatus
+
+router = APIRouter(tags=["health"])
+
+SHARED = "PROMETHEUS_MULTIPROC_DIR"
+"""Environment variable of the folder in which all API processes of a service keep their counts."""
+
+
+class JobFigures(Collector):
+    """Count jobs and workers when asked.
+
+    Parameters
+    ----------
+    adapters
+        Where they are.
+    """
+
+    def __init__(self, adapters: Adapters) -> None:
+        self._adapters = adapters
+
+    def collect(self) -> Iterator[Metric]:
+        """Give the figures."""
+        jobs = GaugeMetricFamily("tieline_jobs", "Jobs that are kept, by status.", labels=["status"])
+        for status in JobStatus:
+            _, number = self._adapters.jobs.find(JobFilter(statuses=(status,), limit=1))
+            jobs.add_metric([status.value], number)
+        yield jobs
+        yield GaugeMetricFamily(
+            "tieline_workers", "Workers whose heart beats.", value=self._adapters.queue.live_workers()
+        )
+
+
+def count_requests(app: FastAPI) -> None:
+    """Count requests and how long they take, by route and status; files and events last as long as they last."""
+    registry = CollectorRegistry()
+    app.state.metrics = registry
+    Instrumentator(
+        registry=registry,
+        should_group_status_codes=False,
+        should_exclude_streaming_duration=True,
+        excluded_handlers=["/healthz", "/readyz", "/metrics"],
+    ).instrument(app)
+
+
+@router.get("/metrics", summary="Figures for Prometheus", response_class=Response)
+def metrics(request: Request, adapters: AdaptersDependency) -> Response:
+    """Give the counts of requests, jobs and workers in the text format of Prometheus."""
+    if SHARED in os.environ:
+        requests = CollectorRegistry()
+        MultiProcessCollector(requests)  # type: ignore[no-untyped-call]
+    else:
+        requests = request.app.state.metrics
+    figures = CollectorRegistry()
+    figures.register(JobFigures(adapters))
+    return Response(generate_latest(requests) + generate_latest(figures), media_type=CONTENT_TYPE_LATEST)
