@@ -1,8 +1,8 @@
 """Inputs of the process `register` (section 3 of the interface)."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from schemas.approximate_pose import Approximate
 from schemas.base import NotYetList, RequestModel
@@ -25,8 +25,24 @@ PairChoice: TypeAlias = Annotated[
 MAX_PHOTOS = 200
 
 
+def _by_file_or_address(schema: dict[str, Any]) -> None:
+    """Describe the other way to name a scan's file; the service fetches it before it validates the request."""
+    schema["required"].remove("file")
+    schema["anyOf"] = [{"required": ["file"]}, {"required": ["href"]}]
+    schema["properties"]["href"] = {
+        "type": "string",
+        "format": "uri",
+        "maxLength": 2000,
+        "title": "Href",
+        "description": "Instead of `file`: where the service fetches it, if its operator allows that source. The "
+        "request is answered when the file has arrived.",
+    }
+
+
 class ScanReference(RequestModel):
     """One scan of an uploaded file."""
+
+    model_config = ConfigDict(json_schema_extra=_by_file_or_address)
 
     file: str = Field(min_length=1, max_length=64)
     """Identifier of the file, as `POST /files` gave it."""

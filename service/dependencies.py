@@ -5,7 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from service.ports import BlobStore, FileStore, JobLog, JobStore, Queue, StepRunner, UploadStore
+from service.ports import BlobStore, FileStore, JobLog, JobStore, Queue, Sources, StepRunner, UploadStore
 from service.settings import Settings
 
 
@@ -40,6 +40,10 @@ def _uploads(request: Request) -> UploadStore:
     return cast("UploadStore", request.app.state.uploads)
 
 
+def _sources(request: Request) -> Sources:
+    return cast("Sources", request.app.state.sources)
+
+
 def _settings(request: Request) -> Settings:
     return cast("Settings", request.app.state.settings)
 
@@ -51,5 +55,6 @@ def _base_url(request: Request) -> BaseUrl:
 
 AdaptersDependency = Annotated[Adapters, Depends(_adapters)]
 UploadsDependency = Annotated[UploadStore, Depends(_uploads)]
+SourcesDependency = Annotated[Sources, Depends(_sources)]
 SettingsDependency = Annotated[Settings, Depends(_settings)]
 BaseUrlDependency = Annotated[BaseUrl, Depends(_base_url)]

@@ -138,6 +138,15 @@ class UnsupportedMediaTypeError(ServiceError):
     status, title = 415, "Unsupported media type"
 
 
+class SourceRefusedError(ServiceError):
+    """Say why a file cannot be fetched from where a request says that it is."""
+
+    status, title = 400, "Source refused"
+
+    def __init__(self, href: str, reason: str) -> None:
+        super().__init__(f"{href}: {reason}")
+
+
 class FileTooLargeError(ServiceError):
     """Say that an upload exceeds a limit."""
 

@@ -1,6 +1,7 @@
 """What the service needs of the world: storage of metadata and blobs, and a queue. Adapters provide it."""
 
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -193,6 +194,25 @@ class BlobStore(Protocol):
 
     def scratch(self) -> Path:
         """Give a new empty directory on the same file system; the caller removes it."""
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """A file on another server, on its way."""
+
+    name: str
+    chunks: AsyncIterator[bytes]
+    declared_bytes: int | None = None
+
+
+class Sources(Protocol):
+    """Reach files on other servers, as far as the operator allows."""
+
+    def check(self, href: str) -> None:
+        """Refuse an address that is not allowed, without asking anybody. SourceRefusedError says why."""
+
+    def opened(self, href: str) -> AbstractAsyncContextManager[RemoteFile]:
+        """Begin to fetch a file. SourceRefusedError: it is not allowed, not there, or not reached."""
 
 
 @dataclass(frozen=True)

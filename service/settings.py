@@ -48,6 +48,11 @@ class Settings(BaseSettings):
     """Most unfinished jobs."""
     min_free_bytes: int = Field(default=GIGABYTE, ge=0)
     """Uploads are refused (507) when less would remain free on the disk."""
+    allowed_sources: str = ""
+    """Beginnings of the addresses from which scans may be fetched (`"scan": {"href": …}`), separated by commas, such as
+    ``https://data.example.org/scans/``; empty: none."""
+    allow_private_sources: bool = False
+    """Allow these addresses to be those of private networks and of this machine."""
     body_timeout_s: int = Field(default=60, ge=1)
     """Longest silence of a client in the middle of a request."""
     upload_expiry_s: int = Field(default=86_400, ge=60)

@@ -10,9 +10,10 @@ from fastapi.responses import JSONResponse, PlainTextResponse
 from schemas.jobs import StatusInfo
 from schemas.links import Link
 from schemas.processes import ProcessDescription, ProcessList, ProcessSummary
-from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency, SettingsDependency
+from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency, SettingsDependency, SourcesDependency
 from service.ports import Job
 from service.routes.documents import status_info
+from service.routes.files import file_intake
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.request_bodies import read_json_body
 from service.use_cases.describe_processes import (
@@ -22,6 +23,7 @@ from service.use_cases.describe_processes import (
     offered_process,
     output_descriptions,
 )
+from service.use_cases.fetch_scans import with_fetched_scans
 from service.use_cases.submit_job import answer_at_once, check_execution, submit_job
 from service.use_cases.validate_request import parse_json
 
@@ -67,17 +69,20 @@ async def execute(
     request: Request,
     adapters: AdaptersDependency,
     settings: SettingsDependency,
+    sources: SourcesDependency,
     url: BaseUrlDependency,
 ) -> Response:
     """Run a process in the background: 201 with the job. `echo` answers at once (200) unless asked otherwise."""
     process = offered_process(process_id)
     body = parse_json(await read_json_body(request))
-    execution = await asyncio.to_thread(check_execution, process, body, adapters.files, settings)
     asynchronous = _prefers_async(request)
-    if process.synchronous and not asynchronous:
-        answer = answer_at_once(execution)
-        return PlainTextResponse(answer) if execution.raw and isinstance(answer, str) else JSONResponse(answer)
-    job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, datetime.now(UTC))
+    now = datetime.now(UTC)
+    async with with_fetched_scans(process, body, file_intake(adapters, settings), sources, now) as fetched:
+        execution = await asyncio.to_thread(check_execution, process, fetched, adapters.files, settings)
+        if process.synchronous and not asynchronous:
+            answer = answer_at_once(execution)
+            return PlainTextResponse(answer) if execution.raw and isinstance(answer, str) else JSONResponse(answer)
+        job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 
 

@@ -13,6 +13,7 @@ from python_multipart.multipart import MultipartParser
 
 from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, UnsupportedMediaTypeError
 from service.settings import Settings
+from service.use_cases.file_names import clean_filename
 from service.use_cases.patient_reading import timely
 from service.use_cases.validate_request import pointer_to
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
-MAX_FILENAME = 255
 
 
 def declared_length(request: Request) -> int | None:
@@ -68,14 +68,6 @@ async def read_within(what: str, chunks: AsyncIterator[bytes], limit: int) -> by
         if len(body) > limit:
             raise FileTooLargeError(what, len(body), limit)
     return bytes(body)
-
-
-def clean_filename(name: str) -> str:
-    """Reduce a client's file name to its last part, without control characters; empty when nothing remains."""
-    last = re.split(r"[/\\]", name)[-1]
-    # surrogates stand for bytes that were no UTF-8 and cannot be stored
-    kept = "".join(c for c in last if c.isprintable() and not "\ud800" <= c <= "\udfff").strip()
-    return "" if kept in {".", ".."} else kept[-MAX_FILENAME:]
 
 
 def disposition(header: str) -> tuple[str, str | None]:

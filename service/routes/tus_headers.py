@@ -7,7 +7,8 @@ import hashlib
 from fastapi import Request
 
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError, UnsupportedTusVersionError
-from service.routes.request_bodies import clean_filename, declared_length, media_type
+from service.routes.request_bodies import declared_length, media_type
+from service.use_cases.file_names import clean_filename
 from service.use_cases.receive_uploads import CHECKSUMS, Checksum
 from service.use_cases.validate_request import pointer_to
 
