@@ -16,7 +16,7 @@ from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.prior_decisions import decided_with_priors, rank_with_priors
 from algorithms.matching.priors import PairPriors
-from algorithms.matching.self_likeness import Contradiction, is_possible_alternative
+from algorithms.matching.self_likeness import Contradiction, are_near, is_possible_alternative
 from algorithms.matching.symmetries import poses_by_symmetry
 from algorithms.progress import NoProgress, Progress
 
@@ -30,7 +30,7 @@ LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 0.005, 0.02
 LEAST_SCORE_TO_DOUBT = 0.1
 """Poses with lower scores are not believed anyhow, whatever else is possible."""
 LEAST_SUPPORT = 0.02
-"""A pose on which less of the surface fits is no pose."""
+"""A pose on which less of the surface fits is no pose, and no rival."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,12 @@ class CoarseRegistration:
     """What makes the answer doubtful, in words with figures; empty when nothing does."""
     remarks: tuple[str, ...] = ()
     """What the reader should know although it makes nothing doubtful."""
+    cleanest_rival_share: float = 1.0
+    """Of all other poses ranked that would show the instruments another picture and lay 0.02 of the surface on surface:
+    the smallest share of what can be judged (what fits or stands in free space) that stands in free space; 1 if there
+    are none. Compare it with the share against the pose itself: right poses of 164 pairs showed a median of 0.000 in
+    simulated scenes, 0.003 in a garage, 0.007 in a street, 0.04 among trees, the cleanest wrong ones beside them 0.09
+    to 0.26."""
 
 
 def match_features(
@@ -143,6 +149,8 @@ class _Weighed:
     """Those they refute although the surfaces do not: number, evidence of the best pose, evidence there."""
     symmetric: list[int]
     """Rivals that a symmetry of the building makes possible, the one with most surface first."""
+    cleanest_share: float
+    """Smallest share against any other pose that is not near the best one; 1 if there is none."""
 
 
 def _described(
@@ -197,6 +205,7 @@ def _described(
         ambiguous=bool(close or weighed.symmetric),
         reasons=tuple(reasons),
         remarks=tuple(remarks),
+        cleanest_rival_share=weighed.cleanest_share,
     )
 
 
@@ -245,7 +254,12 @@ def _weighed(
             symmetric.append(k)
     rivals.sort(key=lambda k: -charitable[k])
     symmetric.sort(key=lambda k: -judged[k].support)
-    return _Weighed(first, rivals, refuted, symmetric)
+    by_share = sorted((k for k in range(len(score)) if k != first), key=lambda k: judged[k].share)
+    others = (k for k in by_share if judged[k].support >= LEAST_SUPPORT)
+    cleanest = next(
+        (k for k in others if not are_near(ranked.poses[first], ranked.poses[k], target.index, source.index)), None
+    )
+    return _Weighed(first, rivals, refuted, symmetric, 1.0 if cleanest is None else judged[cleanest].share)
 
 
 def _apart(source: ScanFeatures, pose: RigidTransform, other: RigidTransform) -> str:

@@ -87,7 +87,7 @@ def is_possible_alternative(
         )
 
     relative = alternative.support / max(best.support, 1e-9)
-    near = relative < NEAR_RELATIVE_SUPPORT and _are_near(pose, other, target, source)
+    near = relative < NEAR_RELATIVE_SUPPORT and are_near(pose, other, target, source)
     if near or alternative.support < LEAST_SUPPORT:
         return False
     turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
@@ -107,8 +107,16 @@ def is_possible_alternative(
     return any(likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED for likeness in likenesses())
 
 
-def _are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, source: SurfaceIndex) -> bool:
-    """Say whether the instruments would see nearly the same picture in both poses; False where they are unknown."""
+def are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, source: SurfaceIndex) -> bool:
+    """Say whether the instruments would see nearly the same picture in both poses; False where they are unknown.
+
+    Parameters
+    ----------
+    pose, other
+        Target from source.
+    target, source
+        The two scans.
+    """
     if not (target.knows_free_space and source.knows_free_space):
         return False
     if float((other.rotation * pose.rotation.inv()).magnitude()) > NEAR_RAD:
