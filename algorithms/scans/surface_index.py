@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.scans.point_blocks import LEAST_BLOCK, over_blocks
@@ -12,6 +11,8 @@ from algorithms.scans.range_image import SphericalRangeImage, conservative_neare
 
 CELL_RAD = math.radians(1.0)
 """Angular cell of a range image of the thinned surface: about the spacing of its points at common ranges."""
+OWNER_REACH = 2.6
+"""Farther away than so many cells from a cell's centre no surface point counts as the nearest."""
 MAX_CELLS = 24_000_000
 """Largest number of cells of the look-up raster; coarser cells beyond."""
 
@@ -217,6 +218,8 @@ def _directional_mean(fitting_moments: Array, all_moments: Matrix3, fitting: Sca
 
 def _owners(points: Points, spacing_m: float) -> tuple[float, Vector3, Array]:
     """Build the raster of nearest surface points; it reaches two cells around the surface."""
+    from algorithms.scans import surface_index_kernels as kernels
+
     if len(points) == 0:
         return max(spacing_m, 0.1), np.zeros(3), np.full((1, 1, 1), -1, dtype=np.int32)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -226,15 +229,12 @@ def _owners(points: Points, spacing_m: float) -> tuple[float, Vector3, Array]:
     low = low - 2.0 * cell
     shape = tuple(int(k) for k in np.ceil((high - low) / cell) + 3)
     occupied = np.unique(np.ravel_multi_index(tuple(((points - low) / cell).astype(np.int64).T), shape))
-    steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    steps = steps[np.sum(steps**2, axis=1) <= 5]
-    i, j, k = np.unravel_index(occupied, shape)
-    near = np.zeros(shape, dtype=bool)
-    for a, b, c in steps:
-        near[np.clip(i + a, 0, shape[0] - 1), np.clip(j + b, 0, shape[1] - 1), np.clip(k + c, 0, shape[2] - 1)] = True
-    cells = np.flatnonzero(near)
-    centres = low + (np.stack(np.unravel_index(cells, shape), axis=1) + 0.5) * cell
-    distances, nearest = cKDTree(points).query(centres, distance_upper_bound=2.6 * cell)
     owner = np.full(shape, -1, dtype=np.int32)
-    owner.ravel()[cells] = np.where(np.isfinite(distances), nearest, -1)
+    # the space around the surface, cell by cell: as far from occupied ones as the square root of five
+    kernels.mark_around(occupied, 2, 5, owner)
+    cells = np.flatnonzero(owner.ravel() == kernels.MARK)
+    owner.ravel()[cells] = np.arange(len(cells), dtype=np.int32)
+    nearest = np.full(len(cells), -1, dtype=np.int32)
+    kernels.nearest_points(points, low, cell, OWNER_REACH, owner, nearest)
+    owner.ravel()[cells] = nearest
     return cell, low, owner

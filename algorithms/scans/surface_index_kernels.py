@@ -11,6 +11,53 @@ from algorithms.arrays import Array
 LEAST_VIOLATIONS = 10.0
 """Sifting gives no pose up before so much weight stands in free space."""
 
+MARK = -2
+"""Of cells that are near the surface."""
+
+
+@njit(cache=True, nogil=True)
+def mark_around(occupied: Array, reach: int, most: int, raster: Array) -> Any:  # pragma: no cover - compiled
+    """Mark the cells that are near occupied ones, given by their numbers: at most the root of `most` cells away."""
+    nx, ny, nz = raster.shape
+    for number in occupied:
+        i, j, m = number // (ny * nz), number // nz % ny, number % nz
+        for a in range(max(i - reach, 0), min(i + reach + 1, nx)):
+            for b in range(max(j - reach, 0), min(j + reach + 1, ny)):
+                for c in range(max(m - reach, 0), min(m + reach + 1, nz)):
+                    if (a - i) ** 2 + (b - j) ** 2 + (c - m) ** 2 <= most:
+                        raster[a, b, c] = MARK
+
+
+@njit(cache=True, nogil=True)
+def nearest_points(
+    points: Array, low: Array, cell_m: float, reach: float, numbers: Array, nearest: Array
+) -> Any:  # pragma: no cover - compiled
+    """Write the point nearest to the centre of each cell, of equally near ones the first.
+
+    `numbers` (nx, ny, nz) tells where in `nearest` each cell stands, -1 for those that do not matter. Points farther
+    than `reach` cells from a centre do not count; there `nearest` stays as it is.
+    """
+    nx, ny, nz = numbers.shape
+    best = np.full(nearest.shape[0], reach * reach)
+    steps = math.ceil(reach)
+    for k in range(points.shape[0]):
+        x = (points[k, 0] - low[0]) / cell_m - 0.5
+        y = (points[k, 1] - low[1]) / cell_m - 0.5
+        z = (points[k, 2] - low[2]) / cell_m - 0.5
+        i, j, m = int(x + 0.5), int(y + 0.5), int(z + 0.5)
+        for a in range(max(i - steps, 0), min(i + steps + 1, nx)):
+            far_a = (x - a) ** 2
+            for b in range(max(j - steps, 0), min(j + steps + 1, ny)):
+                far_b = far_a + (y - b) ** 2
+                if far_b >= reach * reach:
+                    continue
+                for c in range(max(m - steps, 0), min(m + steps + 1, nz)):
+                    far = far_b + (z - c) ** 2
+                    q = numbers[a, b, c]
+                    if q >= 0 and far < best[q]:
+                        best[q] = far
+                        nearest[q] = k
+
 
 @njit(cache=True)
 def _angle(y: float, x: float) -> float:
