@@ -140,7 +140,8 @@ class RunningService:
         """List all files that clients and jobs have left, and all that is unfinished."""
         data = {path.relative_to(self.home).as_posix() for path in self.data.rglob("*") if path.is_file()}
         temporary = {path.relative_to(self.home).as_posix() for path in self.temporary.rglob("*")}
-        return (data | temporary) - {f"data/{name}" for name in OF_THE_SERVICE}
+        found = (data | temporary) - {f"data/{name}" for name in OF_THE_SERVICE}
+        return {name for name in found if not name.startswith("data/scratch/metrics/")}
 
     # requests
 
