@@ -12,7 +12,7 @@ from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.scan import ScanGrid
 from algorithms.scans.surface_cells import SurfaceCells
 
-MOST_CELLS = 500_000
+MOST_CELLS = 800_000
 """Grids of more pixels are cut into larger blocks: single pixels of dense scans tell more about noise than surface."""
 STEEPEST_RAD = float(np.deg2rad(80.0))
 """Blocks are neighbours on a surface that is met at no flatter angle than this."""
