@@ -5,6 +5,7 @@ import hashlib
 import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -142,3 +143,24 @@ def test_the_same_scan_sent_three_ways_is_stored_once(service: RunningService, t
     assert service.http.get(f"/files/{by_form}/content").content == content
     service.http.delete(f"/files/{by_form}")
     assert not (service.data / "blobs" / "files" / sha256).exists()
+
+
+def test_twins_that_come_and_go_at_the_same_time_do_not_take_their_content_from_each_other(
+    service: RunningService, tmp_path: Path
+) -> None:
+    scan = write_scan(tmp_path / "twin.las", 50_000)
+    content = scan.read_bytes()
+
+    def come_and_go(_number: int) -> list[int]:
+        answers = []
+        with httpx.Client(base_url=service.url, timeout=60.0) as client:
+            for _ in range(5):
+                file = client.post("/files", files={"file": (scan.name, content)}).raise_for_status().json()["id"]
+                answers.append(int(client.get(f"/files/{file}/content").content == content))
+                answers.append(client.delete(f"/files/{file}").status_code)
+        return answers
+
+    with ThreadPoolExecutor(4) as clients:
+        found = list(clients.map(come_and_go, range(4)))
+    assert found == [[1, 204] * 5] * 4
+    assert not (service.data / "blobs" / "files" / hashlib.sha256(content).hexdigest()).exists()
