@@ -7,6 +7,9 @@ from service.errors import ServiceError
 from service.ports import BlobStore, JobFilter, JobStore, Queue
 from service.use_cases.identifiers import new_identifier
 
+PROBES = "probes/"
+"""Where it is tried whether the storage can be written to."""
+
 
 def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue) -> Readiness:
     """Try the database and the storage, and count the workers."""
@@ -32,7 +35,7 @@ def _database(jobs: JobStore) -> Check:
 
 
 def _storage(blobs: BlobStore) -> Check:
-    key = f"probes/{new_identifier()}"
+    key = f"{PROBES}{new_identifier()}"
     blobs.write_bytes(key, b"written to see whether it can be")
     blobs.delete_prefix(key)
     return Check(ok=True, detail="writable")

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 
 from service.errors import ServiceError
 from service.ports import BlobStore, FileStore, JobFilter, JobStore, UploadState
+from service.use_cases.check_readiness import PROBES
 from service.use_cases.content_keys import FILES, INCOMING, content_key, is_content
 from service.use_cases.feature_keys import FEATURES
 from service.use_cases.receive_uploads import UploadDesk
@@ -90,7 +91,7 @@ class Cleaner:
 
     def _remove_half_made(self, moment: datetime) -> int:
         removed = self.desk.uploads.remove_abandoned(moment) + self._blobs.remove_abandoned(moment)
-        for key in self._blobs.unchanged_since(INCOMING, moment):
+        for key in (*self._blobs.unchanged_since(INCOMING, moment), *self._blobs.unchanged_since(PROBES, moment)):
             self._blobs.delete_prefix(key)
             removed += 1
         return removed

@@ -104,9 +104,10 @@ def test_an_empty_storage_or_database_is_taken_for_the_wrong_one(house: House, t
 
 def test_files_that_arrived_and_were_never_entered_go_after_a_while(house: House) -> None:
     house.blobs.write_bytes("incoming/f1", b"1")
+    house.blobs.write_bytes("probes/1", b"1")
     (house.directory / "scratch" / "partial-1").write_bytes(b"1")
     assert house.clean_up().nothing
-    assert house.clean_up(after=timedelta(days=2)) == CleanUp(half_made=2)
+    assert house.clean_up(after=timedelta(days=2)) == CleanUp(half_made=3)
     assert house.left() == []
 
 
