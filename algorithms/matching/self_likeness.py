@@ -26,6 +26,10 @@ the surface on surface in the wrong pose, and the right one has little in common
 possible from this part of the surface on, if it is spotless itself; or if it lays so much of both scans on themselves
 with less than `CONTRADICTED` against it, and if hardly more speaks against the other pose than against the best. Of
 the wrong poses that lay `LEAST_SUPPORT` of the surface on surface none came below 0.007 in 164 pairs, real or not."""
+FAINT_SUPPORT, FAINT_RELATIVE_SUPPORT, FAINT_LIKENESS, FAINT_CONTRADICTED = 0.02, 0.05, 0.03, 0.03
+"""A spotless turned pose with still less in common, from the first two values on, could be anywhere, unless the turn
+lays the third part of both scans on themselves with less than the fourth against it: coarse scans of the two sides of a
+bridge show hardly more in common than the sides of its pillars."""
 NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 """Two poses whose motion is seen under a smaller angle than the first value show nearly the same picture: were one by a
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
@@ -86,17 +90,21 @@ def is_possible_alternative(
             self_likeness(source, pose.inv() * other, noise_m),
         )
 
+    def both_are_like_themselves(support: float, share: float) -> bool:
+        return all(like.support >= support and like.share <= share for like in likenesses())
+
     relative = alternative.support / max(best.support, 1e-9)
     near = relative < NEAR_RELATIVE_SUPPORT and are_near(pose, other, target, source)
-    if near or alternative.support < LEAST_SUPPORT:
+    if near or alternative.support < FAINT_SUPPORT:
         return False
     turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
-    if best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT:
-        if not turned or relative < TURNED_RELATIVE_SUPPORT or alternative.share > TURNED_SHARE:
-            return False
-        return alternative.share <= SPOTLESS or all(
-            like.support >= TURNED_SUPPORT and like.share <= CONTRADICTED for like in likenesses()
-        )
+    lone = best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT
+    if alternative.support < LEAST_SUPPORT or (lone and relative < TURNED_RELATIVE_SUPPORT):
+        spotless = turned and alternative.share <= SPOTLESS and relative >= FAINT_RELATIVE_SUPPORT
+        return spotless and both_are_like_themselves(FAINT_LIKENESS, FAINT_CONTRADICTED)
+    if lone:
+        clean = turned and alternative.share <= TURNED_SHARE
+        return clean and (alternative.share <= SPOTLESS or both_are_like_themselves(TURNED_SUPPORT, CONTRADICTED))
     limit = max(CONTRADICTED, CONTRADICTED_AS_BEST * best.share)
     if turned or best.share > SPOTLESS:
         limit = max(limit, CONTRADICTED_PER_SUPPORT * relative)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -40,26 +41,38 @@ def events_of(text: str) -> list[dict[str, Any]]:
     return found
 
 
-def followed(app: FastAPI, job_id: str, *changes: Any, headers: dict[str, str] | None = None) -> list[dict[str, Any]]:
-    """Follow a job while it changes."""
+def followed(
+    app: FastAPI, adapters: Adapters, *changes: Callable[[], object], headers: dict[str, str] | None = None
+) -> list[dict[str, Any]]:
+    """Follow the job; each change comes when the state before it has been looked at."""
+    looks, get = [0], adapters.jobs.get
+
+    def counted(job_id: str) -> Job | None:
+        found = get(job_id)
+        looks[0] += 1
+        return found
 
     async def follow() -> str:
         transport = httpx.ASGITransport(app=app)
         async with httpx.AsyncClient(transport=transport, base_url="http://service") as client:
-            asked = asyncio.create_task(client.get(f"/jobs/{job_id}/events", headers=headers))
+            asked = asyncio.create_task(client.get("/jobs/job0/events", headers=headers))
             for change in changes:
-                await asyncio.sleep(0.5)
+                seen = looks[0]
+                while looks[0] < seen + 2:  # noqa: ASYNC110 - another thread looks
+                    await asyncio.sleep(0.01)
                 change()
             return (await asyncio.wait_for(asked, 10.0)).text
 
-    return events_of(asyncio.run(follow()))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(adapters.jobs, "get", counted)
+        return events_of(asyncio.run(follow()))
 
 
 def test_events_tell_every_change_and_end_with_the_final_status(app: FastAPI, adapters: Adapters, job: str) -> None:
     later = [NOW + timedelta(seconds=k) for k in range(1, 4)]
     events = followed(
         app,
-        job,
+        adapters,
         lambda: adapters.jobs.start(job, later[0]),
         lambda: adapters.jobs.report(job, 40, "features of A", later[1]),
         lambda: adapters.jobs.succeed(job, later[2]),
@@ -73,8 +86,8 @@ def test_events_tell_every_change_and_end_with_the_final_status(app: FastAPI, ad
 def test_a_client_that_lost_the_line_is_told_only_what_is_new(app: FastAPI, adapters: Adapters, job: str) -> None:
     adapters.jobs.start(job, NOW + timedelta(seconds=1))
     done = NOW + timedelta(seconds=2)
-    first = followed(app, job, lambda: adapters.jobs.succeed(job, done))
-    again = followed(app, job, headers={"Last-Event-ID": first[0]["id"]})
+    first = followed(app, adapters, lambda: adapters.jobs.succeed(job, done))
+    again = followed(app, adapters, headers={"Last-Event-ID": first[0]["id"]})
     assert [event["data"]["status"] for event in again] == ["successful"]
 
 
@@ -95,7 +108,8 @@ def test_a_removed_job_ends_its_events(app: FastAPI, adapters: Adapters, job: st
         adapters.jobs.dismiss(job, NOW + timedelta(seconds=1))
         adapters.jobs.delete(job)
 
-    assert [event["data"]["status"] for event in followed(app, job, remove)] == ["accepted"]
+    statuses = [event["data"]["status"] for event in followed(app, adapters, remove)]
+    assert statuses in (["accepted"], ["accepted", "dismissed"])
 
 
 def test_the_status_document_links_to_the_events_while_there_are_any(client: Client, job: str) -> None:
