@@ -150,7 +150,7 @@ def _processes(settings: Settings, listener: socket.socket, steps: str, plans: s
     environment = dict(os.environ)
     for name, value in settings.model_dump(mode="json").items():
         environment[f"TIELINE_{name.upper()}"] = value if isinstance(value, str) else json.dumps(value)
-    counts = settings.data_dir.resolve() / "scratch" / "metrics"
+    counts = settings.data_dir.resolve() / "metrics"
     shutil.rmtree(counts, ignore_errors=True)  # of processes that are no more
     counts.mkdir(parents=True)
     environment["PROMETHEUS_MULTIPROC_DIR"] = str(counts)

@@ -141,7 +141,7 @@ class RunningService:
         data = {path.relative_to(self.home).as_posix() for path in self.data.rglob("*") if path.is_file()}
         temporary = {path.relative_to(self.home).as_posix() for path in self.temporary.rglob("*")}
         found = (data | temporary) - {f"data/{name}" for name in OF_THE_SERVICE}
-        return {name for name in found if not name.startswith("data/scratch/metrics/")}
+        return {name for name in found if not name.startswith("data/metrics/")}
 
     # requests
 

@@ -170,8 +170,8 @@ def test_a_hostile_name_is_only_a_name(
     before = service.stored()
     answer = service.post("/files", content=ply(POINTS), headers=headers)
     assert (answer.status_code, answer.json().get("name")) == (201, kept), answer.text
-    file = answer.json()["id"]
-    assert service.stored() - before == {f"data/blobs/files/{file}"}
+    file, content = answer.json()["id"], answer.json()["sha256"]
+    assert service.stored() - before == {f"data/blobs/files/{content}"}
     assert service.http.get(f"/files/{file}/content").status_code == 200
     assert service.http.delete(f"/files/{file}").status_code == 204
     nothing_stored()
