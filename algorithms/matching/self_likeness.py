@@ -26,7 +26,7 @@ the surface on surface in the wrong pose, and the right one has little in common
 possible from this part of the surface on, if it is spotless itself; or if it lays so much of both scans on themselves
 with less than `CONTRADICTED` against it, and if hardly more speaks against the other pose than against the best. Of
 the wrong poses that lay `LEAST_SUPPORT` of the surface on surface none came below 0.007 in 164 pairs, real or not."""
-FAINT_SUPPORT, FAINT_RELATIVE_SUPPORT, FAINT_LIKENESS, FAINT_CONTRADICTED = 0.02, 0.05, 0.03, 0.03
+FAINT_SUPPORT, FAINT_RELATIVE_SUPPORT, FAINT_LIKENESS, FAINT_CONTRADICTED = 0.02, 0.06, 0.03, 0.03
 """A spotless turned pose with still less in common, from the first two values on, could be anywhere, unless the turn
 lays the third part of both scans on themselves with less than the fourth against it: coarse scans of the two sides of a
 bridge show hardly more in common than the sides of its pillars."""
