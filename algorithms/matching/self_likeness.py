@@ -27,9 +27,10 @@ possible from this part of the surface on, if it is spotless itself; or if it la
 with less than `CONTRADICTED` against it, and if hardly more speaks against the other pose than against the best. Of
 the wrong poses that lay `LEAST_SUPPORT` of the surface on surface none came below 0.007 in 164 pairs, real or not."""
 FAINT_SUPPORT, FAINT_RELATIVE_SUPPORT, FAINT_LIKENESS, FAINT_CONTRADICTED = 0.02, 0.06, 0.03, 0.03
-"""A spotless turned pose with still less in common, from the first two values on, could be anywhere, unless the turn
-lays the third part of both scans on themselves with less than the fourth against it: coarse scans of the two sides of a
-bridge show hardly more in common than the sides of its pillars."""
+"""A spotless turned pose with still less in common could be anywhere: from the first value of support on, and the
+second of support relative to the best pose's, it is possible only if the turn lays the third value, a share of the
+surface, of both scans on themselves, with less than the fourth against it. Coarse scans of the two sides of a bridge
+show hardly more in common than the sides of its pillars."""
 NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 """Two poses whose motion is seen under a smaller angle than the first value show nearly the same picture: were one by a
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
