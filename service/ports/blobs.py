@@ -1,0 +1,49 @@
+"""Where bytes are kept."""
+
+from collections.abc import AsyncIterator, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Protocol
+
+
+class BlobStore(Protocol):
+    """Keep bytes under keys such as ``files/<sha256>``, ``features/<hash>.npz``, ``jobs/<id>/result.json``.
+
+    A blob appears whole or not at all (temporary name, fsync, rename).
+    """
+
+    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
+        """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
+
+    def write_bytes(self, key: str, data: bytes) -> None:
+        """Store small content."""
+
+    def put_file(self, key: str, path: Path) -> None:
+        """Move a finished local file into the store."""
+
+    def put_copy(self, key: str, path: Path) -> None:
+        """Put a finished local file, which is never written again, into the store; the file itself stays."""
+
+    def move(self, key: str, new_key: str) -> None:
+        """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
+
+    def local_path(self, key: str) -> Path:
+        """Give a local, readable copy of a blob (the blob itself for a local store). FileNotFoundError when absent."""
+
+    def exists(self, key: str) -> bool:
+        """Tell whether the key is stored."""
+
+    def keys(self, prefix: str) -> Sequence[str]:
+        """List the keys under a prefix."""
+
+    def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
+        """List the keys under a prefix that were last written before a moment."""
+
+    def remove_abandoned(self, moment: datetime) -> int:
+        """Remove unfinished blobs that nobody has written to since a moment; give their number."""
+
+    def delete_prefix(self, prefix: str) -> None:
+        """Remove everything under a prefix; nothing happens when there is nothing."""
+
+    def scratch(self) -> Path:
+        """Give a new empty directory on the same file system; the caller removes it."""

@@ -1,0 +1,5 @@
+"""JSON documents."""
+
+from typing import Any
+
+Json = dict[str, Any]

@@ -1,0 +1,64 @@
+"""What the service keeps of files: their metadata."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+from service.ports.documents import Json
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """Metadata of an uploaded file."""
+
+    id: str
+    name: str
+    bytes: int
+    sha256: str
+    format: str
+    kind: str
+    """scan, photo, project or other."""
+    created: datetime
+    expires: datetime | None = None
+    scans: tuple[Json, ...] = ()
+    """One document per scan: index, name, points, structured, rows, columns, bounds_m, has_intensity, ..."""
+    photos: tuple[Json, ...] = ()
+
+    def summary(self) -> Json:
+        """Give what a plan sees of the file."""
+        return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind")}
+
+
+class FileStore(Protocol):
+    """Keep the metadata of files."""
+
+    def add(self, file: StoredFile, place: Callable[[], None] = lambda: None) -> None:
+        """Insert.
+
+        Parameters
+        ----------
+        file
+            The metadata.
+        place
+            Puts the content where it belongs, in the same transaction; meanwhile nobody else adds or removes content
+            of this hash. When it raises, the file is not inserted.
+        """
+
+    def get(self, file_id: str) -> StoredFile | None:
+        """Fetch."""
+
+    def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
+        """List, newest first, with the number of all."""
+
+    def contents(self) -> frozenset[str]:
+        """Give the hashes of all contents that files have."""
+
+    def delete(self, file_id: str) -> bool:
+        """Forget; False when it was unknown."""
+
+    def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
+        """Call `remove` if no file has this content, while nobody can add one; tell whether it was called."""
+
+    def forget_lost(self, sha256: str, is_there: Callable[[], bool]) -> int:
+        """Forget the files of a content that is not there (any more); give their number."""

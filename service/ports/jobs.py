@@ -1,0 +1,113 @@
+"""What the service keeps of jobs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Protocol
+
+from service.ports.documents import Json
+
+
+class JobStatus(StrEnum):
+    """Status of a job, in the words of OGC API - Processes."""
+
+    ACCEPTED = "accepted"
+    RUNNING = "running"
+    SUCCESSFUL = "successful"
+    FAILED = "failed"
+    DISMISSED = "dismissed"
+
+    @property
+    def finished(self) -> bool:
+        """Tell whether the status is final."""
+        return self in {JobStatus.SUCCESSFUL, JobStatus.FAILED, JobStatus.DISMISSED}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a process."""
+
+    id: str
+    process_id: str
+    inputs: Json
+    """Validated inputs as in the request."""
+    status: JobStatus
+    created: datetime
+    started: datetime | None = None
+    finished: datetime | None = None
+    updated: datetime | None = None
+    progress: int = 0
+    """Percent."""
+    message: str = ""
+    """What is being done, or why it ended."""
+    attempts: int = 0
+    """How often a worker has taken the job up."""
+    problem: Json | None = None
+    """Problem document of a failed job."""
+    file_ids: tuple[str, ...] = ()
+    """Files the job reads; they cannot be deleted before it ends."""
+
+
+@dataclass(frozen=True)
+class JobFilter:
+    """Which jobs to list."""
+
+    statuses: tuple[JobStatus, ...] = ()
+    process_ids: tuple[str, ...] = ()
+    limit: int = 100
+    offset: int = 0
+
+
+class JobStore(Protocol):
+    """Keep jobs. Every method is one transaction. Status only moves forward: a final status never changes."""
+
+    def create_and_enqueue(self, job: Job) -> None:
+        """Insert the job and put it on the queue in one transaction: both or neither."""
+
+    def get(self, job_id: str) -> Job | None:
+        """Fetch a job."""
+
+    def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
+        """List jobs, newest first, and the number of all that match."""
+
+    def start(self, job_id: str, now: datetime) -> Job | None:
+        """Mark as running and count the attempt; None when the job is gone or final."""
+
+    def report(self, job_id: str, progress: int, message: str, now: datetime) -> bool:
+        """Record progress; False when the job is gone or final (the computation should stop)."""
+
+    def succeed(self, job_id: str, now: datetime) -> bool:
+        """Mark as successful; False when it was final or gone."""
+
+    def fail(self, job_id: str, problem: Json, now: datetime) -> bool:
+        """Mark as failed with its problem document."""
+
+    def dismiss(self, job_id: str, now: datetime) -> Job | None:
+        """Mark a waiting or running job as dismissed; return the job as it is then."""
+
+    def delete(self, job_id: str) -> None:
+        """Forget a finished job."""
+
+    def unfinished_using(self, file_id: str) -> Job | None:
+        """Find an unfinished job that reads a file."""
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """One line of a job's log."""
+
+    time: datetime
+    level: str
+    """info, warning or error."""
+    text: str
+
+
+class JobLog(Protocol):
+    """Keep what happened to each job; it goes with the job."""
+
+    def write(self, job_id: str, lines: Sequence[LogLine]) -> None:
+        """Add lines to a job's log; nothing happens when the job is gone."""
+
+    def read(self, job_id: str, limit: int) -> Sequence[LogLine]:
+        """Give the last lines of a job's log, in the order in which they were written."""
