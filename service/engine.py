@@ -51,6 +51,7 @@ POLLING_S = {PROJECT: 0.5, COMPUTE: 0.1}
 """Many steps take less than a second, so that waiting for the next look at their queue would double them. Ten looks a
 second cost an idle worker 2 % of a processor."""
 RESULT_POLLING_S = 0.1
+CLIENT_CONNECTIONS = 2
 HEARTBEAT_S = 2.0
 STEP_ATTEMPTS = 3
 REPORT_INTERVAL_S = 0.2
@@ -92,9 +93,11 @@ def prepare(settings: Settings) -> None:
 def _client(settings: Settings) -> DBOSClient:
     return DBOSClient(
         system_database_url=settings.sqlalchemy_url,
+        system_database_pool_size=CLIENT_CONNECTIONS,
         serializer=JsonSerializer(),
         application_name=APPLICATION_NAME,
         lazy=True,
+        retry_connection_errors=False,  # a request is answered that the database is away
     )
 
 
@@ -205,6 +208,7 @@ class Engine:
             "serializer": JsonSerializer(),
             "log_level": "WARNING",
             "run_migrations": False,
+            "sys_db_pool_size": settings.database_connections,
         }
         DBOS(config=config)
         _join_log()

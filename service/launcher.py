@@ -16,8 +16,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import httpx
+import sqlalchemy as sa
 import structlog
 import uvicorn
+from sqlalchemy.exc import OperationalError
 
 from service import engine
 from service.adapters import database
@@ -73,9 +75,19 @@ class Supervised:
 
 
 def prepare(settings: Settings) -> None:
-    """Bring the data up to date: the service's tables, the queue engine's, the files. Before any process starts."""
-    database.migrate(settings)
-    engine.prepare(settings)
+    """Bring the data up to date: the service's tables, the queue engine's, the files. Before any process starts.
+
+    Raises
+    ------
+    StorageError
+        The database cannot be reached.
+    """
+    try:
+        database.migrate(settings)
+        engine.prepare(settings)
+    except OperationalError as error:
+        place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
+        raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
     tables = connect(settings)
     adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
     tables.dispose()

@@ -4,10 +4,12 @@ import os
 import sys
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 GIGABYTE = 1_000_000_000
+POSTGRESQL = "postgresql+psycopg"
+"""Name of the database with its driver."""
 
 
 class Settings(BaseSettings):
@@ -18,7 +20,9 @@ class Settings(BaseSettings):
     data_dir: Path = Path("tieline-data")
     """Where files, results and the embedded database live."""
     database_url: str = ""
-    """SQLAlchemy URL of the metadata and queue database; empty: SQLite in `data_dir`."""
+    """Database of metadata and queue: ``postgresql://user:password@host/database``; empty: SQLite in `data_dir`."""
+    database_connections: int = Field(default=8, ge=2)
+    """Most connections of one process to PostgreSQL for metadata; the queue takes as many again at most."""
     host: str = "127.0.0.1"
     """Address to bind to."""
     port: int = Field(default=8765, ge=0, le=65535)
@@ -80,8 +84,18 @@ class Settings(BaseSettings):
 
     @property
     def sqlalchemy_url(self) -> str:
-        """Give the database's URL with the embedded default filled in."""
-        return self.database_url or f"sqlite:///{(self.data_dir / 'tieline.sqlite').resolve()}"
+        """Give the database's URL, with its driver, and with the embedded default filled in."""
+        if not self.database_url:
+            return f"sqlite:///{(self.data_dir / 'tieline.sqlite').resolve()}"
+        scheme, _, rest = self.database_url.partition("://")
+        return f"{POSTGRESQL}://{rest}" if scheme in {"postgres", "postgresql"} else self.database_url
+
+    @field_validator("database_url")
+    @classmethod
+    def _is_known(cls, url: str) -> str:
+        if url and url.partition("://")[0] not in {"postgres", "postgresql", POSTGRESQL, "sqlite"}:
+            raise ValueError("a database is given as postgresql://user:password@host/database")
+        return url
 
 
 def _cores() -> int:

@@ -7,6 +7,20 @@ import sqlalchemy as sa
 
 from service.settings import Settings
 
+POOL_TIMEOUT_S = 10.0
+"""How long a request waits for a free connection."""
+PATIENCE = {
+    "connect_timeout": 5,
+    # a server that is gone without a word (power cut, network) is noticed within half a minute
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 25_000,
+    # a process that is stopped in the middle of a transaction must not keep its locks
+    "options": "-c idle_in_transaction_session_timeout=60000 -c lock_timeout=60000",
+}
+"""What is expected of a PostgreSQL server, in words of its client library."""
+
 
 class UtcDateTime(sa.types.TypeDecorator[datetime]):
     """Keep aware times: SQLite forgets the zone, so all is stored in UTC."""
@@ -112,7 +126,14 @@ def connect(settings: Settings) -> sa.Engine:
     """Make the engine of the metadata database (embedded SQLite or PostgreSQL)."""
     url = sa.make_url(settings.sqlalchemy_url)
     if url.get_backend_name() != "sqlite":
-        return sa.create_engine(url.set(drivername="postgresql+psycopg"), pool_pre_ping=True)
+        return sa.create_engine(
+            url,
+            pool_size=2,
+            max_overflow=settings.database_connections - 2,
+            pool_timeout=POOL_TIMEOUT_S,
+            pool_pre_ping=True,
+            connect_args=PATIENCE,
+        )
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = sa.create_engine(url)
 

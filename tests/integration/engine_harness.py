@@ -54,6 +54,7 @@ class Harness:
             **os.environ,
             "PYTHONPATH": str(HERE),
             "TIELINE_DATA_DIR": str(self.settings.data_dir),
+            "TIELINE_DATABASE_URL": self.settings.database_url,
             "TIELINE_SLOTS": str(self.settings.slots),
             "TIELINE_STEP_MEMORY_BYTES": str(self.settings.step_memory_bytes),
             "TIELINE_MAX_ATTEMPTS": str(self.settings.max_attempts),

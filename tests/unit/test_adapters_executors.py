@@ -11,11 +11,12 @@ from service.adapters.database import migrate
 from service.adapters.database_executors import DEAD_AFTER_S, DatabaseExecutors
 from service.adapters.database_tables import connect, executors
 from service.settings import Settings
+from tests.databases import NewDatabase
 
 
 @pytest.fixture
-def engine(tmp_path: Path) -> Iterator[sa.Engine]:
-    settings = Settings(data_dir=tmp_path)
+def engine(tmp_path: Path, new_database: NewDatabase) -> Iterator[sa.Engine]:
+    settings = Settings(data_dir=tmp_path, database_url=new_database())
     migrate(settings)
     engine = connect(settings)
     yield engine

@@ -1,6 +1,7 @@
 """Jobs and files: the memory and the database adapters keep the same promises."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -15,27 +16,39 @@ from service.adapters.database_tables import connect, metadata
 from service.adapters.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore
 from service.ports import FileStore, Job, JobFilter, JobLog, JobStatus, JobStore, LogLine, StoredFile
 from service.settings import Settings
+from tests.databases import DATABASES, NewDatabase, databases_of
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 JOB = Job("j1", "register", {"a": [1, 2]}, JobStatus.ACCEPTED, NOW, file_ids=("f2", "f1"))
 FILE = StoredFile("f1", "a.e57", 5_000_000_000, "0" * 64, "e57", "scan", NOW, scans=({"index": 0},))
+MakeEngine = Callable[[NewDatabase], sa.Engine]
 MakeJobs = Callable[[Callable[[Job], None]], JobStore]
 
 
 @pytest.fixture
-def engine(tmp_path: Path) -> Iterator[sa.Engine]:
-    settings = Settings(data_dir=tmp_path)
-    migrate(settings)
-    engine = connect(settings)
-    yield engine
-    engine.dispose()
+def make_engine(tmp_path: Path) -> Iterator[MakeEngine]:
+    with ExitStack() as stack:
+
+        def make(new_database: NewDatabase) -> sa.Engine:
+            settings = Settings(data_dir=tmp_path, database_url=new_database())
+            migrate(settings)
+            engine = connect(settings)
+            stack.callback(engine.dispose)
+            return engine
+
+        yield make
 
 
-@pytest.fixture(params=["memory", "database"])
-def make_jobs(request: pytest.FixtureRequest) -> MakeJobs:
+@pytest.fixture
+def engine(make_engine: MakeEngine, new_database: NewDatabase) -> sa.Engine:
+    return make_engine(new_database)
+
+
+@pytest.fixture(params=["memory", *DATABASES])
+def make_jobs(request: pytest.FixtureRequest, make_engine: MakeEngine) -> MakeJobs:
     if request.param == "memory":
         return MemoryJobStore
-    engine = request.getfixturevalue("engine")
+    engine = make_engine(databases_of(request, request.param))
     return lambda enqueue: DatabaseJobStore(engine, lambda _connection, job: enqueue(job))
 
 
@@ -44,9 +57,11 @@ def jobs(make_jobs: MakeJobs) -> JobStore:
     return make_jobs(lambda _job: None)
 
 
-@pytest.fixture(params=["memory", "database"])
-def files(request: pytest.FixtureRequest) -> FileStore:
-    return MemoryFileStore() if request.param == "memory" else DatabaseFileStore(request.getfixturevalue("engine"))
+@pytest.fixture(params=["memory", *DATABASES])
+def files(request: pytest.FixtureRequest, make_engine: MakeEngine) -> FileStore:
+    if request.param == "memory":
+        return MemoryFileStore()
+    return DatabaseFileStore(make_engine(databases_of(request, request.param)))
 
 
 def test_a_job_comes_back_as_it_was_stored(jobs: JobStore) -> None:
@@ -165,8 +180,8 @@ def test_the_migrations_make_the_tables_that_the_code_uses(engine: sa.Engine) ->
     assert made - columns == {("alembic_version", "version_num", False)}
 
 
-def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path)
+def test_migrating_twice_changes_nothing(tmp_path: Path, new_database: NewDatabase) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=new_database())
     migrate(settings)
     migrate(settings)
 
@@ -223,11 +238,11 @@ def test_files_are_forgotten_only_while_their_content_is_away(files: FileStore) 
     assert files.find(10, 0) == ([], 0)
 
 
-@pytest.fixture(params=["memory", "database"])
-def job_log(request: pytest.FixtureRequest) -> JobLog:
+@pytest.fixture(params=["memory", *DATABASES])
+def job_log(request: pytest.FixtureRequest, make_engine: MakeEngine) -> JobLog:
     if request.param == "memory":
         return MemoryJobLog()
-    engine = request.getfixturevalue("engine")
+    engine = make_engine(databases_of(request, request.param))
     DatabaseJobStore(engine, lambda *_: None).create_and_enqueue(JOB)
     return DatabaseJobLog(engine)
 
