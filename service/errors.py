@@ -138,12 +138,13 @@ class UnsupportedMediaTypeError(ServiceError):
     status, title = 415, "Unsupported media type"
 
 
-class SourceRefusedError(ServiceError):
-    """Say why a file cannot be fetched from where a request says that it is."""
+class AddressRefusedError(ServiceError):
+    """Say why the service does not, or cannot, use an address that a request names."""
 
-    status, title = 400, "Source refused"
+    status, title = 400, "Address refused"
 
     def __init__(self, href: str, reason: str) -> None:
+        self.reason = reason
         super().__init__(f"{href}: {reason}")
 
 

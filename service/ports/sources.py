@@ -19,7 +19,7 @@ class Sources(Protocol):
     """Reach files on other servers, as far as the operator allows."""
 
     def check(self, href: str) -> None:
-        """Refuse an address that is not allowed, without asking anybody. SourceRefusedError says why."""
+        """Refuse an address that is not allowed, without asking anybody. AddressRefusedError says why."""
 
     def opened(self, href: str) -> AbstractAsyncContextManager[RemoteFile]:
-        """Begin to fetch a file. SourceRefusedError: it is not allowed, not there, or not reached."""
+        """Begin to fetch a file. AddressRefusedError: it is not allowed, not there, or not reached."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, ServiceError, SourceRefusedError
+from service.errors import AddressRefusedError, FieldFault, FileTooLargeError, InvalidRequestError, ServiceError
 from service.ports import Sources, StepFailedError, StoredFile
 from service.use_cases.describe_processes import OfferedProcess
 from service.use_cases.identifiers import new_identifier
@@ -80,7 +80,7 @@ def _check(process: OfferedProcess, body: Any, references: Sequence[_Reference],
     for each in references:
         try:
             sources.check(each.href)
-        except SourceRefusedError as error:
+        except AddressRefusedError as error:
             faults.append(FieldFault(each.pointer, str(error)))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
@@ -106,7 +106,7 @@ async def _fetched(reference: _Reference, intake: FileIntake, sources: Sources, 
 
     try:
         return (await intake.store(uploads(), now))[0]
-    except (SourceRefusedError, StepFailedError) as error:
+    except (AddressRefusedError, StepFailedError) as error:
         raise _at(reference, error) from None
     except ServiceError as error:
         if error.status != InvalidRequestError.status:

@@ -10,7 +10,7 @@ import pytest
 from fastapi import FastAPI
 
 from service.dependencies import Adapters
-from service.errors import SourceRefusedError
+from service.errors import AddressRefusedError
 from service.main import create_app
 from service.ports import RemoteFile
 from service.settings import Settings
@@ -32,13 +32,13 @@ class Elsewhere:
 
     def check(self, href: str) -> None:
         if not href.startswith("https://x.org/"):
-            raise SourceRefusedError(href, "not allowed")
+            raise AddressRefusedError(href, "not allowed")
 
     @asynccontextmanager
     async def opened(self, href: str) -> AsyncIterator[RemoteFile]:
         self.asked.append(href)
         if href not in self.contents:
-            raise SourceRefusedError(href, "its server answered 404")
+            raise AddressRefusedError(href, "its server answered 404")
         yield RemoteFile(href.rpartition("/")[2], chunks_of(self.contents[href]), len(self.contents[href]))
 
 
