@@ -16,6 +16,7 @@ from service.adapters.database_job_log import DatabaseJobLog
 from service.errors import to_problem
 from service.ports import JobStatus, StepFailedError
 from service.settings import GIGABYTE, Settings
+from tests.databases import NewDatabase
 
 pytestmark = pytest.mark.service
 
@@ -23,9 +24,10 @@ NAP = {"step": "nap", "seconds": 0.3}
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
+def service(tmp_path_factory: pytest.TempPathFactory, new_database: NewDatabase) -> Iterator[Harness]:
     """Run one worker with two slots for all tests of this file."""
-    with harness(tmp_path_factory.mktemp("service"), slots=2, step_memory_bytes=GIGABYTE) as made:
+    place = tmp_path_factory.mktemp("service")
+    with harness(place, database_url=new_database(), slots=2, step_memory_bytes=GIGABYTE) as made:
         made.start_worker()
         wait_until(lambda: made.queue.live_workers() == 1)
         yield made
@@ -147,8 +149,10 @@ def test_what_the_queue_keeps_is_json(service: Harness) -> None:
     service.finished(service.submit([{**NAP, "name": "kept"}]))
     with service.engine.begin() as connection:
         kept = [
-            *connection.execute(sa.text("SELECT inputs FROM workflow_input")).scalars(),
-            *connection.execute(sa.text("SELECT coalesce(output, error) FROM workflow_output")).scalars(),
+            *connection.execute(sa.text(f"SELECT inputs FROM {service.table('workflow_input')}")).scalars(),
+            *connection.execute(
+                sa.text(f"SELECT coalesce(output, error) FROM {service.table('workflow_output')}")
+            ).scalars(),
         ]
     assert len([json.loads(value) for value in kept]) == len(kept) > 2
 

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from engine_harness import Harness, alive, harness, wait_until
 
 from service.ports import JobStatus
+from tests.databases import NewDatabase
 
 pytestmark = pytest.mark.service
 
@@ -18,8 +19,8 @@ LONG = {"step": "nap", "seconds": 1.5}
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
-    with harness(tmp_path_factory.mktemp("workers")) as made:
+def service(tmp_path_factory: pytest.TempPathFactory, new_database: NewDatabase) -> Iterator[Harness]:
+    with harness(tmp_path_factory.mktemp("workers"), database_url=new_database()) as made:
         yield made
 
 
@@ -69,8 +70,8 @@ def test_another_worker_takes_over_from_a_killed_one(service: Harness) -> None:
 
 
 @pytest.mark.e2e
-def test_a_job_that_takes_its_worker_down_fails_and_says_where(tmp_path: Path) -> None:
-    with harness(tmp_path, max_attempts=1) as service:
+def test_a_job_that_takes_its_worker_down_fails_and_says_where(tmp_path: Path, new_database: NewDatabase) -> None:
+    with harness(tmp_path, database_url=new_database(), max_attempts=1) as service:
         service.start_worker()
         job = service.submit([{**LONG, "seconds": 60, "name": "poison"}])
         service.started("poison")
@@ -83,12 +84,15 @@ def test_a_job_that_takes_its_worker_down_fails_and_says_where(tmp_path: Path) -
 
 
 @pytest.mark.e2e
-def test_jobs_of_an_older_order_of_steps_and_jobs_whose_workflow_was_lost_are_begun_again(tmp_path: Path) -> None:
-    with harness(tmp_path) as service:
+def test_jobs_of_an_older_order_of_steps_and_jobs_whose_workflow_was_lost_are_begun_again(
+    tmp_path: Path, new_database: NewDatabase
+) -> None:
+    with harness(tmp_path, database_url=new_database()) as service:
         jobs = [service.submit([{**SHORT, "name": name}]) for name in ("older", "lost")]
         with service.engine.begin() as connection:
-            change = "UPDATE workflow_status SET application_version = '0' WHERE workflow_uuid = :job"
+            workflows = service.table("workflow_status")
+            change = f"UPDATE {workflows} SET application_version = '0' WHERE workflow_uuid = :job"
             connection.execute(sa.text(change), {"job": jobs[0]})
-            connection.execute(sa.text("DELETE FROM workflow_status WHERE workflow_uuid = :job"), {"job": jobs[1]})
+            connection.execute(sa.text(f"DELETE FROM {workflows} WHERE workflow_uuid = :job"), {"job": jobs[1]})
         service.start_worker()
         assert [service.finished(job).status for job in jobs] == [JobStatus.SUCCESSFUL] * 2
