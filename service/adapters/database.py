@@ -1,15 +1,15 @@
 """Jobs in the metadata database (SQLite or PostgreSQL)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 
-from service.adapters.database_tables import connect, job_files, job_steps, jobs
-from service.ports import Job, JobFilter, JobStatus, Json
+from service.adapters.database_tables import connect, job_files, job_steps, jobs, lock_name
+from service.ports import Job, JobFilter, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
@@ -50,18 +50,30 @@ class DatabaseJobStore:
         From `connect`.
     enqueue
         Puts a job on the queue within the transaction of the given connection.
+    owner
+        Project whose jobs these are; None: those of all.
     """
 
-    def __init__(self, engine: sa.Engine, enqueue: Enqueue) -> None:
+    def __init__(self, engine: sa.Engine, enqueue: Enqueue, owner: str | None = None) -> None:
         self._engine = engine
         self._enqueue = enqueue
+        self._owner = owner
+        self._mine = sa.true() if owner is None else jobs.c.owner == owner
 
-    def create_and_enqueue(self, job: Job) -> None:
-        """Insert the job and put it on the queue in one transaction: both or neither."""
+    def of(self, owner: str) -> "DatabaseJobStore":
+        """Give the jobs of one project."""
+        return DatabaseJobStore(self._engine, self._enqueue, narrowed(self._owner, owner))
+
+    def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
+        """Insert the job and put it on the queue in one transaction, in which `admit` is asked: both or neither."""
+        if self._owner is not None:
+            job = replace(job, owner=self._owner)
         row = asdict(job)
         row.pop("file_ids")
         row["status"] = job.status.value
         with self._engine.begin() as connection:
+            lock_name(connection, f"jobs of {job.owner}")
+            admit(_unfinished(connection, job.owner))
             connection.execute(sa.insert(jobs).values(row))
             if job.file_ids:
                 connection.execute(
@@ -77,7 +89,7 @@ class DatabaseJobStore:
 
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""
-        condition: sa.ColumnElement[bool] = sa.true()
+        condition = self._mine
         if which.statuses:
             condition = sa.and_(condition, jobs.c.status.in_([status.value for status in which.statuses]))
         if which.process_ids:
@@ -121,14 +133,14 @@ class DatabaseJobStore:
     def delete(self, job_id: str) -> None:
         """Forget a finished job; an unfinished one stays."""
         with self._engine.begin() as connection:
-            connection.execute(sa.delete(jobs).where(jobs.c.id == job_id, jobs.c.status.not_in(UNFINISHED)))
+            connection.execute(sa.delete(jobs).where(jobs.c.id == job_id, jobs.c.status.not_in(UNFINISHED), self._mine))
 
     def unfinished_using(self, file_id: str) -> Job | None:
         """Find an unfinished job that reads a file."""
         query = (
             sa.select(jobs.c.id)
             .join(job_files, job_files.c.job_id == jobs.c.id)
-            .where(job_files.c.file_id == file_id, jobs.c.status.in_(UNFINISHED))
+            .where(job_files.c.file_id == file_id, jobs.c.status.in_(UNFINISHED), self._mine)
             .limit(1)
         )
         with _reading(self._engine) as connection:
@@ -180,14 +192,14 @@ class DatabaseJobStore:
 
     def _change(self, job_id: str, **values: Any) -> Job | None:
         """Change an unfinished job; None when it is gone or final. The one place where status moves."""
-        unfinished = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED))
+        unfinished = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED), self._mine)
         with self._engine.begin() as connection:
             if not connection.execute(sa.update(jobs).where(unfinished).values(values)).rowcount:
                 return None
             return self._job(connection, job_id)
 
     def _job(self, connection: sa.Connection, job_id: str) -> Job | None:
-        rows = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).mappings().all()
+        rows = connection.execute(sa.select(jobs).where(jobs.c.id == job_id, self._mine)).mappings().all()
         found = self._with_files(connection, rows)
         return found[0] if found else None
 
@@ -207,6 +219,12 @@ class DatabaseJobStore:
             )
             for row in rows
         ]
+
+
+def _unfinished(connection: sa.Connection, owner: str) -> UnfinishedJobs:
+    of_owner = sa.func.coalesce(sa.func.sum(sa.case((jobs.c.owner == owner, 1), else_=0)), 0)
+    query = sa.select(of_owner, sa.func.count()).where(jobs.c.status.in_(UNFINISHED))
+    return UnfinishedJobs(*connection.execute(query).one())
 
 
 def _at_least(progress: int) -> sa.ColumnElement[int]:

@@ -6,8 +6,8 @@ from dataclasses import asdict
 
 import sqlalchemy as sa
 
-from service.adapters.database_tables import files
-from service.ports import StoredFile
+from service.adapters.database_tables import files, lock_name
+from service.ports import StoredAmount, StoredFile, admit_any_file, narrowed
 
 
 class DatabaseFileStore:
@@ -20,30 +20,51 @@ class DatabaseFileStore:
     ----------
     engine
         From `connect`.
+    owner
+        Project whose files these are; None: those of all.
     """
 
-    def __init__(self, engine: sa.Engine) -> None:
+    def __init__(self, engine: sa.Engine, owner: str | None = None) -> None:
         self._engine = engine
+        self._owner = owner
+        self._mine = sa.true() if owner is None else files.c.owner == owner
 
-    def add(self, file: StoredFile, place: Callable[[], None] = lambda: None) -> None:
-        """Insert; `place` puts the content where it belongs, in the same transaction."""
-        row = {**asdict(file), "scans": list(file.scans), "photos": list(file.photos)}
-        with self._alone(file.sha256) as connection:
+    def of(self, owner: str) -> "DatabaseFileStore":
+        """Give the files of one project; contents are shared by all."""
+        return DatabaseFileStore(self._engine, narrowed(self._owner, owner))
+
+    def amount(self) -> StoredAmount:
+        """Sum up the files."""
+        with self._reading() as connection:
+            return _amount(connection, self._mine)
+
+    def add(
+        self,
+        file: StoredFile,
+        place: Callable[[], None] = lambda: None,
+        admit: Callable[[StoredAmount], None] = admit_any_file,
+    ) -> None:
+        """Insert; `place` puts the content where it belongs, in the same transaction, in which `admit` is asked."""
+        owner = file.owner if self._owner is None else self._owner
+        row = {**asdict(file), "scans": list(file.scans), "photos": list(file.photos), "owner": owner}
+        with self._alone(f"files of {owner}", file.sha256) as connection:
+            admit(_amount(connection, files.c.owner == owner))
             place()
             connection.execute(sa.insert(files).values(row))
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""
         with self._reading() as connection:
-            row = connection.execute(sa.select(files).where(files.c.id == file_id)).mappings().one_or_none()
+            query = sa.select(files).where(files.c.id == file_id, self._mine)
+            row = connection.execute(query).mappings().one_or_none()
         return None if row is None else _file(row)
 
     def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
         """List, newest first, with the number of all."""
-        query = sa.select(files).order_by(files.c.created.desc(), files.c.id.desc()).limit(limit).offset(offset)
+        query = sa.select(files).where(self._mine).order_by(files.c.created.desc(), files.c.id.desc())
         with self._reading() as connection:
-            number = connection.execute(sa.select(sa.func.count()).select_from(files)).scalar_one()
-            rows = connection.execute(query).mappings().all()
+            number = connection.execute(sa.select(sa.func.count()).select_from(files).where(self._mine)).scalar_one()
+            rows = connection.execute(query.limit(limit).offset(offset)).mappings().all()
         return [_file(row) for row in rows], number
 
     def contents(self) -> frozenset[str]:
@@ -54,7 +75,7 @@ class DatabaseFileStore:
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
         with self._engine.begin() as connection:
-            return bool(connection.execute(sa.delete(files).where(files.c.id == file_id)).rowcount)
+            return bool(connection.execute(sa.delete(files).where(files.c.id == file_id, self._mine)).rowcount)
 
     def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
         """Call `remove` if no file has this content, while nobody can add one; tell whether it was called."""
@@ -76,12 +97,18 @@ class DatabaseFileStore:
         return self._engine.execution_options(reads_only=True).begin()
 
     @contextmanager
-    def _alone(self, sha256: str) -> Iterator[sa.Connection]:
-        """Begin a transaction that is the only one for this content."""
+    def _alone(self, *names: str) -> Iterator[sa.Connection]:
+        """Begin a transaction that is the only one for each of these: a content, the files of a project."""
         with self._engine.begin() as connection:
-            if self._engine.dialect.name == "postgresql":
-                connection.execute(sa.select(sa.func.pg_advisory_xact_lock(sa.func.hashtextextended(sha256, 0))))
+            for name in names:  # always that of the project first
+                lock_name(connection, name)
             yield connection
+
+
+def _amount(connection: sa.Connection, condition: sa.ColumnElement[bool]) -> StoredAmount:
+    total = sa.func.coalesce(sa.func.sum(files.c.bytes), 0)
+    number, size = connection.execute(sa.select(sa.func.count(), total).where(condition)).one()
+    return StoredAmount(number, int(size))
 
 
 def _file(row: sa.RowMapping) -> StoredFile:

@@ -57,6 +57,10 @@ jobs = sa.Table(
     sa.Column("attempts", sa.Integer, nullable=False),
     sa.Column("problem", sa.JSON(none_as_null=True)),
     sa.Column("total_weight", sa.Float, nullable=False, server_default="0"),
+    sa.Column("owner", sa.String(64), nullable=False, server_default=""),
+    sa.Column("urgency", sa.Integer, nullable=False, server_default="3"),
+    sa.Column("request_id", sa.String(128), nullable=False, server_default=""),
+    sa.Index("ix_jobs_owner_created", "owner", "created"),
 )
 
 job_files = sa.Table(
@@ -101,6 +105,52 @@ files = sa.Table(
     sa.Column("expires", UtcDateTime),
     sa.Column("scans", sa.JSON, nullable=False),
     sa.Column("photos", sa.JSON, nullable=False),
+    sa.Column("owner", sa.String(64), nullable=False, server_default=""),
+    sa.Index("ix_files_owner_created", "owner", "created"),
+)
+
+keys = sa.Table(
+    "keys",
+    metadata,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("name", sa.String(64), nullable=False),
+    sa.Column("project", sa.String(64), nullable=False),
+    sa.Column("scopes", sa.JSON, nullable=False),
+    sa.Column("hash", sa.String(200), nullable=False),
+    sa.Column("created", UtcDateTime, nullable=False),
+    sa.Column("expires", UtcDateTime),
+    sa.Column("revoked", UtcDateTime),
+    sa.Column("last_used", UtcDateTime),
+)
+
+audit = sa.Table(
+    "audit",
+    metadata,
+    # SQLite numbers rows by itself only when the key is its own INTEGER
+    sa.Column("id", sa.BigInteger().with_variant(sa.Integer, "sqlite"), primary_key=True, autoincrement=True),
+    sa.Column("time", UtcDateTime, nullable=False, index=True),
+    sa.Column("key_id", sa.String(32), nullable=False),
+    sa.Column("project", sa.String(64), nullable=False),
+    sa.Column("remote", sa.String(64), nullable=False),
+    sa.Column("method", sa.String(16), nullable=False),
+    sa.Column("path", sa.Text, nullable=False),
+    sa.Column("status", sa.Integer, nullable=False),
+    sa.Column("request_id", sa.String(128), nullable=False),
+)
+
+idempotency = sa.Table(
+    "idempotency",
+    metadata,
+    sa.Column("owner", sa.String(64), primary_key=True),
+    sa.Column("key", sa.String(255), primary_key=True),
+    sa.Column("created", UtcDateTime, nullable=False, index=True),
+    sa.Column("seed", sa.String(32), nullable=False),
+    sa.Column("holder", sa.String(32), nullable=False),
+    sa.Column("held_until", sa.Float, nullable=False),
+    sa.Column("fingerprint", sa.String(64)),
+    sa.Column("status", sa.Integer),
+    sa.Column("headers", sa.JSON(none_as_null=True)),
+    sa.Column("body", sa.LargeBinary),
 )
 
 executors = sa.Table(
@@ -120,6 +170,12 @@ leases = sa.Table(
     sa.Column("holder", sa.String(128), nullable=False),
     sa.Column("expires", sa.Float, nullable=False),
 )
+
+
+def lock_name(connection: sa.Connection, name: str) -> None:
+    """Let no other transaction have the same name until this one ends; on SQLite every writing transaction is alone."""
+    if connection.dialect.name == "postgresql":
+        connection.execute(sa.select(sa.func.pg_advisory_xact_lock(sa.func.hashtextextended(name, 0))))
 
 
 def connect(settings: Settings) -> sa.Engine:

@@ -11,12 +11,12 @@ import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from service.errors import InsufficientStorageError, NoSuchUploadError
-from service.ports import PendingUpload, UploadState
+from service.ports import PendingUpload, UploadState, narrowed
 from service.use_cases.identifiers import is_identifier, new_identifier
 
 RECORD, CONTENT, VERIFIED, ASKED = "upload.json", "content", "verified", "asked"
@@ -31,13 +31,22 @@ class LocalUploads:
     ----------
     directory
         On the file system of the blobs, so that finished files need not be copied.
+    owner
+        Project whose uploads these are; None: those of all.
     """
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, owner: str | None = None) -> None:
         self._directory = directory.resolve()
+        self._owner = owner
+
+    def of(self, owner: str) -> "LocalUploads":
+        """Give the uploads of one project."""
+        return LocalUploads(self._directory, narrowed(self._owner, owner))
 
     def create(self, upload: PendingUpload) -> None:
         """Enter a new upload, which is empty."""
+        if self._owner is not None:
+            upload = replace(upload, owner=self._owner)
         made = self._directory / f"{HALF_MADE}{upload.id}"
         made.mkdir(parents=True)
         (made / CONTENT).touch()
@@ -46,11 +55,15 @@ class LocalUploads:
 
     def find(self, upload_id: str) -> UploadState:
         """Tell how far an upload is. NoSuchUploadError when it is unknown."""
-        return _state(self._folder(upload_id), upload_id)
+        state = _state(self._folder(upload_id), upload_id)
+        if self._owner not in {None, state.upload.owner}:
+            raise NoSuchUploadError(upload_id)
+        return state
 
     def lock(self, upload_id: str) -> "LockedFolder | None":
         """Open an upload; None while it is open elsewhere. NoSuchUploadError when it is unknown."""
         folder = self._folder(upload_id)
+        self.find(upload_id)
         try:
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         except FileNotFoundError:
@@ -73,14 +86,15 @@ class LocalUploads:
 
     def ask_for(self, upload_id: str) -> None:
         """Let whoever has the upload open know that it is wanted."""
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError, NoSuchUploadError):
+            self.find(upload_id)
             (self._folder(upload_id) / ASKED).touch()
 
     def ids(self) -> Sequence[str]:
         """List all uploads."""
         if not self._directory.is_dir():
             return []
-        return sorted(path.name for path in self._directory.iterdir() if is_identifier(path.name))
+        return sorted(path.name for path in self._directory.iterdir() if self._has(path.name))
 
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove what killed processes left half-made before a moment; give the number."""
@@ -91,6 +105,17 @@ class LocalUploads:
                     shutil.rmtree(folder, ignore_errors=True)
                     removed += 1
         return removed
+
+    def _has(self, upload_id: str) -> bool:
+        if not is_identifier(upload_id):
+            return False
+        if self._owner is None:
+            return True
+        try:
+            self.find(upload_id)
+        except NoSuchUploadError:
+            return False
+        return True
 
     def _folder(self, upload_id: str) -> Path:
         if not is_identifier(upload_id):

@@ -6,6 +6,7 @@ import tempfile
 import threading
 import weakref
 from collections.abc import AsyncIterator, Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +14,19 @@ from typing import Any
 
 from service.adapters.local_files import LocalFiles, checked_key
 from service.errors import FileTooLargeError
-from service.ports import Job, JobFilter, JobStatus, Json, LogLine, StoredFile
+from service.ports import (
+    Job,
+    JobFilter,
+    JobStatus,
+    Json,
+    LogLine,
+    StoredAmount,
+    StoredFile,
+    UnfinishedJobs,
+    admit_any,
+    admit_any_file,
+    narrowed,
+)
 
 
 class MemoryJobStore:
@@ -29,16 +42,28 @@ class MemoryJobStore:
         self._jobs: dict[str, Job] = {}
         self._enqueue = enqueue
         self._lock = threading.RLock()
+        self._owner: str | None = None
 
-    def create_and_enqueue(self, job: Job) -> None:
+    def of(self, owner: str) -> "MemoryJobStore":
+        """Give the jobs of one project."""
+        bound = copy(self)
+        bound._owner = narrowed(self._owner, owner)  # noqa: SLF001 - one of its own kind
+        return bound
+
+    def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
         """Insert the job and put it on the queue: both or neither."""
+        if self._owner is not None:
+            job = replace(job, owner=self._owner)
         with self._lock:
+            unfinished = [each.owner for each in self._jobs.values() if not each.status.finished]
+            admit(UnfinishedJobs(unfinished.count(job.owner), len(unfinished)))
             self._enqueue(job)
             self._jobs[job.id] = job
 
     def get(self, job_id: str) -> Job | None:
         """Fetch a job."""
-        return self._jobs.get(job_id)
+        job = self._jobs.get(job_id)
+        return job if job is not None and self._owner in {None, job.owner} else None
 
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""
@@ -46,7 +71,8 @@ class MemoryJobStore:
             found = [
                 job
                 for job in self._jobs.values()
-                if (not which.statuses or job.status in which.statuses)
+                if self._owner in {None, job.owner}
+                and (not which.statuses or job.status in which.statuses)
                 and (not which.process_ids or job.process_id in which.process_ids)
             ]
         found.sort(key=lambda job: (job.created, job.id), reverse=True)
@@ -55,7 +81,7 @@ class MemoryJobStore:
     def start(self, job_id: str, now: datetime) -> Job | None:
         """Mark as running and count the attempt; None when the job is gone or final."""
         with self._lock:
-            job = self._jobs.get(job_id)
+            job = self.get(job_id)
             if job is None:
                 return None
             started = job.started or now
@@ -66,7 +92,7 @@ class MemoryJobStore:
     def report(self, job_id: str, progress: int, message: str, now: datetime) -> bool:
         """Record progress, which never goes back; False when the job is gone or final."""
         with self._lock:
-            job = self._jobs.get(job_id)
+            job = self.get(job_id)
             progress = max(progress, job.progress if job else 0)
             return self._change(job_id, progress=progress, message=message, updated=now) is not None
 
@@ -89,18 +115,19 @@ class MemoryJobStore:
     def delete(self, job_id: str) -> None:
         """Forget a finished job; an unfinished one stays."""
         with self._lock:
-            if job_id in self._jobs and self._jobs[job_id].status.finished:
+            job = self.get(job_id)
+            if job is not None and job.status.finished:
                 del self._jobs[job_id]
 
     def unfinished_using(self, file_id: str) -> Job | None:
         """Find an unfinished job that reads a file."""
         with self._lock:
-            users = (job for job in self._jobs.values() if file_id in job.file_ids and not job.status.finished)
-            return next(users, None)
+            mine = (job for job in self._jobs.values() if self._owner in {None, job.owner})
+            return next((job for job in mine if file_id in job.file_ids and not job.status.finished), None)
 
     def _change(self, job_id: str, **values: Any) -> Job | None:
         with self._lock:
-            job = self._jobs.get(job_id)
+            job = self.get(job_id)
             if job is None or job.status.finished:
                 return None
             self._jobs[job_id] = replace(job, **values)
@@ -112,6 +139,10 @@ class MemoryJobLog:
 
     def __init__(self) -> None:
         self._lines: dict[str, list[LogLine]] = {}
+
+    def of(self, owner: str) -> "MemoryJobLog":  # noqa: ARG002 - it does not know whose jobs they are
+        """Give the log of the jobs of one project, here: of all."""
+        return self
 
     def write(self, job_id: str, lines: Sequence[LogLine]) -> None:
         """Add lines to a job's log."""
@@ -128,20 +159,42 @@ class MemoryFileStore:
     def __init__(self) -> None:
         self._files: dict[str, StoredFile] = {}
         self._lock = threading.RLock()
+        self._owner: str | None = None
 
-    def add(self, file: StoredFile, place: Callable[[], None] = lambda: None) -> None:
-        """Insert; `place` puts the content where it belongs."""
+    def of(self, owner: str) -> "MemoryFileStore":
+        """Give the files of one project; contents are shared by all."""
+        bound = copy(self)
+        bound._owner = narrowed(self._owner, owner)  # noqa: SLF001 - one of its own kind
+        return bound
+
+    def amount(self) -> StoredAmount:
+        """Sum up the files."""
         with self._lock:
+            return _amount(self._mine())
+
+    def add(
+        self,
+        file: StoredFile,
+        place: Callable[[], None] = lambda: None,
+        admit: Callable[[StoredAmount], None] = admit_any_file,
+    ) -> None:
+        """Insert; `place` puts the content where it belongs."""
+        if self._owner is not None:
+            file = replace(file, owner=self._owner)
+        with self._lock:
+            admit(_amount([each for each in self._files.values() if each.owner == file.owner]))
             place()
             self._files[file.id] = file
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""
-        return self._files.get(file_id)
+        file = self._files.get(file_id)
+        return file if file is not None and self._owner in {None, file.owner} else None
 
     def find(self, limit: int, offset: int) -> tuple[Sequence[StoredFile], int]:
         """List, newest first, with the number of all."""
-        found = sorted(self._files.values(), key=lambda file: (file.created, file.id), reverse=True)
+        with self._lock:
+            found = sorted(self._mine(), key=lambda file: (file.created, file.id), reverse=True)
         return found[offset : offset + limit], len(found)
 
     def contents(self) -> frozenset[str]:
@@ -152,7 +205,7 @@ class MemoryFileStore:
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
         with self._lock:
-            return self._files.pop(file_id, None) is not None
+            return self.get(file_id) is not None and self._files.pop(file_id, None) is not None
 
     def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
         """Call `remove` if no file has this content; tell whether it was called."""
@@ -169,6 +222,13 @@ class MemoryFileStore:
             for file_id in lost:
                 del self._files[file_id]
             return len(lost)
+
+    def _mine(self) -> list[StoredFile]:
+        return [file for file in self._files.values() if self._owner in {None, file.owner}]
+
+
+def _amount(files: Sequence[StoredFile]) -> StoredAmount:
+    return StoredAmount(len(files), sum(file.bytes for file in files))
 
 
 class MemoryBlobStore:

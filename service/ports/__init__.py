@@ -2,14 +2,26 @@
 
 from service.ports.blobs import BlobStore
 from service.ports.documents import Json
-from service.ports.files import FileStore, StoredFile
-from service.ports.jobs import Job, JobFilter, JobLog, JobStatus, JobStore, LogLine
+from service.ports.files import FileStore, StoredAmount, StoredFile, admit_any_file
+from service.ports.jobs import (
+    USUAL_URGENCY,
+    Job,
+    JobFilter,
+    JobLog,
+    JobStatus,
+    JobStore,
+    LogLine,
+    UnfinishedJobs,
+    admit_any,
+)
+from service.ports.owners import narrowed
 from service.ports.sources import RemoteFile, Sources
 from service.ports.steps import Plan, StepCall, StepContext, StepFailedError, StepLedger, StepProgress, StepRunner
 from service.ports.uploads import OpenUpload, PendingUpload, UploadState, UploadStore
 from service.ports.workers import ExecutorRegistry, Queue
 
 __all__ = [
+    "USUAL_URGENCY",
     "BlobStore",
     "ExecutorRegistry",
     "FileStore",
@@ -32,7 +44,12 @@ __all__ = [
     "StepLedger",
     "StepProgress",
     "StepRunner",
+    "StoredAmount",
     "StoredFile",
+    "UnfinishedJobs",
     "UploadState",
     "UploadStore",
+    "admit_any",
+    "admit_any_file",
+    "narrowed",
 ]

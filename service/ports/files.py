@@ -24,16 +24,45 @@ class StoredFile:
     scans: tuple[Json, ...] = ()
     """One document per scan: index, name, points, structured, rows, columns, bounds_m, has_intensity, ..."""
     photos: tuple[Json, ...] = ()
+    owner: str = ""
+    """Project that the file belongs to; empty: the default project."""
 
     def summary(self) -> Json:
         """Give what a plan sees of the file."""
         return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind")}
 
 
+@dataclass(frozen=True)
+class StoredAmount:
+    """How much is stored."""
+
+    files: int
+    bytes: int
+
+
+def admit_any_file(_stored: StoredAmount) -> None:
+    """Let a file in, whatever is stored already."""
+
+
 class FileStore(Protocol):
     """Keep the metadata of files."""
 
-    def add(self, file: StoredFile, place: Callable[[], None] = lambda: None) -> None:
+    def of(self, owner: str) -> "FileStore":
+        """Give the files of one project: those of others do not exist there, and new ones belong to it.
+
+        What is said of contents (`contents`, `remove_unused`, `forget_lost`) stays true of all projects, which share
+        them. PermissionError when this store is another project's.
+        """
+
+    def amount(self) -> StoredAmount:
+        """Sum up the files; contents that several files share count for each."""
+
+    def add(
+        self,
+        file: StoredFile,
+        place: Callable[[], None] = lambda: None,
+        admit: Callable[[StoredAmount], None] = admit_any_file,
+    ) -> None:
         """Insert.
 
         Parameters
@@ -43,6 +72,9 @@ class FileStore(Protocol):
         place
             Puts the content where it belongs, in the same transaction; meanwhile nobody else adds or removes content
             of this hash. When it raises, the file is not inserted.
+        admit
+            Sees what the project has stored before; when it raises, the file is not inserted. Nobody else adds a file
+            of the same project meanwhile.
         """
 
     def get(self, file_id: str) -> StoredFile | None:

@@ -1,12 +1,14 @@
 """What the service keeps of jobs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from typing import Protocol
 
 from service.ports.documents import Json
+
+USUAL_URGENCY = 3
 
 
 class JobStatus(StrEnum):
@@ -47,6 +49,12 @@ class Job:
     """Problem document of a failed job."""
     file_ids: tuple[str, ...] = ()
     """Files the job reads; they cannot be deleted before it ends."""
+    owner: str = ""
+    """Project that the job belongs to; empty: the default project."""
+    urgency: int = USUAL_URGENCY
+    """0 (first) to 7 (last), as in RFC 9218."""
+    request_id: str = ""
+    """Correlation id of the request that made it."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +67,34 @@ class JobFilter:
     offset: int = 0
 
 
+@dataclass(frozen=True)
+class UnfinishedJobs:
+    """How many jobs have not finished."""
+
+    of_owner: int
+    """Those of one project."""
+    all: int
+
+
+def admit_any(_unfinished: UnfinishedJobs) -> None:
+    """Let a job in, whatever waits already."""
+
+
 class JobStore(Protocol):
     """Keep jobs. Every method is one transaction. Status only moves forward: a final status never changes."""
 
-    def create_and_enqueue(self, job: Job) -> None:
-        """Insert the job and put it on the queue in one transaction: both or neither."""
+    def of(self, owner: str) -> "JobStore":
+        """Give the jobs of one project: those of others do not exist there, and new ones belong to it.
+
+        PermissionError when this store is another project's.
+        """
+
+    def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
+        """Insert the job and put it on the queue in one transaction: both or neither.
+
+        `admit` sees what is unfinished before; when it raises, the job is not kept. Nobody else creates a job of the
+        same project meanwhile.
+        """
 
     def get(self, job_id: str) -> Job | None:
         """Fetch a job."""
@@ -105,6 +136,9 @@ class LogLine:
 
 class JobLog(Protocol):
     """Keep what happened to each job; it goes with the job."""
+
+    def of(self, owner: str) -> "JobLog":
+        """Give the log of the jobs of one project. PermissionError when this log is another project's."""
 
     def write(self, job_id: str, lines: Sequence[LogLine]) -> None:
         """Add lines to a job's log; nothing happens when the job is gone."""

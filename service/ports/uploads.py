@@ -25,6 +25,8 @@ class PendingUpload:
     """The file is entered."""
     problem: Json | None = None
     """Why the complete upload was refused."""
+    owner: str = ""
+    """Project that the upload belongs to; empty: the default project."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,12 @@ class OpenUpload(Protocol):
 
 class UploadStore(Protocol):
     """Keep resumable uploads: the offset is the size of the file on disk."""
+
+    def of(self, owner: str) -> "UploadStore":
+        """Give the uploads of one project: those of others do not exist there, and new ones belong to it.
+
+        PermissionError when this store is another project's.
+        """
 
     def create(self, upload: PendingUpload) -> None:
         """Enter a new upload, which is empty."""
