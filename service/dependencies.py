@@ -32,24 +32,27 @@ class BaseUrl:
         return self.url + path
 
 
-def _adapters(request: Request) -> Adapters:
+# coroutines, though they wait for nothing: the framework would run functions in a thread each, for every request
+
+
+async def _adapters(request: Request) -> Adapters:
     return cast("Adapters", request.app.state.adapters)
 
 
-def _uploads(request: Request) -> UploadStore:
+async def _uploads(request: Request) -> UploadStore:
     return cast("UploadStore", request.app.state.uploads)
 
 
-def _sources(request: Request) -> Sources:
+async def _sources(request: Request) -> Sources:
     return cast("Sources", request.app.state.sources)
 
 
-def _settings(request: Request) -> Settings:
+async def _settings(request: Request) -> Settings:
     return cast("Settings", request.app.state.settings)
 
 
-def _base_url(request: Request) -> BaseUrl:
-    public = _settings(request).public_url
+async def _base_url(request: Request) -> BaseUrl:
+    public = cast("Settings", request.app.state.settings).public_url
     return BaseUrl((public or str(request.base_url)).rstrip("/"))
 
 

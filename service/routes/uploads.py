@@ -65,7 +65,7 @@ class TusRoute(APIRoute):
 router = APIRouter(tags=["uploads"], responses=PROBLEM_RESPONSES, route_class=TusRoute)
 
 
-def _desk(uploads: UploadsDependency, adapters: AdaptersDependency, settings: SettingsDependency) -> UploadDesk:
+async def _desk(uploads: UploadsDependency, adapters: AdaptersDependency, settings: SettingsDependency) -> UploadDesk:
     return UploadDesk(uploads, file_intake(adapters, settings))
 
 
