@@ -1,5 +1,6 @@
 """What the service needs of the world: storage of metadata and blobs, and a queue. Adapters provide it."""
 
+from service.ports.audit import AuditEntry, AuditFilter, AuditLog
 from service.ports.blobs import BlobStore
 from service.ports.documents import Json
 from service.ports.files import FileStore, StoredAmount, StoredFile, admit_any_file
@@ -11,6 +12,7 @@ from service.ports.jobs import (
     JobStatus,
     JobStore,
     LogLine,
+from service.ports.idempotency import KEPT_ANSWERS, Answer, Claim, IdempotencyStore
     UnfinishedJobs,
     admit_any,
 )
@@ -22,6 +24,7 @@ from service.ports.workers import ExecutorRegistry, Queue
 
 __all__ = [
     "USUAL_URGENCY",
+from service.ports.keys import Key, KeyStore, Scope, StoredKey
     "BlobStore",
     "ExecutorRegistry",
     "FileStore",
@@ -29,6 +32,7 @@ __all__ = [
     "JobFilter",
     "JobLog",
     "JobStatus",
+    "KEPT_ANSWERS",
     "JobStore",
     "Json",
     "LogLine",
@@ -50,6 +54,11 @@ __all__ = [
     "UploadState",
     "UploadStore",
     "admit_any",
+    "Key",
+    "KeyStore",
     "admit_any_file",
     "narrowed",
 ]
+    "Scope",
+    "Subscription",
+    "StoredKey",
