@@ -61,9 +61,10 @@ class Harness:
             "TIELINE_STEP_TIMEOUT_S": str(self.settings.step_timeout_s),
         }
 
-    def table(self, name: str) -> str:
-        """Name a table of the queue engine."""
-        return name if self.engine.dialect.name == "sqlite" else f"dbos.{name}"
+    def table(self, name: str) -> sa.Table:
+        """Give a table of the queue engine."""
+        schema = None if self.engine.dialect.name == "sqlite" else "dbos"
+        return sa.Table(name, sa.MetaData(), schema=schema, autoload_with=self.engine, resolve_fks=False)
 
     def start_worker(self, slot: str = "0") -> subprocess.Popen[bytes]:
         log = (self.settings.data_dir / "worker.log").open("ab")

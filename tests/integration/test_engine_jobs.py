@@ -147,12 +147,11 @@ def test_a_job_dismissed_while_it_waits_never_runs(service: Harness) -> None:
 
 def test_what_the_queue_keeps_is_json(service: Harness) -> None:
     service.finished(service.submit([{**NAP, "name": "kept"}]))
+    given, output = service.table("workflow_input"), service.table("workflow_output")
     with service.engine.begin() as connection:
         kept = [
-            *connection.execute(sa.text(f"SELECT inputs FROM {service.table('workflow_input')}")).scalars(),
-            *connection.execute(
-                sa.text(f"SELECT coalesce(output, error) FROM {service.table('workflow_output')}")
-            ).scalars(),
+            *connection.execute(sa.select(given.c.inputs)).scalars(),
+            *connection.execute(sa.select(sa.func.coalesce(output.c.output, output.c.error))).scalars(),
         ]
     assert len([json.loads(value) for value in kept]) == len(kept) > 2
 

@@ -89,10 +89,10 @@ def test_jobs_of_an_older_order_of_steps_and_jobs_whose_workflow_was_lost_are_be
 ) -> None:
     with harness(tmp_path, database_url=new_database()) as service:
         jobs = [service.submit([{**SHORT, "name": name}]) for name in ("older", "lost")]
+        workflows = service.table("workflow_status")
+        older, lost = (workflows.c.workflow_uuid == job for job in jobs)
         with service.engine.begin() as connection:
-            workflows = service.table("workflow_status")
-            change = f"UPDATE {workflows} SET application_version = '0' WHERE workflow_uuid = :job"
-            connection.execute(sa.text(change), {"job": jobs[0]})
-            connection.execute(sa.text(f"DELETE FROM {workflows} WHERE workflow_uuid = :job"), {"job": jobs[1]})
+            connection.execute(sa.update(workflows).where(older).values(application_version="0"))
+            connection.execute(sa.delete(workflows).where(lost))
         service.start_worker()
         assert [service.finished(job).status for job in jobs] == [JobStatus.SUCCESSFUL] * 2
