@@ -2,8 +2,17 @@
 
 from service.ports.audit import AuditEntry, AuditFilter, AuditLog
 from service.ports.blobs import BlobStore
+from service.ports.callbacks import (
+    CallbackBody,
+    CallbackEvent,
+    CallbackSender,
+    CallbackStore,
+    ClaimedCallback,
+    Subscription,
+)
 from service.ports.documents import Json
 from service.ports.files import FileStore, StoredAmount, StoredFile, admit_any_file
+from service.ports.idempotency import KEPT_ANSWERS, Answer, Claim, IdempotencyStore
 from service.ports.jobs import (
     USUAL_URGENCY,
     Job,
@@ -12,10 +21,10 @@ from service.ports.jobs import (
     JobStatus,
     JobStore,
     LogLine,
-from service.ports.idempotency import KEPT_ANSWERS, Answer, Claim, IdempotencyStore
     UnfinishedJobs,
     admit_any,
 )
+from service.ports.keys import Key, KeyStore, Scope, StoredKey
 from service.ports.owners import narrowed
 from service.ports.sources import RemoteFile, Sources
 from service.ports.steps import Plan, StepCall, StepContext, StepFailedError, StepLedger, StepProgress, StepRunner
@@ -23,24 +32,37 @@ from service.ports.uploads import OpenUpload, PendingUpload, UploadState, Upload
 from service.ports.workers import ExecutorRegistry, Queue
 
 __all__ = [
+    "KEPT_ANSWERS",
     "USUAL_URGENCY",
-from service.ports.keys import Key, KeyStore, Scope, StoredKey
+    "Answer",
+    "AuditEntry",
+    "AuditFilter",
+    "AuditLog",
     "BlobStore",
+    "CallbackBody",
+    "CallbackEvent",
+    "CallbackSender",
+    "CallbackStore",
+    "ClaimedCallback",
+    "Claim",
     "ExecutorRegistry",
     "FileStore",
+    "IdempotencyStore",
     "Job",
     "JobFilter",
     "JobLog",
     "JobStatus",
-    "KEPT_ANSWERS",
     "JobStore",
     "Json",
+    "Key",
+    "KeyStore",
     "LogLine",
     "OpenUpload",
     "PendingUpload",
     "Plan",
     "Queue",
     "RemoteFile",
+    "Scope",
     "Sources",
     "StepCall",
     "StepContext",
@@ -50,15 +72,12 @@ from service.ports.keys import Key, KeyStore, Scope, StoredKey
     "StepRunner",
     "StoredAmount",
     "StoredFile",
+    "Subscription",
+    "StoredKey",
     "UnfinishedJobs",
     "UploadState",
     "UploadStore",
     "admit_any",
-    "Key",
-    "KeyStore",
     "admit_any_file",
     "narrowed",
 ]
-    "Scope",
-    "Subscription",
-    "StoredKey",
