@@ -57,6 +57,21 @@ class Settings(BaseSettings):
     ``https://data.example.org/scans/``; empty: none."""
     allow_private_sources: bool = False
     """Allow these addresses to be those of private networks and of this machine."""
+    callback_secret: str = Field(default="", repr=False)
+    """Signs callbacks (Standard Webhooks): `whsec_` and a key in base64, or any text of 16 characters or more; empty:
+    only those whose subscriber brought a secret are signed."""
+    allow_private_callbacks: bool = False
+    """Allow callbacks to addresses of private networks and of this machine."""
+    callback_ports: str = Field(default="80,443,8080,8443", pattern=r"^\s*(\d{1,5}\s*(,\s*\d{1,5}\s*)*)?$")
+    """Ports to which callbacks may go; empty: all."""
+    callback_timeout_s: int = Field(default=30, ge=1)
+    """How long the receiver of a callback may take, and a second more for every 100 kB."""
+    callback_attempts: int = Field(default=12, ge=1)
+    """How often a callback is tried before it is given up."""
+    callback_back_off_s: float = Field(default=5.0, gt=0.0)
+    """Pause after the first failed try of a callback; doubled after each further one, up to an hour."""
+    callback_interval_s: float = Field(default=10.0, gt=0.0)
+    """Shortest time between two callbacks that tell how far a job is."""
     body_timeout_s: int = Field(default=60, ge=1)
     """Longest silence of a client in the middle of a request."""
     upload_expiry_s: int = Field(default=86_400, ge=60)

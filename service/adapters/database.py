@@ -1,6 +1,6 @@
 """Jobs in the metadata database (SQLite or PostgreSQL)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -8,12 +8,19 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.adapters.database_callbacks import note_change
 from service.adapters.database_tables import connect, job_files, job_steps, jobs, lock_name
 from service.ports import Job, JobFilter, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
 Enqueue = Callable[[sa.Connection, Job], None]
+COLUMNS = tuple(each.name for each in fields(Job) if each.name not in {"file_ids", "status", "fetches"})
+# clients ask for single jobs again and again: putting a statement together takes longer than executing it
+JOB = sa.select(jobs).where(jobs.c.id == sa.bindparam("id"))
+FILES_OF_JOB = (
+    sa.select(job_files.c.file_id).where(job_files.c.job_id == sa.bindparam("id")).order_by(job_files.c.position)
+)
 
 
 def migrate(settings: Settings) -> None:
@@ -196,12 +203,16 @@ class DatabaseJobStore:
         with self._engine.begin() as connection:
             if not connection.execute(sa.update(jobs).where(unfinished).values(values)).rowcount:
                 return None
-            return self._job(connection, job_id)
+            job = self._job(connection, job_id)
+            if job is not None and "status" in values:
+                note_change(connection, job)
+            return job
 
     def _job(self, connection: sa.Connection, job_id: str) -> Job | None:
-        rows = connection.execute(sa.select(jobs).where(jobs.c.id == job_id, self._mine)).mappings().all()
-        found = self._with_files(connection, rows)
-        return found[0] if found else None
+        row = connection.execute(JOB, {"id": job_id}).mappings().one_or_none()
+        if row is None or self._owner not in {None, row["owner"]}:
+            return None
+        return _job_of(row, connection.execute(FILES_OF_JOB, {"id": job_id}).scalars())
 
     @staticmethod
     def _with_files(connection: sa.Connection, rows: Sequence[sa.RowMapping]) -> list[Job]:
@@ -210,15 +221,12 @@ class DatabaseJobStore:
         file_ids: dict[str, list[str]] = {job_id: [] for job_id in wanted}
         for row in connection.execute(query).mappings() if wanted else ():
             file_ids[row["job_id"]].append(row["file_id"])
-        names = {each.name for each in fields(Job)} - {"file_ids", "status"}
-        return [
-            Job(
-                **{name: row[name] for name in names},
-                status=JobStatus(row["status"]),
-                file_ids=tuple(file_ids[row["id"]]),
-            )
-            for row in rows
-        ]
+        return [_job_of(row, file_ids[row["id"]]) for row in rows]
+
+
+def _job_of(row: sa.RowMapping, file_ids: Iterable[str]) -> Job:
+    known = {name: row[name] for name in COLUMNS}
+    return Job(**known, status=JobStatus(row["status"]), file_ids=tuple(file_ids), fetches=tuple(row["fetches"] or ()))
 
 
 def _unfinished(connection: sa.Connection, owner: str) -> UnfinishedJobs:

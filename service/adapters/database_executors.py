@@ -31,14 +31,14 @@ class DatabaseExecutors:
                     host=self._host,
                     pid=me.pid,
                     process_started=me.create_time(),
-                    heartbeat=_now(connection),
+                    heartbeat=clock(connection),
                 )
             )
 
     def beat(self, executor_id: str) -> bool:
         """Say that a worker lives; False when it was taken for dead meanwhile (it must stop at once)."""
         with self._engine.begin() as connection:
-            change = sa.update(executors).where(executors.c.id == executor_id).values(heartbeat=_now(connection))
+            change = sa.update(executors).where(executors.c.id == executor_id).values(heartbeat=clock(connection))
             return bool(connection.execute(change).rowcount)
 
     def remove(self, executor_id: str) -> None:
@@ -49,7 +49,7 @@ class DatabaseExecutors:
     def bury_dead(self, executor_id: str) -> None:
         """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
         with self._engine.begin() as connection:
-            overdue = _now(connection) - DEAD_AFTER_S
+            overdue = clock(connection) - DEAD_AFTER_S
             rows = connection.execute(sa.select(executors).where(executors.c.id != executor_id)).all()
             dead = [row.id for row in rows if row.heartbeat < overdue or self._is_gone(row)]
             if dead:
@@ -58,7 +58,7 @@ class DatabaseExecutors:
     def live(self) -> Sequence[str]:
         """List the workers that are entered and not overdue."""
         with self._engine.begin() as connection:
-            overdue = _now(connection) - DEAD_AFTER_S
+            overdue = clock(connection) - DEAD_AFTER_S
             rows = connection.execute(sa.select(executors).where(executors.c.heartbeat >= overdue)).all()
         return [row.id for row in rows if not self._is_gone(row)]
 
@@ -70,7 +70,7 @@ class DatabaseExecutors:
     def lease(self, name: str, holder: str, seconds: float) -> bool:
         """Take or keep a named lease; False while someone else holds it."""
         with self._engine.begin() as connection:
-            now = _now(connection)
+            now = clock(connection)
             # a worker that is gone holds nothing
             orphaned = leases.c.holder.not_in(sa.select(executors.c.id))
             free = sa.or_(leases.c.holder == holder, leases.c.expires < now, orphaned)
@@ -97,7 +97,7 @@ class DatabaseExecutors:
             return True
 
 
-def _now(connection: sa.Connection) -> float:
+def clock(connection: sa.Connection) -> float:
     """Read the clock that all workers share (an embedded database is on this machine)."""
     if connection.dialect.name == "postgresql":
         return float(connection.execute(sa.text("SELECT extract(epoch FROM clock_timestamp())")).scalar_one())

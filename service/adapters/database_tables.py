@@ -57,6 +57,8 @@ jobs = sa.Table(
     sa.Column("attempts", sa.Integer, nullable=False),
     sa.Column("problem", sa.JSON(none_as_null=True)),
     sa.Column("total_weight", sa.Float, nullable=False, server_default="0"),
+    sa.Column("subscriber", sa.JSON(none_as_null=True)),
+    sa.Column("fetches", sa.JSON(none_as_null=True)),
     sa.Column("owner", sa.String(64), nullable=False, server_default=""),
     sa.Column("urgency", sa.Integer, nullable=False, server_default="3"),
     sa.Column("request_id", sa.String(128), nullable=False, server_default=""),
@@ -151,6 +153,21 @@ idempotency = sa.Table(
     sa.Column("status", sa.Integer),
     sa.Column("headers", sa.JSON(none_as_null=True)),
     sa.Column("body", sa.LargeBinary),
+)
+
+callbacks = sa.Table(
+    "callbacks",
+    metadata,
+    sa.Column("job_id", sa.String(64), sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
+    sa.Column("event", sa.String(16), primary_key=True),
+    sa.Column("uri", sa.Text, nullable=False),
+    sa.Column("host", sa.String(255), nullable=False),
+    # null: nothing more is to be told
+    sa.Column("due", sa.Float, index=True),
+    sa.Column("claimed_by", sa.String(128)),
+    sa.Column("attempts", sa.Integer, nullable=False),
+    sa.Column("delivered", sa.Integer, nullable=False),
+    sa.Column("told", UtcDateTime),
 )
 
 executors = sa.Table(

@@ -55,6 +55,10 @@ class Job:
     """0 (first) to 7 (last), as in RFC 9218."""
     request_id: str = ""
     """Correlation id of the request that made it."""
+    subscriber: Json | None = None
+    """Who is told how it goes: `service.ports.Subscription` as JSON."""
+    fetches: tuple[Json, ...] = ()
+    """What it fetches before anything else: id of the file that each becomes, address, place in the request."""
 
 
 @dataclass(frozen=True)
