@@ -28,6 +28,10 @@ class ServiceError(Exception):
         """Give further members of the problem document."""
         return {}
 
+    def headers(self) -> Mapping[str, str]:
+        """Give headers of the answer."""
+        return {}
+
 
 class NoSuchProcessError(ServiceError):
     """Say that a process is not offered."""
@@ -246,6 +250,10 @@ class QuotaExceededError(ServiceError):
     """Say that a client has too much under way."""
 
     status, title = 429, "Too many requests"
+
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to ask again: jobs take minutes."""
+        return {"Retry-After": "30"}
 
 
 class InsufficientStorageError(ServiceError):

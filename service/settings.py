@@ -3,6 +3,7 @@
 import os
 import sys
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -48,8 +49,26 @@ class Settings(BaseSettings):
     """Most pixels of one photo."""
     max_stations: int = Field(default=500, ge=2)
     """Most stations of one job."""
-    max_queued_jobs: int = Field(default=2000, ge=1)
-    """Most unfinished jobs."""
+    max_queued_jobs: int = Field(default=10_000, ge=1)
+    """Most unfinished jobs of all projects together."""
+    max_project_jobs: int = Field(default=2000, ge=1)
+    """Most unfinished jobs of one project."""
+    max_running_jobs: int = Field(default=64, ge=1)
+    """Most jobs of one project that are worked on at the same time; others wait, and let those of other projects by."""
+    max_project_files: int = Field(default=100_000, ge=1)
+    """Most files that one project may have."""
+    max_project_bytes: int = Field(default=1000 * GIGABYTE, ge=1)
+    """Most bytes that the files of one project may have, those on their way included; content that is stored once for
+    several files counts for each."""
+    auth: Literal["auto", "required", "off"] = "auto"
+    """Whether requests need a key: `auto`, as soon as one was made (and then for ever, also when all are revoked);
+    `required`, always; `off`, never, on any address."""
+    max_requests_per_minute: int = Field(default=6000, ge=1)
+    """Most requests with one key, counted by each API process for itself."""
+    max_key_checks_per_minute: int = Field(default=60, ge=1)
+    """Most keys from one address that an API process has not seen lately, wrong ones among them."""
+    audit_days: int = Field(default=400, ge=1)
+    """How long it is kept who changed what."""
     min_free_bytes: int = Field(default=GIGABYTE, ge=0)
     """Uploads are refused (507) when less would remain free on the disk."""
     allowed_sources: str = ""

@@ -1,0 +1,122 @@
+"""What is refused because of who asks, how much, or how often."""
+
+from collections.abc import Mapping
+
+from service.errors import ServiceError
+
+REALM = 'Bearer realm="Tieline"'
+
+
+class UnauthenticatedError(ServiceError):
+    """Say that a key is needed. Why a key is not taken is never told."""
+
+    status, title = 401, "Key needed"
+
+    def __init__(self, *, given: bool) -> None:
+        self.given = given
+        super().__init__(
+            "this key is not valid"
+            if given
+            else "this service wants a key in the header `Authorization: Bearer …`; its operator makes them with "
+            "`tieline keys create`"
+        )
+
+    def headers(self) -> Mapping[str, str]:
+        """Name the way of authentication (RFC 6750, section 3)."""
+        return {"WWW-Authenticate": f'{REALM}, error="invalid_token"' if self.given else REALM}
+
+
+class ForbiddenError(ServiceError):
+    """Say that a key is not good for this."""
+
+    status, title = 403, "Not allowed with this key"
+
+    def __init__(self, scopes: str) -> None:
+        self.scopes = scopes
+        super().__init__(f"this needs a key with the scope {scopes}")
+
+    def headers(self) -> Mapping[str, str]:
+        """Name what is missing (RFC 6750, section 3.1)."""
+        return {"WWW-Authenticate": f'{REALM}, error="insufficient_scope", scope="{self.scopes}"'}
+
+
+class KeysNotInUseError(ServiceError):
+    """Say that nobody may do this over HTTP as long as everybody may do all else."""
+
+    status, title = 403, "Not without keys"
+
+    def __init__(self) -> None:
+        super().__init__(
+            "this service asks for no keys, so that anybody could do this; it needs a key with the scope admin, which "
+            "`tieline keys create NAME --scopes admin` makes"
+        )
+
+
+class TooOftenError(ServiceError):
+    """Say that requests come too fast."""
+
+    status, title = 429, "Too many requests"
+
+    def __init__(self, what: str, limit: int, retry_after_s: int) -> None:
+        self.retry_after_s = retry_after_s
+        super().__init__(f"{what}: {limit} in a minute are allowed; go on in {retry_after_s} s")
+
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to go on."""
+        return {"Retry-After": str(self.retry_after_s)}
+
+
+class QuotaFullError(ServiceError):
+    """Say that a project has stored as much as it may."""
+
+    status, title = 413, "Quota exceeded"
+
+    def __init__(self, what: str, amount: int, limit: int) -> None:
+        super().__init__(
+            f"this project would have {amount} {what}, its limit is {limit}; DELETE /files/{{id}} removes what is not "
+            "needed any more"
+        )
+
+
+class RequestDiffersError(ServiceError):
+    """Say that an Idempotency-Key was used for something else."""
+
+    status, title = 409, "Idempotency-Key used before"
+
+    def __init__(self, key: str) -> None:
+        super().__init__(
+            f"the Idempotency-Key '{key}' was used for another request within the last 24 h; a new request needs a new "
+            "key"
+        )
+
+
+class RequestUnderWayError(ServiceError):
+    """Say that the first request with an Idempotency-Key has not been answered yet."""
+
+    status, title = 409, "Request under way"
+
+    def __init__(self, key: str, retry_after_s: int) -> None:
+        self.retry_after_s = retry_after_s
+        super().__init__(f"the first request with the Idempotency-Key '{key}' has not been answered yet; ask again")
+
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to ask again."""
+        return {"Retry-After": str(self.retry_after_s)}
+
+
+class NoSuchKeyError(ServiceError):
+    """Say that a key does not exist."""
+
+    status, title = 404, "No such key"
+
+    def __init__(self, key_id: str) -> None:
+        super().__init__(f"there is no key '{key_id}'; GET /keys or `tieline keys list` lists them")
+
+
+class KeyNameTakenError(ServiceError):
+    """Say that a key of a name exists."""
+
+    status, title = 409, "Name taken"
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"there is a key called '{name}' already; revoke it first, or take another name")
