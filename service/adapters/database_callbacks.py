@@ -80,23 +80,20 @@ class DatabaseCallbacks:
             for row in rows
         ]
 
-    def settle(self, claimed: ClaimedCallback, *, delivered: bool, told: datetime | None = None) -> None:
+    def settle(self, claimed: ClaimedCallback) -> None:
         """Note that nothing more is to be told; nothing happens when somebody else has claimed it meanwhile."""
-        self._end_claim(claimed, None, delivered=delivered, told=told)
+        self._end_claim(claimed, None)
 
-    def put_off(
-        self, claimed: ClaimedCallback, seconds: float, *, delivered: bool = False, told: datetime | None = None
-    ) -> None:
-        """Let it be due again after a time, unless the job has ended meanwhile or somebody else has claimed it."""
-        self._end_claim(claimed, seconds, delivered=delivered, told=told)
+    def retry(self, claimed: ClaimedCallback, seconds: float) -> None:
+        """Let the same be tried again after a time."""
+        self._end_claim(claimed, seconds)
 
-    def _end_claim(
-        self, claimed: ClaimedCallback, seconds: float | None, *, delivered: bool, told: datetime | None
-    ) -> None:
-        values: dict[str, Any] = {"claimed_by": None}
-        if delivered:
-            # the next message, if there is one, has all its attempts before it
-            values.update(delivered=callbacks.c.delivered + 1, told=told, attempts=0)
+    def go_on(self, claimed: ClaimedCallback, seconds: float, told: datetime | None) -> None:
+        """Let news be told after a time, with all attempts, unless the job has ended by then."""
+        told_now = {} if told is None else {"told": told, "delivered": callbacks.c.delivered + 1}
+        self._end_claim(claimed, seconds, attempts=0, **told_now)
+
+    def _end_claim(self, claimed: ClaimedCallback, seconds: float | None, **values: Any) -> None:
         mine = sa.and_(
             callbacks.c.job_id == claimed.job_id,
             callbacks.c.event == claimed.event.value,
@@ -104,10 +101,10 @@ class DatabaseCallbacks:
             callbacks.c.claimed_by == claimed.holder,
         )
         with self._engine.begin() as connection:
-            values["due"] = None
+            due: Any = None
             if seconds is not None:
-                values["due"] = sa.case((callbacks.c.due.is_not(None), clock(connection) + seconds), else_=sa.null())
-            connection.execute(sa.update(callbacks).where(mine).values(values))
+                due = sa.case((callbacks.c.due.is_not(None), clock(connection) + seconds), else_=sa.null())
+            connection.execute(sa.update(callbacks).where(mine).values(due=due, claimed_by=None, **values))
 
     @staticmethod
     def _ready(now: float, left: sa.ColumnElement[bool], busy_hosts: Collection[str]) -> sa.ColumnElement[bool]:

@@ -74,13 +74,17 @@ class CallbackStore(Protocol):
             Hosts of addresses to be left out.
         """
 
-    def settle(self, claimed: ClaimedCallback, *, delivered: bool, told: datetime | None = None) -> None:
-        """Note that nothing more is to be told; nothing happens when somebody else has claimed it meanwhile."""
+    def settle(self, claimed: ClaimedCallback) -> None:
+        """Note that nothing more is to be told.
 
-    def put_off(
-        self, claimed: ClaimedCallback, seconds: float, *, delivered: bool = False, told: datetime | None = None
-    ) -> None:
-        """Let it be due again after a time: tried again, or when it was delivered, told anew."""
+        Here and below nothing happens when somebody else has claimed it meanwhile.
+        """
+
+    def retry(self, claimed: ClaimedCallback, seconds: float) -> None:
+        """Let the same be tried again after a time."""
+
+    def go_on(self, claimed: ClaimedCallback, seconds: float, told: datetime | None) -> None:
+        """Let news be told after a time, unless the job has ended by then; `told`, if any, was delivered just now."""
 
 
 @dataclass(frozen=True)

@@ -1,42 +1,14 @@
-"""The one place where jobs and files become documents."""
+"""Jobs, files and pages of lists as documents."""
 
 from urllib.parse import urlencode
 
 from schemas.files import FileDocument, PhotoDocument, ScanDocument
-from schemas.jobs import StatusInfo
 from schemas.links import Link
 from service.dependencies import BaseUrl
-from service.ports import Job, JobStatus, StoredFile
+from service.ports import StoredFile
+from service.use_cases.describe_job import status_info
 
-RESULTS = "http://www.opengis.net/def/rel/ogc/1.0/results"
-
-
-def status_info(job: Job, url: BaseUrl) -> StatusInfo:
-    """Describe where a job stands, as OGC API - Processes 1.0 names it."""
-    here = url(f"/jobs/{job.id}")
-    links = [Link(href=here, rel="self", title="This job")]
-    if job.status is not JobStatus.ACCEPTED:
-        links.append(Link(href=f"{here}/log", rel="related", type="text/plain", title="Log of the job"))
-    if job.status in {JobStatus.SUCCESSFUL, JobStatus.FAILED}:
-        links.append(Link(href=f"{here}/results", rel=RESULTS, title="Result of the job"))
-    if job.status is JobStatus.SUCCESSFUL:
-        links.append(Link(href=f"{here}/artifacts", rel="related", title="Downloads of the job"))
-    if not job.status.finished:
-        links.append(Link(href=here, rel="dismiss", title="DELETE to dismiss the job"))
-        links.append(Link(href=f"{here}/events", rel="monitor", type="text/event-stream", title="Events of the job"))
-    return StatusInfo(
-        process_id=job.process_id,
-        job_id=job.id,
-        status=job.status.value,
-        message=job.message,
-        progress=job.progress,
-        attempts=job.attempts,
-        created=job.created,
-        started=job.started,
-        finished=job.finished,
-        updated=job.updated,
-        links=links,
-    )
+__all__ = ["file_document", "page_links", "status_info"]
 
 
 def file_document(file: StoredFile, url: BaseUrl) -> FileDocument:
