@@ -1,7 +1,7 @@
 """Inputs and outputs of the process `echo`: the kinds of input of the OGC test suite."""
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic.alias_generators import to_camel
@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 from schemas.base import RequestModel
 
 CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
+LONGEST_PAUSE_S = 30
 QUALIFIERS = {"value", "mediaType", "encoding", "schema", "format"}
 
 
@@ -47,6 +48,18 @@ def _iso_date(text: str) -> str:
     return text
 
 
+class FeatureCollection(RequestModel):
+    """A GeoJSON feature collection; only its outline is looked at."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: Literal["FeatureCollection"]
+    features: list[dict[str, Any]]
+
+
+TextOfFeatures = Annotated[str, Field(json_schema_extra={"contentMediaType": "application/gml+xml; version=3.2"})]
+
+
 class EchoInputs(RequestModel):
     """What comes in: at least one input; each may also be wrapped as `{"value": …}`."""
 
@@ -54,8 +67,8 @@ class EchoInputs(RequestModel):
 
     string_input: str | None = Field(default=None, title="Text")
     """Any text."""
-    measure_input: Measure | None = Field(default=None, title="Measure")
-    """A number with its unit."""
+    measure_input: Measure | str | None = Field(default=None, title="Measure")
+    """A number with its unit, or both as text."""
     date_input: Annotated[str, AfterValidator(_iso_date), Field(json_schema_extra={"format": "date-time"})] | None = (
         Field(default=None, title="Date")
     )
@@ -64,16 +77,18 @@ class EchoInputs(RequestModel):
     """Any finite number."""
     boolean_input: bool | None = Field(default=None, title="Truth value")
     """True or false."""
-    array_input: list[Any] | None = Field(default=None, title="Array")
-    """Any array."""
-    complex_object_input: dict[str, Any] | None = Field(default=None, title="Object")
-    """Any object."""
-    geometry_input: dict[str, Any] | list[Any] | None = Field(default=None, title="Geometry")
+    array_input: list[int] | None = Field(default=None, title="Array")
+    """Whole numbers."""
+    complex_object_input: dict[str, Any] | str | None = Field(default=None, title="Object")
+    """Any object, or text with its media type."""
+    geometry_input: dict[str, Any] | list[Any] | str | None = Field(default=None, title="Geometry")
     """One geometry or several: GeoJSON, or text with its media type."""
     bounding_box_input: BoundingBox | None = Field(default=None, title="Bounding box")
     """A bounding box in a coordinate reference system."""
-    feature_collection_input: dict[str, Any] | str | None = Field(default=None, title="Features")
+    feature_collection_input: FeatureCollection | TextOfFeatures | None = Field(default=None, title="Features")
     """A feature collection: GeoJSON, or text with its media type."""
+    pause: int | None = Field(default=None, ge=0, le=LONGEST_PAUSE_S, title="Pause")
+    """Seconds to wait before answering [s]: for trying how a client waits, follows and dismisses a job."""
 
     @model_validator(mode="before")
     @classmethod

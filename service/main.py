@@ -27,7 +27,18 @@ from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
-from service.routes import files, health, job_events, jobs, landing, metrics, processes, registrations, uploads
+from service.routes import (
+    files,
+    health,
+    job_events,
+    jobs,
+    landing,
+    metrics,
+    openapi_30,
+    processes,
+    registrations,
+    uploads,
+)
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
 from service.use_cases.clean_up import Cleaner
@@ -89,7 +100,7 @@ def create_app(
     app.state.adapters = adapters
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
     app.state.sources = HttpsSources(settings)
-    for resource in (landing, processes, jobs, job_events, files, uploads, registrations, health, metrics):
+    for resource in (landing, openapi_30, processes, jobs, job_events, files, uploads, registrations, health, metrics):
         app.include_router(resource.router)
     install_error_handlers(app)
     metrics.count_requests(app)

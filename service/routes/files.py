@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
 from schemas.files import FileDocument, FileDocuments, FileList
@@ -19,6 +19,7 @@ from service.errors import (
 from service.routes.documents import file_document, page_links
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
+from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import (
     FormReader,
     body_of,
@@ -32,7 +33,7 @@ from service.use_cases.content_keys import content_key
 from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
 from service.use_cases.validate_request import pointer_to
 
-router = APIRouter(tags=["files"], responses=PROBLEM_RESPONSES)
+router = ReadableRouter(tags=["files"], responses=PROBLEM_RESPONSES)
 
 UPLOAD_BODY = {
     "requestBody": {

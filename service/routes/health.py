@@ -1,12 +1,13 @@
 """Liveness and readiness."""
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from schemas.health import Liveness, Readiness
 from service.dependencies import AdaptersDependency
+from service.routes.readable_router import ReadableRouter
 from service.use_cases.check_readiness import check_readiness
 
-router = APIRouter(tags=["health"])
+router = ReadableRouter(tags=["health"])
 
 
 @router.get("/healthz", summary="Does the process live?")

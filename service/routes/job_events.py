@@ -4,7 +4,7 @@ import time
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Response, status
+from fastapi import Header, Request, Response, status
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
@@ -12,14 +12,17 @@ from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency
 from service.ports import Job, JobStore
 from service.routes.documents import status_info
 from service.routes.problems import PROBLEM_RESPONSES
+from service.routes.readable_router import ReadableRouter
 from service.use_cases.find_job import find_job
 from service.use_cases.watch_job import state_of, watched
 
-router = APIRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
+router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 
 PULSE_S = 15.0
 """Proxies close connections that are silent for longer."""
 RETRY_MS = 1000
+EVENTS = "text/event-stream"
+UNBUFFERED = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
 LastEventId = Annotated[
     str | None, Header(alias="Last-Event-ID", description="Last event that was received; what came before is left out.")
 ]
@@ -33,23 +36,25 @@ LastEventId = Annotated[
         status.HTTP_200_OK: {
             "description": "Each event holds the job's status document: `status` when the status has changed, "
             "`progress` when progress or step have. The stream ends after the final status.",
-            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "content": {EVENTS: {"schema": {"type": "string"}}},
         },
         status.HTTP_204_NO_CONTENT: {"description": "The job has ended and the client knows it: nothing will come."},
     },
 )
 def follow_job(
-    job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency, last_event_id: LastEventId = None
+    request: Request,
+    job_id: str,
+    adapters: AdaptersDependency,
+    url: BaseUrlDependency,
+    last_event_id: LastEventId = None,
 ) -> Response:
     """Tell at once, and then whenever it changes, where a job stands; end with its final status."""
     job = find_job(job_id, adapters.jobs)
     if job.status.finished and last_event_id == state_of(job):
         return Response(status_code=status.HTTP_204_NO_CONTENT)
-    return StreamingResponse(
-        _events(job, last_event_id, adapters.jobs, url),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
-    )
+    if request.method == "HEAD":
+        return Response(media_type=EVENTS, headers=UNBUFFERED)
+    return StreamingResponse(_events(job, last_event_id, adapters.jobs, url), media_type=EVENTS, headers=UNBUFFERED)
 
 
 async def _events(job: Job, known: str | None, jobs: JobStore, url: BaseUrl) -> AsyncIterator[bytes]:

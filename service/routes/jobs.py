@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 
 from schemas.jobs import Artifact, ArtifactList, JobList, StatusInfo
@@ -15,11 +15,12 @@ from service.ports import JobFilter, JobStatus
 from service.routes.documents import page_links, status_info
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES, problem_response
+from service.routes.readable_router import ReadableRouter
 from service.use_cases.dismiss_job import dismiss_job
 from service.use_cases.find_job import find_artifact, find_artifacts, find_job, find_result
 from service.use_cases.identifiers import is_identifier
 
-router = APIRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
+router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 MOST_LOG_LINES = 20_000
 """A job with more has its oldest left out."""
 

@@ -1,12 +1,14 @@
 """The landing page and what the service conforms to."""
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
 from schemas.landing import Conformance, LandingPage
 from schemas.links import Link
 from service.dependencies import BaseUrl, BaseUrlDependency
+from service.routes import openapi_30
 from service.routes.accepted_types import prefers_html
+from service.routes.readable_router import ReadableRouter
 from service.web.landing_page import landing_html
 
 OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
@@ -16,9 +18,10 @@ DESCRIPTION = (
     "Registers terrestrial laser scans by the straight lines, planes and cylinders of the built world, without a first "
     "guess and with honest standard deviations."
 )
-CONFORMANCE = tuple(CLASS + name for name in ("core", "ogc-process-description", "json", "job-list", "dismiss"))
+CLASSES = ("core", "ogc-process-description", "json", "oas30", "job-list", "dismiss")
+CONFORMANCE = tuple(CLASS + name for name in CLASSES)
 
-router = APIRouter(tags=["service"])
+router = ReadableRouter(tags=["service"])
 
 
 @router.get(
@@ -50,10 +53,16 @@ def _page(url: BaseUrl, version: str) -> LandingPage:
         links=[
             Link(href=url("/"), rel="self", title="This page"),
             Link(
+                href=url(openapi_30.PATH),
+                rel="service-desc",
+                type=openapi_30.MEDIA_TYPE,
+                title="OpenAPI 3.0 description",
+            ),
+            Link(
                 href=url("/openapi.json"),
                 rel="service-desc",
                 type="application/vnd.oai.openapi+json;version=3.1",
-                title="OpenAPI description",
+                title="OpenAPI 3.1 description",
             ),
             Link(href=url("/docs"), rel="service-doc", type="text/html", title="Interactive documentation"),
             Link(href=url("/conformance"), rel=OGC + "conformance", title="Conformance classes"),

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator
 
-from fastapi import APIRouter, FastAPI, Request, Response
+from fastapi import FastAPI, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.metrics_core import GaugeMetricFamily, Metric
 from prometheus_client.multiprocess import MultiProcessCollector
@@ -12,8 +12,9 @@ from prometheus_fastapi_instrumentator import Instrumentator
 
 from service.dependencies import Adapters, AdaptersDependency
 from service.ports import JobFilter, JobStatus
+from service.routes.readable_router import ReadableRouter
 
-router = APIRouter(tags=["health"])
+router = ReadableRouter(tags=["health"])
 
 SHARED = "PROMETHEUS_MULTIPROC_DIR"
 """Environment variable of the folder in which all API processes of a service keep their counts."""

@@ -4,17 +4,20 @@ import asyncio
 from datetime import UTC, datetime
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import JSONResponse, PlainTextResponse
+from fastapi import Request, Response
+from fastapi.responses import JSONResponse
 
 from schemas.jobs import StatusInfo
 from schemas.links import Link
 from schemas.processes import ProcessDescription, ProcessList, ProcessSummary
 from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency, SettingsDependency, SourcesDependency
 from service.ports import Job
-from service.routes.documents import status_info
+from service.routes.documents import page_links, status_info
 from service.routes.files import file_intake
+from service.routes.multipart_related import raw_outputs
+from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
+from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import read_json_body
 from service.use_cases.describe_processes import (
     OFFERED_PROCESSES,
@@ -29,15 +32,16 @@ from service.use_cases.validate_request import parse_json
 
 EXECUTE = "http://www.opengis.net/def/rel/ogc/1.0/execute"
 
-router = APIRouter(tags=["processes"], responses=PROBLEM_RESPONSES)
+router = ReadableRouter(tags=["processes"], responses=PROBLEM_RESPONSES)
 
 
 @router.get("/processes", summary="List processes")
-def list_processes(url: BaseUrlDependency) -> ProcessList:
+def list_processes(url: BaseUrlDependency, limit: LimitParameter = 100, offset: OffsetParameter = 0) -> ProcessList:
     """List what this service can do."""
+    offered, limit = list(OFFERED_PROCESSES.values()), page_size(limit)
     return ProcessList(
-        processes=[_summary(process, url) for process in OFFERED_PROCESSES.values()],
-        links=[Link(href=url("/processes"), rel="self", title="All processes")],
+        processes=[_summary(process, url) for process in offered[offset : offset + limit]],
+        links=page_links(url, "/processes", {}, limit, offset, len(offered)),
     )
 
 
@@ -80,8 +84,9 @@ async def execute(
     async with with_fetched_scans(process, body, file_intake(adapters, settings), sources, now) as fetched:
         execution = await asyncio.to_thread(check_execution, process, fetched, adapters.files, settings)
         if process.synchronous and not asynchronous:
-            answer = answer_at_once(execution)
-            return PlainTextResponse(answer) if execution.raw and isinstance(answer, str) else JSONResponse(answer)
+            await asyncio.sleep(execution.inputs.get("pause") or 0)
+            outputs = answer_at_once(execution)
+            return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
         job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 

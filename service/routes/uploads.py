@@ -6,7 +6,7 @@ from email.utils import format_datetime
 from typing import Annotated, Any
 
 import structlog
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request, Response
 from fastapi.routing import APIRoute
 from starlette.background import BackgroundTask
 
@@ -18,6 +18,7 @@ from service.errors import InvalidRequestError, ServiceError, to_problem
 from service.ports import UploadState
 from service.routes.files import file_intake
 from service.routes.problems import PROBLEM_RESPONSES, problem_response
+from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import declared_length
 from service.routes.tus_headers import (
     EXTENSIONS,
@@ -62,7 +63,7 @@ class TusRoute(APIRoute):
         return handle_tus
 
 
-router = APIRouter(tags=["uploads"], responses=PROBLEM_RESPONSES, route_class=TusRoute)
+router = ReadableRouter(tags=["uploads"], responses=PROBLEM_RESPONSES, route_class=TusRoute)
 
 
 async def _desk(uploads: UploadsDependency, adapters: AdaptersDependency, settings: SettingsDependency) -> UploadDesk:

@@ -17,6 +17,7 @@ from schemas.processes import InputDescription, JobControlOption, OutputDescript
 from schemas.register_inputs import RegisterInputs
 from schemas.registration_result import RegistrationDocument
 from service.errors import NoSuchProcessError
+from service.use_cases.schema_dialect import CONTENT, KEPT, as_openapi_30
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,8 @@ def offered_process(process_id: str) -> OfferedProcess:
 
 
 def input_descriptions(process: OfferedProcess) -> dict[str, InputDescription]:
-    """Describe every input with its JSON Schema."""
-    schema = inlined(process.inputs.model_json_schema())
+    """Describe every input with its schema, in the dialect that OGC API - Processes 1.0 prescribes."""
+    schema = _in_the_dialect_of_ogc(process.inputs.model_json_schema())
     required = schema.get("required", [])
     return {
         name: InputDescription(
@@ -109,14 +110,18 @@ def input_descriptions(process: OfferedProcess) -> dict[str, InputDescription]:
 
 
 def output_descriptions(process: OfferedProcess) -> dict[str, OutputDescription]:
-    """Describe every output with its JSON Schema."""
-    schema = inlined(process.outputs.model_json_schema(mode="serialization"))
+    """Describe every output with its schema."""
+    schema = _in_the_dialect_of_ogc(process.outputs.model_json_schema(mode="serialization"))
     return {
         name: OutputDescription(
             title=member.get("title", name), description=member.get("description", ""), json_schema=member
         )
         for name, member in schema["properties"].items()
     }
+
+
+def _in_the_dialect_of_ogc(schema: dict[str, Any]) -> dict[str, Any]:
+    return as_openapi_30(inlined(schema), KEPT | CONTENT)
 
 
 def inlined(schema: dict[str, Any]) -> dict[str, Any]:

@@ -82,11 +82,10 @@ def submit_job(execution: Execution, jobs: JobStore, settings: Settings, now: da
     return job
 
 
-def answer_at_once(execution: Execution) -> Any:
-    """Give the outputs of `echo`: its inputs, or the single wanted one bare."""
+def answer_at_once(execution: Execution) -> Json:
+    """Give the outputs of `echo`: its inputs, or the wanted ones of them."""
     wanted = execution.outputs or tuple(execution.inputs)
-    outputs = {name: execution.inputs[name] for name in wanted if name in execution.inputs}
-    return next(iter(outputs.values())) if execution.raw and len(outputs) == 1 else outputs
+    return {name: execution.inputs[name] for name in wanted if name in execution.inputs}
 
 
 def _output_names(process: OfferedProcess) -> set[str]:

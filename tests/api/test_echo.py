@@ -64,6 +64,16 @@ def test_a_single_raw_object_comes_back_bare(client: Client) -> None:
 
 
 @pytest.mark.parametrize(
+    "inputs", [{"measureInput": {"measurement": 1}}, {"featureCollectionInput": {"type": "wrong/type_1"}}]
+)
+def test_an_object_of_the_wrong_form_is_pointed_into(
+    client: Client, pointers: Callable[[httpx.Response], list[str]], inputs: dict[str, Any]
+) -> None:
+    (name,) = inputs
+    assert any(pointer.startswith(f"/inputs/{name}/") for pointer in pointers(client.submit(inputs, "echo")))
+
+
+@pytest.mark.parametrize(
     ("inputs", "pointer"),
     [
         ({}, "/inputs"),
@@ -73,8 +83,11 @@ def test_a_single_raw_object_comes_back_bare(client: Client) -> None:
         ({"booleanInput": 1}, "/inputs/booleanInput"),
         ({"arrayInput": {}}, "/inputs/arrayInput"),
         ({"boundingBoxInput": {"bbox": [1, 2, 3]}}, "/inputs/boundingBoxInput/bbox"),
-        ({"measureInput": {"measurement": 1}}, "/inputs/measureInput/uom"),
-        ({"pause": 3}, "/inputs/pause"),
+        ({"measureInput": 3}, "/inputs/measureInput"),
+        ({"complexObjectInput": [1]}, "/inputs/complexObjectInput"),
+        ({"arrayInput": ["a"]}, "/inputs/arrayInput/0"),
+        ({"pause": 31}, "/inputs/pause"),
+        ({"pause": -1}, "/inputs/pause"),
     ],
 )
 def test_a_wrong_kind_is_pointed_at(

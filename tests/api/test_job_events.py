@@ -113,5 +113,11 @@ def test_a_removed_job_ends_its_events(app: FastAPI, adapters: Adapters, job: st
 
 
 def test_the_status_document_links_to_the_events_while_there_are_any(client: Client, job: str) -> None:
-    links = {link["rel"]: link["href"] for link in client.get(f"/jobs/{job}").json()["links"]}
-    assert links["monitor"].endswith(f"/jobs/{job}/events")
+    links = {link["type"]: link["href"] for link in client.get(f"/jobs/{job}").json()["links"]}
+    assert links["text/event-stream"].endswith(f"/jobs/{job}/events")
+
+
+def test_head_of_the_events_ends_at_once(client: Client, job: str) -> None:
+    answer = client.request("HEAD", f"/jobs/{job}/events")
+    assert (answer.status_code, answer.content) == (200, b"")
+    assert answer.headers["content-type"].startswith("text/event-stream")

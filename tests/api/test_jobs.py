@@ -53,7 +53,7 @@ def test_status_has_what_the_standard_and_the_contract_name(client: Client, job_
 @pytest.mark.parametrize(
     ("status", "relations"),
     [
-        (JobStatus.ACCEPTED, {"self", "dismiss", "monitor"}),
+        (JobStatus.ACCEPTED, {"self", "dismiss", "monitor", "related"}),
         (JobStatus.RUNNING, {"self", "dismiss", "monitor", "related"}),
         (JobStatus.SUCCESSFUL, {"self", "results", "related"}),
         (JobStatus.FAILED, {"self", "results", "related"}),
