@@ -7,18 +7,23 @@ import threading
 from collections.abc import Mapping
 from typing import cast
 
+from service.adapters.callback_thread import CallbackThread
 from service.adapters.child_process import NOTHING_WARM, ChildProcesses, remove_left_scratch
 from service.adapters.database import DatabaseJobStore
+from service.adapters.database_callbacks import DatabaseCallbacks
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
+from service.adapters.http_callbacks import HttpCallbacks
+from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.engine import DbosQueue, Engine, Tools
 from service.ports import Plan
 from service.settings import Settings
+from service.use_cases.deliver_callbacks import CallbackDelivery
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
 WARM_UP = WarmUp(
@@ -57,8 +62,21 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         queue=queue,
     )
     engine = Engine(tools, slot)
+    callbacks = CallbackThread(
+        CallbackDelivery(
+            callbacks=DatabaseCallbacks(database),
+            jobs=jobs,
+            blobs=LocalFiles(settings.data_dir),
+            log=tools.log,
+            sender=HttpCallbacks(settings),
+            settings=settings,
+            holder=engine.executor_id,
+        )
+    )
     engine.start()
+    callbacks.start()
     stop.wait()
+    callbacks.stop()
     engine.stop()
     runner.close()
     queue.close()
