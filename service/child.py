@@ -19,8 +19,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
-from service.adapters.local_files import LocalFiles
 from service.adapters.nursery import Nursery
+from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, limit_resources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
@@ -60,7 +60,7 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     settings = Settings(**request["settings"])
     limit_resources(settings)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
-    context = StepContext(LocalFiles(settings.data_dir, Path(request["scratch"])), pipe, limits)
+    context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits)
     try:
         result = steps[request["step"]](context, request["arguments"])
         pipe.send({"result": result})

@@ -88,9 +88,10 @@ def prepare(settings: Settings) -> None:
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
-    tables = connect(settings)
-    adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
-    tables.dispose()
+    if not settings.storage_url:
+        tables = connect(settings)
+        adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
+        tables.dispose()
 
 
 def serve(

@@ -21,10 +21,10 @@ from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
 from service.adapters.https_sources import HttpsSources
-from service.adapters.local_files import LocalFiles
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.nursery_client import WarmUp
 from service.dependencies import Adapters
+from service.adapters.object_files import blob_store
 from service.engine import DbosQueue
 from service.errors import ServiceError
 from service.routes import (
@@ -57,7 +57,7 @@ def app_from_environment() -> FastAPI:
     adapters = Adapters(
         jobs=DatabaseJobStore(database, queue.enqueue),
         files=DatabaseFileStore(database),
-        blobs=LocalFiles(settings.data_dir),
+        blobs=blob_store(settings),
         queue=queue,
         steps=readers,
         log=DatabaseJobLog(database),

@@ -22,6 +22,11 @@ class Settings(BaseSettings):
     """Where files, results and the embedded database live."""
     database_url: str = ""
     """Database of metadata and queue: ``postgresql://user:password@host/database``; empty: SQLite in `data_dir`."""
+    storage_url: str = ""
+    """Where files and results are kept: ``s3://bucket/prefix?endpoint=https://host:port&region=name`` (credentials in
+    the usual ``AWS_…`` variables), ``file:///directory``; empty: in `data_dir`."""
+    cache_bytes: int = Field(default=50 * GIGABYTE, ge=0)
+    """Most bytes of copies from an object store on this machine; those in use may exceed it."""
     database_connections: int = Field(default=8, ge=2)
     """Most connections of one process to PostgreSQL for metadata; the queue takes as many again at most."""
     host: str = "127.0.0.1"
@@ -123,6 +128,13 @@ class Settings(BaseSettings):
             return f"sqlite:///{(self.data_dir / 'tieline.sqlite').resolve()}"
         scheme, _, rest = self.database_url.partition("://")
         return f"{POSTGRESQL}://{rest}" if scheme in {"postgres", "postgresql"} else self.database_url
+
+    @field_validator("storage_url")
+    @classmethod
+    def _is_storage(cls, url: str) -> str:
+        if url and not url.startswith(("s3://", "file:///")):
+            raise ValueError("storage is given as s3://bucket/prefix or file:///directory")
+        return url
 
     @field_validator("database_url")
     @classmethod

@@ -10,8 +10,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from jaxtyping import install_import_hook
 
 from tests.databases import new_database, postgres
+from tests.object_server import objects
 
-__all__ = ["new_database", "postgres"]
+__all__ = ["new_database", "objects", "postgres"]
 
 ROOT = Path(__file__).resolve().parent.parent
 

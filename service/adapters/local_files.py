@@ -39,19 +39,25 @@ class LocalFiles:
     directory
         Where the service keeps its data.
     scratch
-        Where unfinished blobs and scratch directories lie, on the same file system; by default ``scratch`` beside the
-        blobs. A computation gets a directory of its own, so that all it leaves behind can be removed when it dies.
+        Where unfinished blobs and scratch directories lie; by default ``scratch`` beside the blobs. A computation gets
+        a directory of its own, so that all it leaves behind can be removed when it dies. Where this is another file
+        system than that of the blobs, unfinished blobs lie beside these nevertheless.
     """
 
     def __init__(self, directory: Path, scratch: Path | None = None) -> None:
         self._blobs = directory.resolve() / "blobs"
-        self._scratch = scratch or directory.resolve() / "scratch"
+        beside = directory.resolve() / "scratch"
+        self._scratch = scratch or beside
         for each in (self._blobs, self._scratch):
             each.mkdir(parents=True, exist_ok=True)
+        self._partial = self._scratch
+        if self._scratch.stat().st_dev != self._blobs.stat().st_dev:
+            self._partial = beside
+            beside.mkdir(exist_ok=True)
 
     async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
         """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
-        partial = _PartialFile(self._scratch)
+        partial = _PartialFile(self._partial)
         block = bytearray()
         try:
             async for chunk in chunks:
@@ -70,7 +76,7 @@ class LocalFiles:
 
     def write_bytes(self, key: str, data: bytes) -> None:
         """Store small content."""
-        partial = _PartialFile(self._scratch)
+        partial = _PartialFile(self._partial)
         try:
             partial.write(data)
             partial.finish(self._path(key))
@@ -81,7 +87,7 @@ class LocalFiles:
         """Move a finished local file into the store; a file from another file system is copied first."""
         target = self._path(key)
         if path.stat().st_dev != self._blobs.stat().st_dev:
-            descriptor, name = tempfile.mkstemp(dir=self._scratch, prefix="partial-")
+            descriptor, name = tempfile.mkstemp(dir=self._partial, prefix="partial-")
             os.close(descriptor)
             try:
                 shutil.copyfile(path, name)
@@ -97,7 +103,7 @@ class LocalFiles:
 
         Where the file system can, both are one file with two names.
         """
-        copy = self._scratch / f"partial-{uuid4().hex}"
+        copy = self._partial / f"partial-{uuid4().hex}"
         try:
             try:
                 copy.hardlink_to(path)
@@ -106,6 +112,9 @@ class LocalFiles:
             self._adopt(copy, self._path(key))
         finally:
             copy.unlink(missing_ok=True)
+
+    def prepare_move(self, key: str, new_key: str) -> None:
+        """Do nothing: a move is quick."""
 
     def move(self, key: str, new_key: str) -> None:
         """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
@@ -136,19 +145,18 @@ class LocalFiles:
 
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove unfinished blobs that nobody has written to since a moment; give their number."""
-        found = [path for path in self._scratch.glob("partial-*") if _is_older(path, moment)]
+        found = [path for path in self._partial.glob("partial-*") if _is_older(path, moment)]
         for path in found:
             path.unlink(missing_ok=True)
         return len(found)
 
     def delete_prefix(self, prefix: str) -> None:
-        """Remove everything under a prefix; nothing happens when there is nothing."""
-        checked_key(prefix)
-        for key in self.keys(prefix):
-            (self._blobs / key).unlink(missing_ok=True)
-        folder = self._blobs / prefix
-        if folder.is_dir():
-            shutil.rmtree(folder, ignore_errors=True)
+        """Remove a blob, or all in a folder; nothing happens when there is nothing."""
+        path = self._path(prefix)
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
     def scratch(self) -> Path:
         """Give a new empty directory on the same file system; the caller removes it."""

@@ -259,6 +259,9 @@ class MemoryBlobStore:
     def put_file(self, key: str, path: Path) -> None:
         """Move a finished local file into the store."""
         self.put_copy(key, path)
+    def prepare_move(self, key: str, new_key: str) -> None:
+        """Do nothing: a move is quick."""
+
         path.unlink()
 
     def put_copy(self, key: str, path: Path) -> None:
@@ -296,9 +299,9 @@ class MemoryBlobStore:
         return self._files.remove_abandoned(moment)
 
     def delete_prefix(self, prefix: str) -> None:
-        """Remove everything under a prefix; nothing happens when there is nothing."""
-        for key in self.keys(checked_key(prefix)):
-            del self._blobs[key]
+        """Remove a blob, or all in a folder; nothing happens when there is nothing."""
+        for key in (*self.keys(f"{checked_key(prefix).rstrip('/')}/"), prefix):
+            self._blobs.pop(key, None)
 
     def scratch(self) -> Path:
         """Give a new empty directory; the caller removes it."""

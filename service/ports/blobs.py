@@ -24,6 +24,9 @@ class BlobStore(Protocol):
     def put_copy(self, key: str, path: Path) -> None:
         """Put a finished local file, which is never written again, into the store; the file itself stays."""
 
+    def prepare_move(self, key: str, new_key: str) -> None:
+        """Do beforehand what takes long of moving a blob to the name of its content; it need not be done."""
+
     def move(self, key: str, new_key: str) -> None:
         """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
 
@@ -43,7 +46,7 @@ class BlobStore(Protocol):
         """Remove unfinished blobs that nobody has written to since a moment; give their number."""
 
     def delete_prefix(self, prefix: str) -> None:
-        """Remove everything under a prefix; nothing happens when there is nothing."""
+        """Remove a blob, or all in a folder; nothing happens when there is nothing."""
 
     def scratch(self) -> Path:
         """Give a new empty directory on the same file system; the caller removes it."""

@@ -115,7 +115,9 @@ class FileIntake:
 
     def _enter(self, file: StoredFile) -> None:
         """Give the file its place; where its content is stored already, that of the new one takes its place."""
-        self.files.add(file, lambda: self.blobs.move(incoming_key(file.id), content_key(file.sha256)))
+        here, there = incoming_key(file.id), content_key(file.sha256)
+        self.blobs.prepare_move(here, there)
+        self.files.add(file, lambda: self.blobs.move(here, there))
 
     async def _receive(self, upload: Upload, received: "_Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(

@@ -1,4 +1,4 @@
-"""The local blob store: whole or not at all, and nothing outside its directory."""
+"""Stores of blobs, local and remote: whole or not at all, and nothing outside their directory."""
 
 import asyncio
 import hashlib
@@ -10,13 +10,23 @@ import pytest
 
 from service.adapters.local_files import LocalFiles
 from service.adapters.memory import MemoryBlobStore
+from service.adapters.object_files import blob_store
 from service.errors import FileTooLargeError, StorageError
 from service.ports import BlobStore
+from service.settings import Settings
 
 
-@pytest.fixture(params=["local", "memory"])
-def blobs(request: pytest.FixtureRequest, tmp_path: Path) -> BlobStore:
-    return LocalFiles(tmp_path) if request.param == "local" else MemoryBlobStore()
+@pytest.fixture(params=["local", "file", "memory", pytest.param("s3", marks=pytest.mark.service)])
+def blobs(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BlobStore:
+    if request.param == "memory":
+        return MemoryBlobStore()
+    place = {"local": "", "file": f"file://{tmp_path}/shared"}.get(request.param)
+    if place is None:
+        server = request.getfixturevalue("objects")
+        place = server.new_place()
+        for name, value in server.credentials.items():
+            monkeypatch.setenv(name, value)
+    return blob_store(Settings(data_dir=tmp_path / "here", storage_url=place))
 
 
 async def chunks(*parts: bytes, then: Exception | None = None) -> AsyncIterator[bytes]:
@@ -61,11 +71,11 @@ def test_keys_are_listed_by_prefix(blobs: BlobStore) -> None:
 
 
 def test_deleting_a_prefix_spares_its_neighbours(blobs: BlobStore) -> None:
-    for key in ("jobs/1/result.json", "jobs/12/result.json"):
+    for key in ("jobs/1/result.json", "jobs/12/result.json", "jobs/2/a", "jobs/2/ab"):
         blobs.write_bytes(key, b"{}")
-    blobs.delete_prefix("jobs/1/")
-    blobs.delete_prefix("jobs/nothing/")
-    assert blobs.keys("jobs/") == ["jobs/12/result.json"]
+    for prefix in ("jobs/1", "jobs/nothing/", "jobs/2/a"):
+        blobs.delete_prefix(prefix)
+    assert blobs.keys("jobs/") == ["jobs/12/result.json", "jobs/2/ab"]
 
 
 def test_a_missing_blob_is_not_found(blobs: BlobStore) -> None:
