@@ -24,7 +24,5 @@ def _refuse_content(value: Any) -> Any:
     raise PydanticCustomError("not_supported_yet", "not supported yet by this version; leave it out")
 
 
-NotYet = Annotated[None, BeforeValidator(_refuse_content)]
-"""A field of the contract that this version does not use: only null is accepted."""
 NotYetList = Annotated[list[Any], BeforeValidator(_refuse_content), Field(max_length=0)]
 """A list of the contract that this version does not use: only the empty list is accepted."""

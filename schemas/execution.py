@@ -4,7 +4,8 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import Field
 
-from schemas.base import NotYet, RequestModel
+from schemas.base import RequestModel
+from schemas.subscriber import Subscriber
 
 InputsT = TypeVar("InputsT", bound=RequestModel)
 
@@ -36,5 +37,5 @@ class ExecuteRequest(RequestModel, Generic[InputsT]):
     """Wanted outputs of a synchronous run; left out: all. The result of a job is always whole."""
     response: Literal["document", "raw"] = "document"
     """`raw`: a single wanted output of a synchronous run comes without the enclosing document."""
-    subscriber: NotYet = None
-    """Callbacks; not supported yet."""
+    subscriber: Subscriber | None = None
+    """Who is told how a run in the background goes; a synchronous run tells nobody."""

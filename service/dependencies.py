@@ -5,7 +5,17 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from service.ports import BlobStore, FileStore, JobLog, JobStore, Queue, Sources, StepRunner, UploadStore
+from service.ports import (
+    BlobStore,
+    CallbackSender,
+    FileStore,
+    JobLog,
+    JobStore,
+    Queue,
+    Sources,
+    StepRunner,
+    UploadStore,
+)
 from service.settings import Settings
 
 
@@ -47,6 +57,10 @@ async def _sources(request: Request) -> Sources:
     return cast("Sources", request.app.state.sources)
 
 
+async def _callbacks(request: Request) -> CallbackSender:
+    return cast("CallbackSender", request.app.state.callbacks)
+
+
 async def _settings(request: Request) -> Settings:
     return cast("Settings", request.app.state.settings)
 
@@ -59,5 +73,6 @@ async def _base_url(request: Request) -> BaseUrl:
 AdaptersDependency = Annotated[Adapters, Depends(_adapters)]
 UploadsDependency = Annotated[UploadStore, Depends(_uploads)]
 SourcesDependency = Annotated[Sources, Depends(_sources)]
+CallbacksDependency = Annotated[CallbackSender, Depends(_callbacks)]
 SettingsDependency = Annotated[Settings, Depends(_settings)]
 BaseUrlDependency = Annotated[BaseUrl, Depends(_base_url)]

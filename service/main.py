@@ -20,11 +20,12 @@ from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
+from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.https_sources import HttpsSources
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.nursery_client import WarmUp
-from service.dependencies import Adapters
 from service.adapters.object_files import blob_store
+from service.dependencies import Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
 from service.routes import (
@@ -100,6 +101,7 @@ def create_app(
     app.state.adapters = adapters
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
     app.state.sources = HttpsSources(settings)
+    app.state.callbacks = HttpCallbacks(settings)
     for resource in (landing, openapi_30, processes, jobs, job_events, files, uploads, registrations, health, metrics):
         app.include_router(resource.router)
     install_error_handlers(app)

@@ -18,7 +18,7 @@ DESCRIPTION = (
     "Registers terrestrial laser scans by the straight lines, planes and cylinders of the built world, without a first "
     "guess and with honest standard deviations."
 )
-CLASSES = ("core", "ogc-process-description", "json", "oas30", "job-list", "dismiss")
+CLASSES = ("core", "ogc-process-description", "json", "oas30", "job-list", "dismiss", "callback")
 CONFORMANCE = tuple(CLASS + name for name in CLASSES)
 
 router = ReadableRouter(tags=["service"])

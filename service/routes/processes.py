@@ -10,7 +10,14 @@ from fastapi.responses import JSONResponse
 from schemas.jobs import StatusInfo
 from schemas.links import Link
 from schemas.processes import ProcessDescription, ProcessList, ProcessSummary
-from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency, SettingsDependency, SourcesDependency
+from service.dependencies import (
+    AdaptersDependency,
+    BaseUrl,
+    BaseUrlDependency,
+    CallbacksDependency,
+    SettingsDependency,
+    SourcesDependency,
+)
 from service.ports import Job
 from service.routes.documents import page_links, status_info
 from service.routes.files import file_intake
@@ -19,6 +26,7 @@ from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import read_json_body
+from service.use_cases.check_subscriber import checked_subscription
 from service.use_cases.describe_processes import (
     OFFERED_PROCESSES,
     OfferedProcess,
@@ -30,9 +38,25 @@ from service.use_cases.fetch_scans import with_fetched_scans
 from service.use_cases.submit_job import answer_at_once, check_execution, submit_job
 from service.use_cases.validate_request import parse_json
 
+STATUS_INFO = {"$ref": "#/components/schemas/StatusInfo"}
 EXECUTE = "http://www.opengis.net/def/rel/ogc/1.0/execute"
 
 router = ReadableRouter(tags=["processes"], responses=PROBLEM_RESPONSES)
+
+
+def _callback(uri: str, what: str, schema: dict[str, Any]) -> dict[str, Any]:
+    """Describe what the service posts to an address of the subscriber."""
+    answers = {"2XX": {"description": "Heard; after any other answer it is posted again, later and later."}}
+    body = {"description": what, "required": True, "content": {"application/json": {"schema": schema}}}
+    operation = {"summary": what, "requestBody": body, "responses": answers}
+    return {f"{{$request.body#/subscriber/{uri}}}": {"post": operation}}
+
+
+CALLBACKS = {
+    "jobSuccess": _callback("successUri", "Result document of the job", {"type": "object"}),
+    "jobInProgress": _callback("inProgressUri", "Status of the running job", STATUS_INFO),
+    "jobFailed": _callback("failedUri", "Status of the job that failed or was dismissed", STATUS_INFO),
+}
 
 
 @router.get("/processes", summary="List processes")
@@ -65,7 +89,8 @@ def get_process(process_id: str, url: BaseUrlDependency) -> ProcessDescription:
         "requestBody": {
             "required": True,
             "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Execute"}}},
-        }
+        },
+        "callbacks": CALLBACKS,
     },
 )
 async def execute(
@@ -74,6 +99,7 @@ async def execute(
     adapters: AdaptersDependency,
     settings: SettingsDependency,
     sources: SourcesDependency,
+    callbacks: CallbacksDependency,
     url: BaseUrlDependency,
 ) -> Response:
     """Run a process in the background: 201 with the job. `echo` answers at once (200) unless asked otherwise."""
@@ -83,11 +109,14 @@ async def execute(
     now = datetime.now(UTC)
     async with with_fetched_scans(process, body, file_intake(adapters, settings), sources, now) as fetched:
         execution = await asyncio.to_thread(check_execution, process, fetched, adapters.files, settings)
+        subscription = None
+        if execution.subscriber is not None:
+            subscription = await checked_subscription(execution.subscriber, callbacks, url.url)
         if process.synchronous and not asynchronous:
             await asyncio.sleep(execution.inputs.get("pause") or 0)
             outputs = answer_at_once(execution)
             return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
-        job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now)
+        job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now, subscription)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 
 

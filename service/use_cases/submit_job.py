@@ -10,8 +10,9 @@ from pydantic import BaseModel
 from schemas.detect_edges_inputs import DetectEdgesInputs
 from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.register_inputs import RegisterInputs, Station
+from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError, QuotaExceededError
-from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, Json
+from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, Json, Subscription
 from service.settings import Settings
 from service.use_cases.check_photos import check_photo
 from service.use_cases.check_stations import check_register_inputs, check_station
@@ -31,6 +32,8 @@ class Execution:
     outputs: tuple[str, ...] | None
     """Wanted outputs; None for all."""
     raw: bool
+    subscriber: Subscriber | None
+    """Who is to be told how the job goes, not checked yet."""
 
 
 def check_execution(process: OfferedProcess, body: Any, files: FileStore, settings: Settings) -> Execution:
@@ -54,11 +57,29 @@ def check_execution(process: OfferedProcess, body: Any, files: FileStore, settin
         _check_files(request.inputs, files, settings),
         tuple(request.outputs) if request.outputs else None,
         request.response == "raw",
+        request.subscriber,
     )
 
 
-def submit_job(execution: Execution, jobs: JobStore, settings: Settings, now: datetime) -> Job:
+def submit_job(
+    execution: Execution,
+    jobs: JobStore,
+    settings: Settings,
+    now: datetime,
+    subscription: Subscription | None = None,
+) -> Job:
     """Write the job and put it on the queue, both or neither.
+
+    Parameters
+    ----------
+    execution
+        What is to be run.
+    jobs, settings
+        Where to, and how many there may be.
+    now
+        Time of the request.
+    subscription
+        Who is told how it goes.
 
     Raises
     ------
@@ -77,6 +98,7 @@ def submit_job(execution: Execution, jobs: JobStore, settings: Settings, now: da
         updated=now,
         message="waiting for a worker",
         file_ids=execution.file_ids,
+        subscriber=None if subscription is None else subscription.to_json(),
     )
     jobs.create_and_enqueue(job)
     return job

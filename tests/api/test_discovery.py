@@ -36,7 +36,7 @@ def test_links_follow_the_public_url(adapters: Adapters, settings: Settings) -> 
 def test_conformance_declares_core_and_no_class_that_is_not_built(client: Client) -> None:
     classes = client.get("/conformance").json()["conformsTo"]
     assert CORE in classes
-    assert not [name for name in classes if name.endswith(("callback", "html"))]
+    assert not [name for name in classes if name.endswith("html")]
 
 
 def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:

@@ -175,7 +175,7 @@ def test_more_stations_than_the_limit_are_refused(client: Client, inputs: dict[s
         ({"outputs": {"colour": {}}}, "/outputs/colour"),
         ({"outputs": {"pairs": {"transmissionMode": "reference"}}}, "/outputs/pairs/transmissionMode"),
         ({"response": "carrier pigeon"}, "/response"),
-        ({"subscriber": {"successUri": "http://10.0.0.1/"}}, "/subscriber"),
+        ({"subscriber": {"successUri": "http://10.0.0.1/"}}, "/subscriber/successUri"),
         ({"extra": 1}, "/extra"),
     ],
 )
