@@ -95,7 +95,8 @@ def extract_features(
     left = _left_over(cells, fitted.select(kept))
     cylinders = find_cylinders(scan.points[left], sensor, noise, options)
     progress.report(0.9, "surface")
-    surface = sample_surface(cells, surfaces, renumber(regions.cell_labels, regions_fitted[kept]), planes.normals)
+    cell_labels = renumber(regions.cell_labels, regions_fitted[kept])
+    surface = sample_surface(scan.points, cells, surfaces, cell_labels, planes.normals, sensor)
     spacing = cells.size_m / float(np.sqrt(np.median(cells.counts)))
     splat = 0.0 if scan.grid is not None else 0.5 * spacing
     return ScanFeatures(

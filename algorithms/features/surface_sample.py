@@ -3,38 +3,57 @@
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Labels
+from algorithms.arrays import Array, Labels, Points, Vector3
 from algorithms.features.scan_features import SurfaceSample
+from algorithms.features.sparse_surface import LEAST_COUNT, is_dense, sparse_surface
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
 from algorithms.scans.voxel_grid import fullest_of_voxels
 
 LARGEST_SAMPLE = 60_000
 """Points kept at most."""
-LEAST_COUNT = 3.0
-"""Cells of fewer points are no surface."""
 
 
 def sample_surface(
-    cells: SurfaceCells, surfaces: CellSurfaces, cell_labels: Labels, plane_normals: Float64[Array, "k 3"]
+    points: Points,
+    cells: SurfaceCells,
+    surfaces: CellSurfaces,
+    cell_labels: Labels,
+    plane_normals: Float64[Array, "k 3"],
+    sensor_m: Vector3 | None,
 ) -> SurfaceSample:
     """Keep one cell per voxel, with the normal of its plane where it has one.
 
     The voxels are as large as the cells, or larger until no more than `LARGEST_SAMPLE` are occupied; of the cells in
-    one voxel the one of most points is kept.
+    one voxel the one of most points is kept. Where points are sparse, cells are as large as it takes.
+
+    Parameters
+    ----------
+    points
+        The scan [m].
+    cells, surfaces, cell_labels
+        Its cells, their tangent planes (normals towards the sensor), and the plane each is on, -1 for none.
+    plane_normals
+        (k, 3) unit normals of the planes.
+    sensor_m
+        Where the instrument stood; None when unknown.
     """
+    sparse = sparse_surface(points, cells, is_dense(cells, surfaces, cell_labels), sensor_m)
     used = np.flatnonzero((cell_labels >= 0) | (cells.counts >= LEAST_COUNT))
-    size = cells.size_m
-    if len(used) > LARGEST_SAMPLE:
-        means, counts = np.ascontiguousarray(cells.means[used]), cells.counts[used]
-        while True:
-            size *= 1.25 if size > cells.size_m else max(1.0, (len(used) / LARGEST_SAMPLE) ** 0.5)
-            fullest = fullest_of_voxels(means, size, counts)
-            if len(fullest) <= LARGEST_SAMPLE:
-                break
-            size *= max(1.0, (len(fullest) / LARGEST_SAMPLE) ** 0.5 / 1.25)
-        used = used[fullest]
     labels = cell_labels[used]
     normals = surfaces.normals[used]
     on_plane = labels >= 0
     normals[on_plane] = plane_normals[labels[on_plane]]
-    return SurfaceSample(np.ascontiguousarray(cells.means[used]), normals, labels, size)
+    means = np.concatenate([cells.means[used], sparse.points])
+    normals = np.concatenate([normals, sparse.normals])
+    labels = np.concatenate([labels, np.full(len(sparse.points), -1, dtype=labels.dtype)])
+    counts = np.concatenate([cells.counts[used], sparse.counts])
+    size = cells.size_m
+    kept: slice | Array = slice(None)
+    if len(means) > LARGEST_SAMPLE:
+        while True:
+            size *= 1.25 if size > cells.size_m else max(1.0, (len(means) / LARGEST_SAMPLE) ** 0.5)
+            kept = fullest_of_voxels(means, size, counts)
+            if len(kept) <= LARGEST_SAMPLE:
+                break
+            size *= max(1.0, (len(kept) / LARGEST_SAMPLE) ** 0.5 / 1.25)
+    return SurfaceSample(means[kept], normals[kept], labels[kept], size)
