@@ -9,6 +9,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.adapters.database_callbacks import note_change
+from service.adapters.database_job_filter import condition_of
 from service.adapters.database_tables import connect, job_files, job_steps, jobs, lock_name
 from service.ports import Job, JobFilter, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
 from service.settings import Settings
@@ -96,11 +97,7 @@ class DatabaseJobStore:
 
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""
-        condition = self._mine
-        if which.statuses:
-            condition = sa.and_(condition, jobs.c.status.in_([status.value for status in which.statuses]))
-        if which.process_ids:
-            condition = sa.and_(condition, jobs.c.process_id.in_(which.process_ids))
+        condition = sa.and_(self._mine, condition_of(which))
         query = sa.select(jobs).where(condition).order_by(jobs.c.created.desc(), jobs.c.id.desc())
         with _reading(self._engine) as connection:
             number = connection.execute(sa.select(sa.func.count()).select_from(jobs).where(condition)).scalar_one()

@@ -57,6 +57,7 @@ jobs = sa.Table(
     sa.Column("attempts", sa.Integer, nullable=False),
     sa.Column("problem", sa.JSON(none_as_null=True)),
     sa.Column("total_weight", sa.Float, nullable=False, server_default="0"),
+    sa.Column("wanted", sa.JSON(none_as_null=True)),
     sa.Column("subscriber", sa.JSON(none_as_null=True)),
     sa.Column("fetches", sa.JSON(none_as_null=True)),
     sa.Column("owner", sa.String(64), nullable=False, server_default=""),

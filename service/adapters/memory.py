@@ -68,13 +68,7 @@ class MemoryJobStore:
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""
         with self._lock:
-            found = [
-                job
-                for job in self._jobs.values()
-                if self._owner in {None, job.owner}
-                and (not which.statuses or job.status in which.statuses)
-                and (not which.process_ids or job.process_id in which.process_ids)
-            ]
+            found = [job for job in self._jobs.values() if self._owner in {None, job.owner} and which.admits(job)]
         found.sort(key=lambda job: (job.created, job.id), reverse=True)
         return found[which.offset : which.offset + which.limit], len(found)
 
@@ -259,14 +253,14 @@ class MemoryBlobStore:
     def put_file(self, key: str, path: Path) -> None:
         """Move a finished local file into the store."""
         self.put_copy(key, path)
-    def prepare_move(self, key: str, new_key: str) -> None:
-        """Do nothing: a move is quick."""
-
         path.unlink()
 
     def put_copy(self, key: str, path: Path) -> None:
         """Put a finished local file into the store; the file itself stays."""
         self.write_bytes(key, path.read_bytes())
+
+    def prepare_move(self, key: str, new_key: str) -> None:
+        """Do nothing: a move is quick."""
 
     def move(self, key: str, new_key: str) -> None:
         """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""

@@ -55,6 +55,8 @@ class Job:
     """0 (first) to 7 (last), as in RFC 9218."""
     request_id: str = ""
     """Correlation id of the request that made it."""
+    wanted: Json | None = None
+    """Which outputs are wanted and how: ``{"outputs": names or null (all), "raw": bool}``; None: all as a document."""
     subscriber: Json | None = None
     """Who is told how it goes: `service.ports.Subscription` as JSON."""
     fetches: tuple[Json, ...] = ()
@@ -69,6 +71,41 @@ class JobFilter:
     process_ids: tuple[str, ...] = ()
     limit: int = 100
     offset: int = 0
+    created_from: datetime | None = None
+    """Created then or later."""
+    created_before: datetime | None = None
+    """Created earlier."""
+    min_duration_s: float | None = None
+    """Have run, or run already, at least so long."""
+    max_duration_s: float | None = None
+    """Have run, or run already, at most so long."""
+    now: datetime | None = None
+    """Until when jobs that still run have run; given with a duration."""
+
+    @property
+    def asks_for_duration(self) -> bool:
+        """Tell whether only jobs match that have begun."""
+        return self.min_duration_s is not None or self.max_duration_s is not None
+
+    def admits(self, job: Job) -> bool:
+        """Tell whether a job matches, whatever page it is on."""
+        if self.statuses and job.status not in self.statuses:
+            return False
+        if self.process_ids and job.process_id not in self.process_ids:
+            return False
+        if self.created_from is not None and job.created < self.created_from:
+            return False
+        if self.created_before is not None and job.created >= self.created_before:
+            return False
+        return not self.asks_for_duration or self._lasts(job)
+
+    def _lasts(self, job: Job) -> bool:
+        end = job.finished or self.now
+        if job.started is None or end is None:
+            return False
+        duration_s = (end - job.started).total_seconds()
+        least_s = 0.0 if self.min_duration_s is None else self.min_duration_s
+        return least_s <= duration_s <= (duration_s if self.max_duration_s is None else self.max_duration_s)
 
 
 @dataclass(frozen=True)

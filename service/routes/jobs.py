@@ -1,58 +1,37 @@
 """Jobs: list, status, result, downloads, dismissal."""
 
 from datetime import UTC, datetime
-from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import Query, Request, Response
-from fastapi.responses import FileResponse, PlainTextResponse
+from fastapi import Request, Response
+from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse
 
 from schemas.jobs import Artifact, ArtifactList, JobList, StatusInfo
 from schemas.links import Link
 from service.dependencies import AdaptersDependency, BaseUrlDependency
-from service.errors import FieldFault, InvalidRequestError
-from service.ports import JobFilter, JobStatus
 from service.routes.documents import page_links, status_info
-from service.routes.paging import LimitParameter, OffsetParameter, page_size
+from service.routes.job_query import JobQueryDependency
+from service.routes.multipart_related import raw_outputs
 from service.routes.problems import PROBLEM_RESPONSES, problem_response
 from service.routes.readable_router import ReadableRouter
 from service.use_cases.dismiss_job import dismiss_job
-from service.use_cases.find_job import find_artifact, find_artifacts, find_job, find_result
-from service.use_cases.identifiers import is_identifier
+from service.use_cases.find_job import find_artifact, find_artifacts, find_job, find_result, wanted_outputs
 
 router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 MOST_LOG_LINES = 20_000
 """A job with more has its oldest left out."""
 
-StatusParameter = Annotated[
-    list[str], Query(description="Only jobs of this status; several, also separated by commas.")
-]
-ProcessParameter = Annotated[
-    list[str], Query(alias="processID", description="Only jobs of this process; several, also separated by commas.")
-]
-
 
 @router.get("/jobs", summary="List jobs, newest first", response_model_exclude_none=True)
-def list_jobs(
-    adapters: AdaptersDependency,
-    url: BaseUrlDependency,
-    limit: LimitParameter = 100,
-    offset: OffsetParameter = 0,
-    status: StatusParameter = [],  # noqa: B006 - the framework copies it
-    process_id: ProcessParameter = [],  # noqa: B006
-) -> JobList:
+def list_jobs(adapters: AdaptersDependency, url: BaseUrlDependency, query: JobQueryDependency) -> JobList:
     """List the jobs of this service, newest first, page by page."""
-    statuses, processes = _statuses(status), _separated(process_id)
-    limit = page_size(limit)
-    known = tuple(process for process in processes if is_identifier(process))
-    which = JobFilter(statuses, known, limit, offset)
-    found, total = ([], 0) if processes and not known else adapters.jobs.find(which)
-    query = {"status": [each.value for each in statuses], "processID": list(known)}
+    which = query.which
+    found, total = ([], 0) if query.hopeless else adapters.jobs.find(which)
     return JobList(
         jobs=[status_info(job, url) for job in found],
         number_matched=total,
         number_returned=len(found),
-        links=page_links(url, "/jobs", query, limit, offset, total),
+        links=page_links(url, "/jobs", query.repeated, which.limit, which.offset, total),
     )
 
 
@@ -71,11 +50,18 @@ def delete_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency
 
 @router.get("/jobs/{job_id}/results", summary="Result of a job")
 def get_results(job_id: str, request: Request, adapters: AdaptersDependency) -> Response:
-    """Give the result document; a failed job answers with its problem and that problem's status."""
+    """Give the result document, or those outputs that were wanted when the job was made, in the form that was wanted.
+
+    A failed job answers with its problem and that problem's status.
+    """
     result = find_result(job_id, adapters.jobs, adapters.blobs)
     if isinstance(result, dict):
         return problem_response(result, request)
-    return FileResponse(result, media_type="application/json")
+    wanted = find_job(job_id, adapters.jobs).wanted
+    if wanted is None:
+        return FileResponse(result, media_type="application/json")
+    outputs = wanted_outputs(result, wanted)
+    return raw_outputs(outputs) if wanted["raw"] else JSONResponse(outputs)
 
 
 @router.get(
@@ -122,16 +108,3 @@ def get_artifact(job_id: str, name: str, adapters: AdaptersDependency) -> Respon
         content_disposition_type="inline" if inline else "attachment",
         headers={"X-Content-Type-Options": "nosniff"},
     )
-
-
-def _separated(values: list[str]) -> list[str]:
-    return [piece for value in values for piece in value.split(",") if piece]
-
-
-def _statuses(values: list[str]) -> tuple[JobStatus, ...]:
-    known = {status.value for status in JobStatus}
-    wanted = _separated(values)
-    if not known.issuperset(wanted):
-        detail = f"a status is one of {', '.join(sorted(known))}"
-        raise InvalidRequestError(detail, [FieldFault("/query/status", detail)])
-    return tuple(JobStatus(value) for value in wanted)

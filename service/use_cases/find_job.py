@@ -1,5 +1,6 @@
 """Find jobs, their results and their downloads."""
 
+import json
 import mimetypes
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from service.errors import (
     ResultNotReadyError,
     StorageError,
 )
-from service.ports import BlobStore, Job, JobStatus, JobStore
+from service.ports import BlobStore, Job, JobStatus, JobStore, Json
 from service.use_cases.identifiers import is_identifier
 
 MEDIA_TYPES = {".e57": "model/e57", ".ply": "application/octet-stream", ".dxf": "image/vnd.dxf"}
@@ -66,6 +67,13 @@ def find_result(job_id: str, jobs: JobStore, blobs: BlobStore) -> Path | Problem
         return blobs.local_path(f"jobs/{job_id}/result.json")
     except FileNotFoundError:
         raise StorageError(f"the result of job '{job_id}' is missing from the storage") from None
+
+
+def wanted_outputs(result: Path, wanted: Json) -> Json:
+    """Give of a result document what was wanted when the job was made: `service.ports.Job.wanted`."""
+    document: Json = json.loads(result.read_bytes())
+    names = document if wanted["outputs"] is None else wanted["outputs"]
+    return {name: document[name] for name in names if name in document}
 
 
 def find_artifacts(job_id: str, jobs: JobStore, blobs: BlobStore) -> list[StoredArtifact]:
