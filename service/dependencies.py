@@ -1,22 +1,26 @@
 """What request handlers are given: the adapters, the settings, the base of links."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
 from service.ports import (
+    AuditLog,
     BlobStore,
     CallbackSender,
     FileStore,
+    IdempotencyStore,
     JobLog,
     JobStore,
+    KeyStore,
     Queue,
     Sources,
     StepRunner,
     UploadStore,
 )
 from service.settings import Settings
+from service.use_cases.identifiers import MakeIdentifier, new_identifier
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,19 @@ class Adapters:
     queue: Queue
     steps: StepRunner
     log: JobLog
+
+    def of(self, owner: str) -> "Adapters":
+        """Give them to one project: its files and jobs are all there are."""
+        return replace(self, jobs=self.jobs.of(owner), files=self.files.of(owner), log=self.log.of(owner))
+
+
+@dataclass(frozen=True)
+class AccessStores:
+    """What is kept of clients."""
+
+    keys: KeyStore
+    audit: AuditLog
+    answers: IdempotencyStore
 
 
 @dataclass(frozen=True)
@@ -46,11 +63,27 @@ class BaseUrl:
 
 
 async def _adapters(request: Request) -> Adapters:
+    """Give the adapters of who asks; a request that did not pass the gate has no `access` and fails here."""
+    return cast("Adapters", request.app.state.adapters_of(request.state.access.owner))
+
+
+async def _whole_service(request: Request) -> Adapters:
+    """Give the adapters of all projects: for figures of the service as a whole only."""
     return cast("Adapters", request.app.state.adapters)
 
 
 async def _uploads(request: Request) -> UploadStore:
-    return cast("UploadStore", request.app.state.uploads)
+    """Give the uploads of who asks."""
+    return cast("UploadStore", request.app.state.uploads).of(request.state.access.owner)
+
+
+async def _access_stores(request: Request) -> AccessStores:
+    return cast("AccessStores", request.app.state.access_stores)
+
+
+async def _identifiers(request: Request) -> MakeIdentifier:
+    """Give what makes identifiers: when a request is sent again, the same ones."""
+    return cast("MakeIdentifier", getattr(request.state, "identifiers", new_identifier))
 
 
 async def _sources(request: Request) -> Sources:
@@ -71,6 +104,9 @@ async def _base_url(request: Request) -> BaseUrl:
 
 
 AdaptersDependency = Annotated[Adapters, Depends(_adapters)]
+WholeServiceDependency = Annotated[Adapters, Depends(_whole_service)]
+AccessStoresDependency = Annotated[AccessStores, Depends(_access_stores)]
+IdentifiersDependency = Annotated[MakeIdentifier, Depends(_identifiers)]
 UploadsDependency = Annotated[UploadStore, Depends(_uploads)]
 SourcesDependency = Annotated[Sources, Depends(_sources)]
 CallbacksDependency = Annotated[CallbackSender, Depends(_callbacks)]

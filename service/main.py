@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Any
 
@@ -16,16 +17,20 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.adapters.child_process import ChildProcesses
 from service.adapters.database import DatabaseJobStore
+from service.adapters.database_audit import DatabaseAuditLog
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
+from service.adapters.database_idempotency import DatabaseIdempotencyStore
 from service.adapters.database_job_log import DatabaseJobLog
+from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.https_sources import HttpsSources
 from service.adapters.local_uploads import LocalUploads
+from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 from service.adapters.nursery_client import WarmUp
 from service.adapters.object_files import blob_store
-from service.dependencies import Adapters
+from service.dependencies import AccessStores, Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
 from service.routes import (
@@ -40,8 +45,11 @@ from service.routes import (
     registrations,
     uploads,
 )
+from service.routes.correlation import RequestIds
+from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.settings import Settings
+from service.use_cases.check_access import Gatekeeper
 from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.receive_uploads import UploadDesk
@@ -74,7 +82,8 @@ def app_from_environment() -> FastAPI:
         queue.close()
         database.dispose()
 
-    return create_app(settings, adapters, closing)
+    access = AccessStores(DatabaseKeyStore(database), DatabaseAuditLog(database), DatabaseIdempotencyStore(database))
+    return create_app(settings, adapters, closing, access)
 
 
 async def _clean_up_regularly(cleaner: Cleaner, settings: Settings) -> None:
@@ -94,18 +103,35 @@ def create_app(
     settings: Settings,
     adapters: Adapters,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
+    access: AccessStores | None = None,
 ) -> FastAPI:
-    """Build the web application from its settings and adapters; `lifespan` surrounds its run."""
+    """Build the web application.
+
+    Parameters
+    ----------
+    settings, adapters
+        What it works with.
+    lifespan
+        Surrounds its run.
+    access
+        What is kept of clients; None: in the memory of this process, for tests.
+    """
+    stores = access or AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
     app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"), lifespan=lifespan)
     app.state.settings = settings
     app.state.adapters = adapters
+    app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
+    app.state.access_stores = stores
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
     app.state.sources = HttpsSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
     for resource in (landing, openapi_30, processes, jobs, job_events, files, uploads, registrations, health, metrics):
         app.include_router(resource.router)
     install_error_handlers(app)
+    app.state.gatekeeper = Gatekeeper(stores.keys, settings)
+    app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, stores.audit, settings))
     metrics.count_requests(app)
+    app.add_middleware(RequestIds)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
 

@@ -10,7 +10,7 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 from prometheus_fastapi_instrumentator import Instrumentator
 
-from service.dependencies import Adapters, AdaptersDependency
+from service.dependencies import Adapters, WholeServiceDependency
 from service.ports import JobFilter, JobStatus
 from service.routes.readable_router import ReadableRouter
 
@@ -57,7 +57,7 @@ def count_requests(app: FastAPI) -> None:
 
 
 @router.get("/metrics", summary="Figures for Prometheus", response_class=Response)
-def metrics(request: Request, adapters: AdaptersDependency) -> Response:
+def metrics(request: Request, adapters: WholeServiceDependency) -> Response:
     """Give the counts of requests, jobs and workers in the text format of Prometheus."""
     if SHARED in os.environ:
         requests = CollectorRegistry()

@@ -14,6 +14,7 @@ from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
 from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, to_problem
 from service.routes.accepted_types import accepts_plain_json_only
+from service.routes.correlation import request_id_of
 from service.use_cases.validate_request import pointer_to
 
 PROBLEM_JSON = "application/problem+json"
@@ -53,9 +54,18 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
     )
 
 
+def error_response(error: Exception, request: Request) -> Response:
+    """Answer with the problem document of an error, and its headers."""
+    headers = dict(error.headers()) if isinstance(error, ServiceError) else {}
+    request_id = request_id_of(request.scope)
+    if request_id:  # unexpected errors are answered outside of what names the others' answers
+        headers["X-Request-ID"] = request_id
+    return problem_response(to_problem(error), request, headers)
+
+
 def _known_error(request: Request, error: Exception) -> Response:
     """Answer any error; the details of unexpected ones go to the log only."""
-    return problem_response(to_problem(error), request)
+    return error_response(error, request)
 
 
 def _database_down(request: Request, _error: Exception) -> Response:

@@ -17,7 +17,7 @@ from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency,
 from service.errors import InvalidRequestError, ServiceError, to_problem
 from service.ports import UploadState
 from service.routes.files import file_intake
-from service.routes.problems import PROBLEM_RESPONSES, problem_response
+from service.routes.problems import PROBLEM_RESPONSES, error_response
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import declared_length
 from service.routes.tus_headers import (
@@ -54,7 +54,7 @@ class TusRoute(APIRoute):
                     require_version(request)
                 response = await handle(request)
             except ServiceError as error:
-                response = problem_response(to_problem(error), request)
+                response = error_response(error, request)
             response.headers["Tus-Resumable"] = VERSION
             response.headers["Tus-Version"] = VERSION
             response.headers["Cache-Control"] = "no-store"

@@ -39,6 +39,9 @@ class Access:
 
 
 WITHOUT_KEY = Access("", "", EVERYTHING_BUT_KEYS)
+"""Whoever comes in where no key is needed."""
+NOBODY = Access("", "", frozenset())
+"""Of whom nothing is known."""
 
 
 @dataclass

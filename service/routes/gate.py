@@ -1,0 +1,188 @@
+"""What every request passes before anything of its body is read: who asks, what they may do, how often."""
+
+import asyncio
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import structlog
+from fastapi import Request
+from sqlalchemy.exc import DBAPIError
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.errors import ServiceError, StorageError
+from service.ports import AuditEntry, AuditLog
+from service.refusals import ForbiddenError, KeysNotInUseError, UnauthenticatedError
+from service.routes.access_rules import SAFE, is_public, needs_keys_in_use, scopes_for
+from service.routes.correlation import request_id_of
+from service.routes.problems import error_response
+from service.settings import Settings
+from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
+from service.use_cases.limit_rates import Rate
+
+REFUSALS = frozenset({401, 403, 429})
+MOST_REFUSALS_KEPT = 60
+"""In a minute, for each address and key: the log has all, the audit log is not filled by who hammers at the door."""
+LONGEST_PATH = 1000
+log = structlog.get_logger()
+
+
+@dataclass(frozen=True)
+class Doorway:
+    """What the gate works with."""
+
+    gatekeeper: Gatekeeper
+    audit: AuditLog
+    settings: Settings
+
+
+class Gate:
+    """Let requests in, and note those that change something and those that were refused.
+
+    Routes find who asks in ``request.state.access``; without it no store can be had, so nothing is open by mistake.
+
+    Parameters
+    ----------
+    app
+        Answers the requests.
+    doorway
+        Who knows keys, where is noted what happens.
+    """
+
+    def __init__(self, app: ASGIApp, doorway: Doorway) -> None:
+        self._app = app
+        self._gatekeeper = doorway.gatekeeper
+        self._audit = doorway.audit
+        self._rate = Rate("requests with this key", doorway.settings.max_requests_per_minute)
+        self._kept_refusals = Rate("refusals that are kept", MOST_REFUSALS_KEPT)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        visit = _Visit(Request(scope))
+        try:
+            visit.access = await self._admitted(visit)
+        except (ServiceError, DBAPIError) as error:
+            known = error if isinstance(error, ServiceError) else StorageError("the database does not answer")
+            answer = error_response(known, visit.request)
+            await self._note(visit, answer.status_code)
+            await answer(scope, receive, send)
+            return
+        scope["state"]["access"] = visit.access
+        watch = _Watch(self._gatekeeper, visit)
+
+        async def noted(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                visit.answered = True
+                await self._note(visit, message["status"])
+            await watch.send(message, send)
+
+        try:
+            await self._app(scope, watch.guarded(receive), noted)
+        except (OSError, RuntimeError):
+            if not watch.ended:
+                raise
+        except BaseException:
+            if not visit.answered:
+                await self._note(visit, 500)
+            raise
+
+    async def _admitted(self, visit: "_Visit") -> Access:
+        method, path = visit.request.method, visit.request.url.path
+        if is_public(method, path):
+            return WITHOUT_KEY
+        access = await self._gatekeeper.access(visit.request.headers.get("authorization"), visit.remote)
+        visit.access = access
+        if access is WITHOUT_KEY:
+            if needs_keys_in_use(path):
+                raise KeysNotInUseError
+            return access
+        self._rate.require(access.key_id)
+        wanted = scopes_for(method, path)
+        if access.scopes.isdisjoint(wanted):
+            raise ForbiddenError(wanted[0].value)
+        return access
+
+    async def _note(self, visit: "_Visit", status: int) -> None:
+        """Note a change or a refusal before it is answered."""
+        if visit.request.method in SAFE and status not in REFUSALS:
+            return
+        entry = AuditEntry(
+            time=datetime.now(UTC),
+            key_id=visit.access.key_id,
+            project=visit.access.owner,
+            remote=visit.remote[:64],
+            method=visit.request.method[:16],
+            path=visit.request.url.path[:LONGEST_PATH],
+            status=status,
+            request_id=request_id_of(visit.request.scope),
+        )
+        log.info(
+            "refused" if status in REFUSALS else "request",
+            method=entry.method,
+            path=entry.path,
+            status=status,
+            key=entry.key_id,
+            project=entry.project,
+            remote=entry.remote,
+            seconds=round(time.monotonic() - visit.began, 3),
+        )
+        if status in REFUSALS and not self._kept_refusals.allows(f"{entry.remote} {entry.key_id}"):
+            return
+        try:
+            await asyncio.to_thread(self._audit.write, entry)
+        except DBAPIError as error:
+            log.exception("the audit log cannot be written", error=str(error))
+
+
+class _Visit:
+    """One request on its way."""
+
+    def __init__(self, request: Request) -> None:
+        self.request = request
+        self.access = NOBODY
+        self.remote = request.client.host if request.client else ""
+        self.began = time.monotonic()
+        self.answered = False
+
+
+class _Watch:
+    """End what lasts long when its key is revoked meanwhile: bodies that come in, events that go out."""
+
+    def __init__(self, gatekeeper: Gatekeeper, visit: _Visit) -> None:
+        self._gatekeeper = gatekeeper
+        self._access = visit.access
+        self._changes = visit.request.method not in SAFE
+        self._looked = time.monotonic()
+        self._events = False
+        self.ended = False
+
+    def guarded(self, receive: Receive) -> Receive:
+        if not self._access.proof or not self._changes:
+            return receive
+
+        async def receive_guarded() -> Message:
+            if not await self._still_valid():
+                raise UnauthenticatedError(given=True)
+            return await receive()
+
+        return receive_guarded
+
+    async def send(self, message: Message, send: Send) -> None:
+        if message["type"] == "http.response.start":
+            headers = dict(message.get("headers", ()))
+            self._events = headers.get(b"content-type", b"").startswith(b"text/event-stream")
+        elif self._events and message.get("more_body") and not await self._still_valid():
+            self.ended = True
+            await send({"type": "http.response.body", "body": b"", "more_body": False})
+            raise OSError("the key was revoked")
+        await send(message)
+
+    async def _still_valid(self) -> bool:
+        now = time.monotonic()
+        if not self._access.proof or now - self._looked < LOOK_AGAIN_S:
+            return True
+        self._looked = now
+        return await self._gatekeeper.still_valid(self._access)
