@@ -35,10 +35,12 @@ def list_jobs(adapters: AdaptersDependency, url: BaseUrlDependency, query: JobQu
     )
 
 
-@router.get("/jobs/{job_id}", summary="Status of a job", response_model_exclude_none=True)
-def get_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> StatusInfo:
+@router.get("/jobs/{job_id}", summary="Status of a job", response_model=StatusInfo)
+def get_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> Response:
     """Tell where a job stands: status, progress in percent, what is being done."""
-    return status_info(find_job(job_id, adapters.jobs), url)
+    # the answer that is asked for most often: written here it is not checked again, nor in another thread
+    document = status_info(find_job(job_id, adapters.jobs), url)
+    return Response(document.model_dump_json(by_alias=True, exclude_none=True), media_type="application/json")
 
 
 @router.delete("/jobs/{job_id}", summary="Dismiss or remove a job", response_model_exclude_none=True)
