@@ -34,8 +34,8 @@ class ExecuteRequest(RequestModel, Generic[InputsT]):
     inputs: InputsT
     """Inputs by name."""
     outputs: dict[str, OutputRequest] | None = None
-    """Wanted outputs of a synchronous run; left out: all. The result of a job is always whole."""
+    """Wanted outputs; left out: all."""
     response: Literal["document", "raw"] = "document"
-    """`raw`: a single wanted output of a synchronous run comes without the enclosing document."""
+    """`raw`: a single wanted output comes without the enclosing document, several as parts of `multipart/related`."""
     subscriber: Subscriber | None = None
     """Who is told how a run in the background goes; a synchronous run tells nobody."""

@@ -11,13 +11,14 @@ from schemas.detect_edges_inputs import DetectEdgesInputs
 from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.register_inputs import RegisterInputs, Station
 from schemas.subscriber import Subscriber
-from service.errors import FieldFault, InvalidRequestError, QuotaExceededError
-from service.ports import FileStore, Job, JobFilter, JobStatus, JobStore, Json, Subscription
+from service.errors import FieldFault, InvalidRequestError
+from service.ports import USUAL_URGENCY, FileStore, Job, JobStatus, JobStore, Json, Subscription
 from service.settings import Settings
 from service.use_cases.check_photos import check_photo
 from service.use_cases.check_stations import check_register_inputs, check_station
 from service.use_cases.describe_processes import OfferedProcess
-from service.use_cases.identifiers import new_identifier
+from service.use_cases.identifiers import MakeIdentifier, new_identifier
+from service.use_cases.quotas import admit_job
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to, validated
 
 
@@ -61,14 +62,26 @@ def check_execution(process: OfferedProcess, body: Any, files: FileStore, settin
     )
 
 
+@dataclass(frozen=True)
+class Origin:
+    """The request that makes a job."""
+
+    make_id: MakeIdentifier = new_identifier
+    request_id: str = ""
+    """By which the log knows it."""
+    urgency: int = USUAL_URGENCY
+    """0 (first) to 7 (last)."""
+
+
 def submit_job(
     execution: Execution,
     jobs: JobStore,
     settings: Settings,
     now: datetime,
     subscription: Subscription | None = None,
+    origin: Origin = Origin(),  # noqa: B008 - it is frozen
 ) -> Job:
-    """Write the job and put it on the queue, both or neither.
+    """Write the job and put it on the queue, both or neither; a request that is tried again gets the job it has made.
 
     Parameters
     ----------
@@ -80,17 +93,16 @@ def submit_job(
         Time of the request.
     subscription
         Who is told how it goes.
+    origin
+        The request.
 
     Raises
     ------
     QuotaExceededError
         Too many jobs wait already.
     """
-    _, waiting = jobs.find(JobFilter(statuses=(JobStatus.ACCEPTED, JobStatus.RUNNING), limit=1))
-    if waiting >= settings.max_queued_jobs:
-        raise QuotaExceededError(f"{waiting} jobs wait or run already, the limit is {settings.max_queued_jobs}")
     job = Job(
-        id=new_identifier(),
+        id=origin.make_id(),
         process_id=execution.process.id,
         inputs=execution.inputs,
         status=JobStatus.ACCEPTED,
@@ -98,16 +110,27 @@ def submit_job(
         updated=now,
         message="waiting for a worker",
         file_ids=execution.file_ids,
+        wanted=_wanted(execution),
         subscriber=None if subscription is None else subscription.to_json(),
+        urgency=origin.urgency,
+        request_id=origin.request_id,
     )
-    jobs.create_and_enqueue(job)
-    return job
+    made_before = jobs.get(job.id)
+    if made_before is None:
+        jobs.create_and_enqueue(job, admit_job(settings))
+    return made_before or job
 
 
 def answer_at_once(execution: Execution) -> Json:
     """Give the outputs of `echo`: its inputs, or the wanted ones of them."""
     wanted = execution.outputs or tuple(execution.inputs)
     return {name: execution.inputs[name] for name in wanted if name in execution.inputs}
+
+
+def _wanted(execution: Execution) -> Json | None:
+    if execution.outputs is None and not execution.raw:
+        return None
+    return {"outputs": None if execution.outputs is None else list(execution.outputs), "raw": execution.raw}
 
 
 def _output_names(process: OfferedProcess) -> set[str]:
