@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from schemas.base import RequestModel
+from schemas.callback_secret import CallbackSecret
 
 CallbackUri = Annotated[str, Field(min_length=1, max_length=2000, json_schema_extra={"format": "uri"})]
 
@@ -22,7 +23,7 @@ class Subscriber(RequestModel):
     """Is sent the status of the job from time to time while it runs."""
     failed_uri: CallbackUri | None = Field(default=None, alias="failedUri")
     """Is sent the status of a job that fails or is dismissed."""
-    secret: Annotated[str, Field(min_length=16, max_length=200, pattern=r"^[ -~]+$")] | None = None
+    secret: CallbackSecret | None = None
     """Signs what is sent, as Standard Webhooks say (HMAC-SHA256 in the header `webhook-signature`): `whsec_` and a key
     of 16 bytes or more in base64, or any text of 16 characters or more. Left out: the operator's secret, if there is
     one. It is in no answer of the service."""

@@ -8,6 +8,8 @@ from typing import Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from schemas.callback_secret import CallbackSecret
+
 GIGABYTE = 1_000_000_000
 POSTGRESQL = "postgresql+psycopg"
 """Name of the database with its driver."""
@@ -81,7 +83,7 @@ class Settings(BaseSettings):
     ``https://data.example.org/scans/``; empty: none."""
     allow_private_sources: bool = False
     """Allow these addresses to be those of private networks and of this machine."""
-    callback_secret: str = Field(default="", repr=False)
+    callback_secret: Literal[""] | CallbackSecret = Field(default="", repr=False)
     """Signs callbacks (Standard Webhooks): `whsec_` and a key in base64, or any text of 16 characters or more; empty:
     only those whose subscriber brought a secret are signed."""
     allow_private_callbacks: bool = False

@@ -4,37 +4,11 @@ Signed is ``<id>.<timestamp>.<body>`` with HMAC-SHA256; receivers find libraries
 """
 
 import base64
-import binascii
 import hashlib
 import hmac
 from collections.abc import Iterable, Mapping
 
-PREFIX = "whsec_"
-LEAST_KEY_BYTES = 16
-
-
-class SecretError(ValueError):
-    """Say what is wrong with a secret."""
-
-
-def signing_key(secret: str) -> bytes:
-    """Give the key that a secret stands for: after ``whsec_`` base64, otherwise the text itself.
-
-    Raises
-    ------
-    SecretError
-        It is no base64, or too short.
-    """
-    if not secret.startswith(PREFIX):
-        key = secret.encode()
-    else:
-        try:
-            key = base64.b64decode(secret.removeprefix(PREFIX), validate=True)
-        except binascii.Error as error:
-            raise SecretError(f"after {PREFIX} base64 is expected: {error}") from None
-    if len(key) < LEAST_KEY_BYTES:
-        raise SecretError(f"a secret of {len(key)} bytes can be guessed, {LEAST_KEY_BYTES} are the least")
-    return key
+from schemas.callback_secret import signing_key
 
 
 def signed_headers(secret: str, delivery_id: str, timestamp: int, body: Iterable[bytes]) -> Mapping[str, str]:

@@ -5,7 +5,6 @@ import asyncio
 from schemas.subscriber import Subscriber
 from service.errors import AddressRefusedError, FieldFault, InvalidRequestError
 from service.ports import CallbackEvent, CallbackSender, Subscription
-from service.use_cases.callback_signatures import SecretError, signing_key
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
 
 
@@ -24,7 +23,7 @@ async def checked_subscription(subscriber: Subscriber, callbacks: CallbackSender
     Raises
     ------
     InvalidRequestError
-        With a pointer to every address to which nothing may be sent, and to a secret that is none.
+        With a pointer to every address to which nothing may be sent.
     """
     uris = {
         CallbackEvent.SUCCESS: subscriber.success_uri,
@@ -34,11 +33,6 @@ async def checked_subscription(subscriber: Subscriber, callbacks: CallbackSender
     wanted = {event: uri for event, uri in uris.items() if uri is not None}
     found = await asyncio.gather(*(_fault(event, uri, callbacks) for event, uri in wanted.items()))
     faults = [fault for fault in found if fault is not None]
-    if subscriber.secret is not None:
-        try:
-            signing_key(subscriber.secret)
-        except SecretError as error:
-            faults.append(FieldFault(pointer_to("subscriber", "secret"), str(error)))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
     return Subscription(wanted, subscriber.secret or "", base_url)
