@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Annotated, cast
 
-from fastapi import Depends, Request
+from fastapi import Depends, Header, Request
 
 from service.ports import (
     AuditLog,
@@ -21,6 +21,10 @@ from service.ports import (
 )
 from service.settings import Settings
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
+from service.use_cases.submit_job import Origin
+from service.use_cases.urgency import urgency_of
+
+LONGEST_IDEMPOTENCY_KEY = 255
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,23 @@ class BaseUrl:
         return self.url + path
 
 
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        max_length=LONGEST_IDEMPOTENCY_KEY,
+        description="Any text that is new with each request, such as a UUID. When the answer is lost, the same request "
+        "with the same key gets it again, within 24 h, and nothing is made twice.",
+    ),
+]
+Priority = Annotated[
+    str | None,
+    Header(
+        description="How urgent the job is (RFC 9218): `u=0` (before all others) to `u=7`; the usual is `u=3`. Jobs of "
+        "the same urgency are begun in the order in which they came."
+    ),
+]
+
 # coroutines, though they wait for nothing: the framework would run functions in a thread each, for every request
 
 
@@ -81,9 +102,15 @@ async def _access_stores(request: Request) -> AccessStores:
     return cast("AccessStores", request.app.state.access_stores)
 
 
-async def _identifiers(request: Request) -> MakeIdentifier:
+async def _identifiers(request: Request, _key: IdempotencyKey = None) -> MakeIdentifier:
     """Give what makes identifiers: when a request is sent again, the same ones."""
     return cast("MakeIdentifier", getattr(request.state, "identifiers", new_identifier))
+
+
+async def _origin(
+    request: Request, make_id: Annotated[MakeIdentifier, Depends(_identifiers)], priority: Priority = None
+) -> Origin:
+    return Origin(make_id, request.state.request_id, urgency_of(priority))
 
 
 async def _sources(request: Request) -> Sources:
@@ -107,6 +134,7 @@ AdaptersDependency = Annotated[Adapters, Depends(_adapters)]
 WholeServiceDependency = Annotated[Adapters, Depends(_whole_service)]
 AccessStoresDependency = Annotated[AccessStores, Depends(_access_stores)]
 IdentifiersDependency = Annotated[MakeIdentifier, Depends(_identifiers)]
+OriginDependency = Annotated[Origin, Depends(_origin)]
 UploadsDependency = Annotated[UploadStore, Depends(_uploads)]
 SourcesDependency = Annotated[Sources, Depends(_sources)]
 CallbacksDependency = Annotated[CallbackSender, Depends(_callbacks)]

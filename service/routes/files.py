@@ -8,7 +8,13 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 
 from schemas.files import FileDocument, FileDocuments, FileList
-from service.dependencies import Adapters, AdaptersDependency, BaseUrlDependency, SettingsDependency
+from service.dependencies import (
+    Adapters,
+    AdaptersDependency,
+    BaseUrlDependency,
+    IdentifiersDependency,
+    SettingsDependency,
+)
 from service.errors import (
     FieldFault,
     FileTooLargeError,
@@ -30,6 +36,7 @@ from service.routes.request_bodies import (
 )
 from service.settings import Settings
 from service.use_cases.content_keys import content_key
+from service.use_cases.identifiers import MakeIdentifier, new_identifier
 from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
 from service.use_cases.validate_request import pointer_to
 
@@ -57,9 +64,9 @@ UPLOAD_BODY = {
 }
 
 
-def file_intake(adapters: Adapters, settings: Settings) -> FileIntake:
+def file_intake(adapters: Adapters, settings: Settings, make_id: MakeIdentifier = new_identifier) -> FileIntake:
     """Give the place where uploads go."""
-    return FileIntake(adapters.files, adapters.blobs, adapters.steps, settings)
+    return FileIntake(adapters.files, adapters.blobs, adapters.steps, settings, make_id)
 
 
 @router.post(
@@ -70,10 +77,14 @@ def file_intake(adapters: Adapters, settings: Settings) -> FileIntake:
     openapi_extra=UPLOAD_BODY,
 )
 async def upload_files(
-    request: Request, adapters: AdaptersDependency, settings: SettingsDependency, url: BaseUrlDependency
+    request: Request,
+    adapters: AdaptersDependency,
+    settings: SettingsDependency,
+    make_id: IdentifiersDependency,
+    url: BaseUrlDependency,
 ) -> Response:
     """Store one file or several (all or none): multipart fields `file`, or a raw body with Content-Disposition."""
-    intake = file_intake(adapters, settings)
+    intake = file_intake(adapters, settings, make_id)
     stored = await intake.store(_uploads(request, intake), datetime.now(UTC))
     documents = [file_document(file, url) for file in stored]
     if len(documents) == 1:
@@ -131,6 +142,7 @@ def remove_file(file_id: str, adapters: AdaptersDependency) -> None:
 async def _uploads(request: Request, intake: FileIntake) -> AsyncIterator[Upload]:
     length = declared_length(request) or 0
     await asyncio.to_thread(intake.require_room, length)
+    await asyncio.to_thread(intake.require_quota, length)
     kind = media_type(request)
     if kind == "multipart/form-data":
         async for upload in _form_uploads(request):

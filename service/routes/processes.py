@@ -15,6 +15,7 @@ from service.dependencies import (
     BaseUrl,
     BaseUrlDependency,
     CallbacksDependency,
+    OriginDependency,
     SettingsDependency,
     SourcesDependency,
 )
@@ -100,6 +101,7 @@ async def execute(
     settings: SettingsDependency,
     sources: SourcesDependency,
     callbacks: CallbacksDependency,
+    origin: OriginDependency,
     url: BaseUrlDependency,
 ) -> Response:
     """Run a process in the background: 201 with the job. `echo` answers at once (200) unless asked otherwise."""
@@ -107,7 +109,9 @@ async def execute(
     body = parse_json(await read_json_body(request))
     asynchronous = _prefers_async(request)
     now = datetime.now(UTC)
-    async with with_fetched_scans(process, body, file_intake(adapters, settings), sources, now) as fetched:
+    async with with_fetched_scans(
+        process, body, file_intake(adapters, settings, origin.make_id), sources, now
+    ) as fetched:
         execution = await asyncio.to_thread(check_execution, process, fetched, adapters.files, settings)
         subscription = None
         if execution.subscriber is not None:
@@ -116,7 +120,7 @@ async def execute(
             await asyncio.sleep(execution.inputs.get("pause") or 0)
             outputs = answer_at_once(execution)
             return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
-        job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now, subscription)
+        job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now, subscription, origin)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from schemas.jobs import StatusInfo
-from service.dependencies import AdaptersDependency, BaseUrlDependency, SettingsDependency
+from service.dependencies import AdaptersDependency, BaseUrlDependency, OriginDependency, SettingsDependency
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
 from service.routes.files import file_intake
 from service.routes.problems import PROBLEM_RESPONSES
@@ -73,16 +73,20 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
     },
 )
 async def register(
-    request: Request, adapters: AdaptersDependency, settings: SettingsDependency, url: BaseUrlDependency
+    request: Request,
+    adapters: AdaptersDependency,
+    settings: SettingsDependency,
+    origin: OriginDependency,
+    url: BaseUrlDependency,
 ) -> Response:
     """Store scans and photos (all or none) and start the process `register`."""
     if media_type(request) != "multipart/form-data":
         raise UnsupportedMediaTypeError(
             "send multipart/form-data with fields `scan` and, if wanted, `photo`, `options`"
         )
-    intake = file_intake(adapters, settings)
+    intake = file_intake(adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
-    job = await register_uploads(intake, adapters.jobs, form.files(), form.contents, datetime.now(UTC))
+    job = await register_uploads(intake, adapters.jobs, form.files(), form.contents, datetime.now(UTC), origin)
     return created_job(job, url)
 
 
@@ -96,7 +100,9 @@ class _RegistrationForm:
         self._are_photos: list[bool] = []
 
     async def files(self) -> AsyncIterator[Upload]:
-        await asyncio.to_thread(self._intake.require_room, declared_length(self._request) or 0)
+        length = declared_length(self._request) or 0
+        await asyncio.to_thread(self._intake.require_room, length)
+        await asyncio.to_thread(self._intake.require_quota, length)
         async for part in FormReader(self._request).parts():
             if part.name in {"scan", "photo"}:
                 self._are_photos.append(part.name == "photo")

@@ -1,6 +1,7 @@
 """Resumable uploads by the protocol tus 1.0.0; the last byte makes a file of the upload, under the same id."""
 
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from datetime import UTC, datetime
 from email.utils import format_datetime
 from typing import Annotated, Any
@@ -13,7 +14,14 @@ from starlette.background import BackgroundTask
 from schemas.links import Link
 from schemas.problem import ProblemDocument
 from schemas.uploads import UploadDocument
-from service.dependencies import AdaptersDependency, BaseUrl, BaseUrlDependency, SettingsDependency, UploadsDependency
+from service.dependencies import (
+    AdaptersDependency,
+    BaseUrl,
+    BaseUrlDependency,
+    IdentifiersDependency,
+    SettingsDependency,
+    UploadsDependency,
+)
 from service.errors import InvalidRequestError, ServiceError, to_problem
 from service.ports import UploadState
 from service.routes.files import file_intake
@@ -73,6 +81,13 @@ async def _desk(uploads: UploadsDependency, adapters: AdaptersDependency, settin
 DeskDependency = Annotated[UploadDesk, Depends(_desk)]
 
 
+async def _beginning_desk(desk: DeskDependency, make_id: IdentifiersDependency) -> UploadDesk:
+    return replace(desk, intake=replace(desk.intake, make_id=make_id))
+
+
+BeginningDeskDependency = Annotated[UploadDesk, Depends(_beginning_desk)]
+
+
 @router.options("/uploads", status_code=204, summary="What of tus is spoken here")
 async def tus_options(settings: SettingsDependency) -> Response:
     """Tell version, extensions, checksums and the largest upload."""
@@ -85,7 +100,7 @@ async def tus_options(settings: SettingsDependency) -> Response:
 
 
 @router.post("/uploads", status_code=201, summary="Begin a resumable upload (tus)", openapi_extra=PART_BODY)
-async def begin_upload(request: Request, desk: DeskDependency, url: BaseUrlDependency) -> Response:
+async def begin_upload(request: Request, desk: BeginningDeskDependency, url: BaseUrlDependency) -> Response:
     """Begin an upload of `Upload-Length` bytes; `Upload-Metadata` must hold its `filename`. A body is its first part.
 
     `Location` is where to continue. The file gets the same id as the upload; the answer to the last part, `HEAD` and

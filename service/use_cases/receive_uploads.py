@@ -4,7 +4,7 @@ import asyncio
 import hashlib
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, TypeVar
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from service.errors import (
     ChecksumMismatchError,
     FileTooLargeError,
+    NoSuchUploadError,
     UnreadableFileError,
     UploadGoneError,
     UploadLockedError,
@@ -20,7 +21,6 @@ from service.errors import (
     to_problem,
 )
 from service.ports import OpenUpload, PendingUpload, StepFailedError, UploadState, UploadStore
-from service.use_cases.identifiers import new_identifier
 from service.use_cases.patient_reading import timely
 from service.use_cases.store_files import BYTES_BETWEEN_DISK_CHECKS, FileIntake
 
@@ -64,7 +64,7 @@ class UploadDesk:
 
         Raises
         ------
-        FileTooLargeError, InsufficientStorageError
+        FileTooLargeError, InsufficientStorageError, QuotaFullError
             It would exceed a limit.
         UnreadableFileError
             It is empty.
@@ -75,7 +75,10 @@ class UploadDesk:
         if length == 0:
             raise UnreadableFileError(filename, "the file is empty", "byte 0")
         await asyncio.to_thread(self.intake.require_room, length)
-        upload = PendingUpload(new_identifier(), filename, length, metadata, now)
+        await asyncio.to_thread(lambda: self.intake.require_quota(length, self._under_way()))
+        upload = PendingUpload(self.intake.make_id(), filename, length, metadata, now)
+        with suppress(NoSuchUploadError):  # begun by a request that broke off and is tried again
+            await self.terminate(upload.id)
         await asyncio.to_thread(self.uploads.create, upload)
         return UploadState(upload, 0, now)
 
@@ -193,6 +196,15 @@ class UploadDesk:
                 return opened
         raise UploadLockedError(upload_id)
 
+    def _under_way(self) -> int:
+        """Sum up what the uploads that are not finished will have."""
+        total = 0
+        for upload_id in self.uploads.ids():
+            with suppress(NoSuchUploadError):
+                upload = self.uploads.find(upload_id).upload
+                total += 0 if upload.finished or upload.problem is not None else upload.length
+        return total
+
     async def _take(self, opened: OpenUpload, part: UploadPart) -> None:
         writer = _PartWriter(opened, part, self.intake.require_room)
         opened.touch()
@@ -212,7 +224,7 @@ class UploadDesk:
         if upload.finished or upload.problem is not None or not state.complete:
             return
         try:
-            await self.intake.store_finished(upload.id, upload.filename, opened.path, now)
+            await self.intake.of(upload.owner).store_finished(upload.id, upload.filename, opened.path, now)
         except (UnreadableFileError, StepFailedError) as error:  # trying again would not help
             await _undisturbed(opened.save, replace(upload, problem=to_problem(error)))
             raise

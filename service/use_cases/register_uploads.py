@@ -10,7 +10,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.ports import Job, JobStore, StoredFile
 from service.use_cases.describe_processes import offered_process
 from service.use_cases.store_files import FileIntake, Upload
-from service.use_cases.submit_job import check_execution, submit_job
+from service.use_cases.submit_job import ANY_REQUEST, Origin, check_execution, submit_job
 from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
 
 
@@ -30,6 +30,7 @@ async def register_uploads(
     uploads: AsyncIterator[Upload],
     contents: Callable[[], FormContents],
     now: datetime,
+    origin: Origin = ANY_REQUEST,
 ) -> Job:
     """Store the files, then start `register` with one station per scan, named S1, S2, … unless the options name them.
 
@@ -43,6 +44,8 @@ async def register_uploads(
         Gives the rest of the form once all uploads have arrived.
     now
         Time of the request.
+    origin
+        The request.
 
     Raises
     ------
@@ -51,14 +54,19 @@ async def register_uploads(
     """
     files = await intake.store(uploads, now)
     try:
-        return await asyncio.to_thread(_submit, intake, jobs, files, contents(), now)
+        return await asyncio.to_thread(_submit, intake, jobs, files, contents(), now, origin)
     except BaseException:
         intake.discard(files)
         raise
 
 
 def _submit(
-    intake: FileIntake, jobs: JobStore, files: Sequence[StoredFile], contents: FormContents, now: datetime
+    intake: FileIntake,
+    jobs: JobStore,
+    files: Sequence[StoredFile],
+    contents: FormContents,
+    now: datetime,
+    origin: Origin,
 ) -> Job:
     came = [UploadedFile(file.id, file.name, file.scans, file.photos) for file in files]
     photos = [file for file, is_photo in zip(came, contents.are_photos, strict=True) if is_photo]
@@ -79,7 +87,7 @@ def _submit(
     except InvalidRequestError as error:
         told = len(listed or [])
         raise InvalidRequestError(str(error), [_in_form(fault, told) for fault in error.faults]) from None
-    return submit_job(execution, jobs, intake.settings, now)
+    return submit_job(execution, jobs, intake.settings, now, origin=origin)
 
 
 def _inputs(options: Any) -> Mapping[str, Any]:

@@ -4,7 +4,7 @@ import asyncio
 import hashlib
 import shutil
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -19,7 +19,8 @@ from service.ports import BlobStore, FileStore, JobStore, StepRunner, StoredFile
 from service.settings import Settings
 from service.use_cases.content_keys import content_key, incoming_key
 from service.use_cases.feature_keys import features_of_content
-from service.use_cases.identifiers import is_identifier, new_identifier
+from service.use_cases.identifiers import MakeIdentifier, is_identifier, new_identifier
+from service.use_cases.quotas import admit_file
 
 BYTES_BETWEEN_DISK_CHECKS = 64_000_000
 
@@ -40,6 +41,11 @@ class FileIntake:
     blobs: BlobStore
     steps: StepRunner
     settings: Settings
+    make_id: MakeIdentifier = new_identifier
+
+    def of(self, owner: str) -> "FileIntake":
+        """Give the place where the uploads of one project go."""
+        return replace(self, files=self.files.of(owner))
 
     async def store(self, uploads: AsyncIterator[Upload], now: datetime) -> Sequence[StoredFile]:
         """Write each stream to the store, have it inspected in a process of its own, then enter all of them.
@@ -55,18 +61,18 @@ class FileIntake:
         entered: list[StoredFile] = []
         try:
             async for upload in uploads:
-                received.append(_Received(new_identifier(), upload.filename))
+                received.append(_Received(self.make_id(), upload.filename))
                 await self._receive(upload, received[-1])
             inspected = [await self._inspected(each, now) for each in received]
             for file in inspected:
                 entered.append(file)
-                await asyncio.to_thread(self._enter, file)
+                entered[-1] = await asyncio.to_thread(self._enter, file)
         except BaseException:  # also when the client leaves or the service stops: nothing may stay behind
             for each in received:
                 self.blobs.delete_prefix(incoming_key(each.id))
             self.discard(entered)
             raise
-        return inspected
+        return entered
 
     async def store_finished(self, file_id: str, filename: str, path: Path, now: datetime) -> StoredFile:
         """Take a finished local file in, which is never written again and stays where it is; doing it again is no harm.
@@ -86,12 +92,11 @@ class FileIntake:
         try:
             await asyncio.to_thread(self.blobs.put_copy, incoming_key(file_id), path)
             file = await self._inspected(received, now)
-            await asyncio.to_thread(self._enter, file)
+            return await asyncio.to_thread(self._enter, file)
         except BaseException:
             self.blobs.delete_prefix(incoming_key(file_id))
             release_content(received.sha256, self.files, self.blobs)
             raise
-        return file
 
     def discard(self, files: Sequence[StoredFile]) -> None:
         """Take back what `store` entered."""
@@ -113,11 +118,26 @@ class FileIntake:
                 f"{free} bytes are free on the disk of this service, {self.settings.min_free_bytes} must remain"
             )
 
-    def _enter(self, file: StoredFile) -> None:
+    def require_quota(self, coming_bytes: int = 0, under_way: int = 0) -> None:
+        """Refuse what the project has no room for, before it comes; it is counted again when it is entered.
+
+        Raises
+        ------
+        QuotaFullError
+            The project has too much.
+        """
+        admit_file(self.settings, coming_bytes, under_way)(self.files.amount())
+
+    def _enter(self, file: StoredFile) -> StoredFile:
         """Give the file its place; where its content is stored already, that of the new one takes its place."""
         here, there = incoming_key(file.id), content_key(file.sha256)
+        made_before = self.files.get(file.id)
+        if made_before is not None:  # by a request that broke off and is tried again
+            self.blobs.delete_prefix(here)
+            return made_before
         self.blobs.prepare_move(here, there)
-        self.files.add(file, lambda: self.blobs.move(here, there))
+        self.files.add(file, lambda: self.blobs.move(here, there), admit_file(self.settings, file.bytes))
+        return file
 
     async def _receive(self, upload: Upload, received: "_Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(

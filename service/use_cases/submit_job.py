@@ -73,13 +73,16 @@ class Origin:
     """0 (first) to 7 (last)."""
 
 
+ANY_REQUEST = Origin()
+
+
 def submit_job(
     execution: Execution,
     jobs: JobStore,
     settings: Settings,
     now: datetime,
     subscription: Subscription | None = None,
-    origin: Origin = Origin(),  # noqa: B008 - it is frozen
+    origin: Origin = ANY_REQUEST,
 ) -> Job:
     """Write the job and put it on the queue, both or neither; a request that is tried again gets the job it has made.
 
