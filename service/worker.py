@@ -2,10 +2,13 @@
 
 import argparse
 import importlib
+import os
 import signal
 import threading
 from collections.abc import Mapping
 from typing import cast
+
+import structlog
 
 from service.adapters.callback_thread import CallbackThread
 from service.adapters.child_process import NOTHING_WARM, ChildProcesses, remove_left_scratch
@@ -16,16 +19,19 @@ from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect
 from service.adapters.http_callbacks import HttpCallbacks
-from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp
+from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.engine import DbosQueue, Engine, Tools
 from service.ports import Plan
 from service.settings import Settings
 from service.use_cases.deliver_callbacks import CallbackDelivery
 
+log = structlog.get_logger()
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+STOP_WITHIN_S = 6.0
+"""Less than the launcher waits. Longer than it takes, but when the database is away."""
 WARM_UP = WarmUp(
     "service.use_cases.warm_up:load_for_registration",
     "service.use_cases.warm_up:load_for_reports",
@@ -66,21 +72,31 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         CallbackDelivery(
             callbacks=DatabaseCallbacks(database),
             jobs=jobs,
-            blobs=LocalFiles(settings.data_dir),
+            blobs=blob_store(settings),
             log=tools.log,
             sender=HttpCallbacks(settings),
             settings=settings,
             holder=engine.executor_id,
         )
     )
+    signal.signal(signal.SIGCONT, lambda *_: engine.wake())
     engine.start()
     callbacks.start()
     stop.wait()
+    last_resort = threading.Timer(STOP_WITHIN_S, _leave)
+    last_resort.daemon = True
+    last_resort.start()
     callbacks.stop()
     engine.stop()
     runner.close()
     queue.close()
     database.dispose()
+
+
+def _leave() -> None:
+    """End this process, and computations with it; what is left is taken up as after its death."""
+    log.warning("stopping takes too long: what is left is for others to take up")
+    os._exit(os.EX_TEMPFAIL)
 
 
 if __name__ == "__main__":

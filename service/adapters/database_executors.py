@@ -46,12 +46,12 @@ class DatabaseExecutors:
         with self._engine.begin() as connection:
             connection.execute(sa.delete(executors).where(executors.c.id == executor_id))
 
-    def bury_dead(self, executor_id: str) -> None:
+    def bury_dead(self, executor_id: str, *, by_heart: bool = True) -> None:
         """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
         with self._engine.begin() as connection:
             overdue = clock(connection) - DEAD_AFTER_S
             rows = connection.execute(sa.select(executors).where(executors.c.id != executor_id)).all()
-            dead = [row.id for row in rows if row.heartbeat < overdue or self._is_gone(row)]
+            dead = [row.id for row in rows if (by_heart and row.heartbeat < overdue) or self._is_gone(row)]
             if dead:
                 connection.execute(sa.delete(executors).where(executors.c.id.in_(dead)))
 

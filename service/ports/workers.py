@@ -26,8 +26,11 @@ class ExecutorRegistry(Protocol):
     def remove(self, executor_id: str) -> None:
         """Strike out a worker that stops in order."""
 
-    def bury_dead(self, executor_id: str) -> None:
-        """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
+    def bury_dead(self, executor_id: str, *, by_heart: bool = True) -> None:
+        """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller.
+
+        Not `by_heart` when there is reason to believe that hearts beat and could not be heard.
+        """
 
     def live(self) -> Sequence[str]:
         """List the workers that are entered and not overdue."""
