@@ -79,8 +79,9 @@ class Settings(BaseSettings):
     min_free_bytes: int = Field(default=GIGABYTE, ge=0)
     """Uploads are refused (507) when less would remain free on the disk."""
     allowed_sources: str = ""
-    """Beginnings of the addresses from which scans may be fetched (`"scan": {"href": …}`), separated by commas, such as
-    ``https://data.example.org/scans/``; empty: none."""
+    """Beginnings of the addresses from which scans and photos may be fetched (`"scan": {"href": …}`), separated by
+    commas, such as ``https://data.example.org/scans/`` or, with the credentials in the usual ``AWS_…`` variables,
+    ``s3://bucket/prefix?endpoint=https://host:port&region=name``; empty: none."""
     allow_private_sources: bool = False
     """Allow these addresses to be those of private networks and of this machine."""
     callback_secret: Literal[""] | CallbackSecret = Field(default="", repr=False)
@@ -122,6 +123,11 @@ class Settings(BaseSettings):
     def threads_per_computation(self) -> int:
         """Give the number of threads of one computation."""
         return self.threads or max(1, _cores() // max(self.slots, 1))
+
+    @property
+    def source_beginnings(self) -> tuple[str, ...]:
+        """Give the beginnings of the addresses from which files may be fetched."""
+        return tuple(text.strip() for text in self.allowed_sources.split(",") if text.strip())
 
     @property
     def sqlalchemy_url(self) -> str:

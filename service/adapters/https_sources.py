@@ -1,7 +1,8 @@
 """Fetch files from servers that the operator allows, and from nowhere else."""
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import httpx
 
@@ -13,6 +14,9 @@ from service.settings import Settings
 from service.use_cases.file_names import clean_filename
 
 CONNECT_WITHIN_S = 10.0
+CONTINUED = 5
+"""How often a broken download is continued."""
+FIRST_PAUSE_S = 0.5
 
 
 class HttpsSources:
@@ -26,7 +30,7 @@ class HttpsSources:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._allowed = [httpx.URL(text.strip()) for text in settings.allowed_sources.split(",") if text.strip()]
+        self._allowed = [httpx.URL(beginning) for beginning in settings.source_beginnings]
 
     def check(self, href: str) -> None:
         """Refuse an address that is not allowed, without asking anybody.
@@ -52,24 +56,52 @@ class HttpsSources:
         if not name:
             raise AddressRefusedError(href, "the address must end with the file's name, whose ending tells the format")
         try:
-            async with pinned_request(
-                "GET",
-                url,
-                allow_private=self._settings.allow_private_sources,
-                timeouts=httpx.Timeout(CONNECT_WITHIN_S, read=self._settings.body_timeout_s),
-                headers={"Accept-Encoding": "identity"},
-            ) as answer:
+            async with self._asked(url, {}) as answer:
                 _require_content(answer, href)
                 length = answer.headers.get("content-length", "")
-                yield RemoteFile(name, answer.aiter_raw(), int(length) if length.isdigit() else None)
+                chunks = self._continued(url, href, answer)
+                yield RemoteFile(name, chunks, int(length) if length.isdigit() else None)
         except (httpx.HTTPError, OSError) as error:
             raise AddressRefusedError(href, f"it could not be fetched: {error or type(error).__name__}") from None
 
+    async def _continued(self, url: httpx.URL, href: str, first: httpx.Response) -> AsyncIterator[bytes]:
+        """Give all bytes; where the connection breaks and the server can, go on where it broke."""
+        version = _version(first)
+        got, broken = 0, 0
+        try:
+            async for chunk in first.aiter_raw():
+                got += len(chunk)
+                yield chunk
+        except httpx.TransportError as error:
+            if version is None:
+                raise
+            reason = error
+        else:
+            return
+        while broken < CONTINUED:
+            await asyncio.sleep(FIRST_PAUSE_S * 2.0**broken)
+            broken += 1
+            try:
+                async with self._asked(url, {"Range": f"bytes={got}-", "If-Range": version}) as answer:
+                    _require_rest(answer, href, got)
+                    async for chunk in answer.aiter_raw():
+                        got += len(chunk)
+                        yield chunk
+                    return
+            except httpx.TransportError as error:
+                reason = error
+        raise reason
+
+    def _asked(self, url: httpx.URL, headers: Mapping[str, str]) -> AbstractAsyncContextManager[httpx.Response]:
+        return pinned_request(
+            "GET",
+            url,
+            allow_private=self._settings.allow_private_sources,
+            timeouts=httpx.Timeout(CONNECT_WITHIN_S, read=self._settings.body_timeout_s),
+            headers={"Accept-Encoding": "identity", **headers},
+        )
+
     def _checked(self, href: str) -> httpx.URL:
-        if not self._allowed:
-            raise AddressRefusedError(
-                href, "this service fetches no files; its operator can allow sources by TIELINE_ALLOWED_SOURCES"
-            )
         url = parsed_address(href)
         if not any(_lies_below(url, beginning) for beginning in self._allowed):
             raise AddressRefusedError(href, "it is none of the sources that the operator of this service allows")
@@ -91,3 +123,20 @@ def _require_content(answer: httpx.Response, href: str) -> None:
         raise AddressRefusedError(href, f"its server answered {answer.status_code} {answer.reason_phrase}".strip())
     if answer.headers.get("content-encoding", "identity") != "identity":
         raise AddressRefusedError(href, "its server sends it compressed though it was not asked to")
+
+
+def _require_rest(answer: httpx.Response, href: str, got: int) -> None:
+    if answer.status_code != httpx.codes.PARTIAL_CONTENT or not answer.headers.get("content-range", "").startswith(
+        f"bytes {got}-"
+    ):
+        reason = f"the connection broke after {got} bytes, and its server did not go on from there"
+        raise AddressRefusedError(href, f"{reason} (answer {answer.status_code})")
+
+
+def _version(answer: httpx.Response) -> str | None:
+    """Give what tells whether the file is still the same; None: its server cannot go on in the middle."""
+    if answer.headers.get("accept-ranges", "").lower() != "bytes":
+        return None
+    tag: str = answer.headers.get("etag", "")
+    modified: str | None = answer.headers.get("last-modified")
+    return tag if tag and not tag.startswith("W/") else modified

@@ -61,6 +61,29 @@ class ObjectStoreAddress:
         return cls(parts.netloc, parts.path.strip("/"), **options)
 
 
+def connected(place: ObjectStoreAddress, prefix: str = "") -> "S3Store":
+    """Give the means to use an object store; it begins threads.
+
+    Parameters
+    ----------
+    place
+        Where it is.
+    prefix
+        Beginning of all keys.
+    """
+    from obstore.store import S3Store
+
+    where = {"region": place.region, "endpoint": place.endpoint}
+    return S3Store(
+        place.bucket,
+        prefix=prefix or None,
+        virtual_hosted_style_request=place.addressing == "virtual",
+        client_options={"connect_timeout": "5s", "timeout": "120s", "allow_http": True},
+        retry_config={"max_retries": 5, "retry_timeout": timedelta(seconds=60)},
+        **{name: value for name, value in where.items() if value},  # type: ignore[arg-type]
+    )
+
+
 class ObjectFiles:
     """Keep blobs in an object store.
 
@@ -83,18 +106,8 @@ class ObjectFiles:
 
     @cached_property
     def _store(self) -> "S3Store":
-        # loaded and connected here, because a process of which computations are copies must not have threads
-        from obstore.store import S3Store
-
-        where = {"region": self._address.region, "endpoint": self._address.endpoint}
-        return S3Store(
-            self._address.bucket,
-            prefix=self._address.prefix or None,
-            virtual_hosted_style_request=self._address.addressing == "virtual",
-            client_options={"connect_timeout": "5s", "timeout": "120s", "allow_http": True},
-            retry_config={"max_retries": 5, "retry_timeout": timedelta(seconds=60)},
-            **{name: value for name, value in where.items() if value},  # type: ignore[arg-type]
-        )
+        # connected here, because a process of which computations are copies must not have threads
+        return connected(self._address, self._address.prefix)
 
     async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
         """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""

@@ -12,6 +12,7 @@ class RemoteFile:
 
     name: str
     chunks: AsyncIterator[bytes]
+    """All of it, in spite of broken connections where its server can go on in the middle; else AddressRefusedError."""
     declared_bytes: int | None = None
 
 
