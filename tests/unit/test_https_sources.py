@@ -14,7 +14,6 @@ from service.adapters.https_sources import HttpsSources
 from service.errors import AddressRefusedError
 from service.settings import Settings
 
-
 LETTERS = b"abcdefghijklmnopqrstuvwxyz"
 
 
