@@ -48,6 +48,7 @@ from service.routes import (
 from service.routes.correlation import RequestIds
 from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
+from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
 from service.use_cases.check_access import Gatekeeper
 from service.use_cases.clean_up import Cleaner
@@ -129,6 +130,7 @@ def create_app(
         app.include_router(resource.router)
     install_error_handlers(app)
     app.state.gatekeeper = Gatekeeper(stores.keys, settings)
+    app.add_middleware(RepeatedRequests, answers=stores.answers)
     app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, stores.audit, settings))
     metrics.count_requests(app)
     app.add_middleware(RequestIds)
