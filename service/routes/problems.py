@@ -6,7 +6,8 @@ from typing import Any, cast
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as NoConnectionError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
@@ -35,7 +36,8 @@ PROBLEM_SCHEMA = ProblemDocument.model_json_schema(ref_template="#/components/sc
 def install_error_handlers(app: FastAPI) -> None:
     """Answer every error with a problem document."""
     app.add_exception_handler(ServiceError, _known_error)
-    app.add_exception_handler(OperationalError, _database_down)
+    for away in (OperationalError, InterfaceError, NoConnectionError):
+        app.add_exception_handler(away, _database_down)
     app.add_exception_handler(AlgorithmError, _known_error)
     app.add_exception_handler(RequestValidationError, _bad_parameters)
     app.add_exception_handler(HTTPException, _http_error)

@@ -43,6 +43,8 @@ class RunningService:
     home: Path
     settings: Mapping[str, str] = field(default_factory=lambda: {"SLOTS": "2"})
     """Environment variables without their prefix."""
+    environment: Mapping[str, str] = field(default_factory=dict)
+    """Further environment variables."""
     url: str = ""
     http: httpx.Client = field(init=False)
     _launcher: subprocess.Popen[bytes] = field(init=False)
@@ -68,6 +70,7 @@ class RunningService:
                 [sys.executable, "-m", "service", "serve", "--port", "0", "--data-dir", str(self.data)],
                 env={
                     **environment,
+                    **self.environment,
                     "TMPDIR": str(self.temporary),
                     **{f"TIELINE_{name}": value for name, value in self.settings.items()},
                 },
