@@ -85,8 +85,9 @@ PROGRESSIVE_JPEG = (2, 1)
 LZW, DEFLATE, PLAIN = (259, 5), (259, 8), (259, 1)
 WRITERS: Mapping[str, Callable[[Path], None]] = {
     "grid.e57": lambda path: write_e57(path, [some_scan(), some_scan()]),
-    "photos.e57": lambda path: None if written(path, [Picture(scan=0), Picture(kind="visualReferenceRepresentation")])
-    else None,
+    "photos.e57": lambda path: (
+        None if written(path, [Picture(scan=0), Picture(kind="visualReferenceRepresentation")]) else None
+    ),
     "grid.ptx": lambda path: write_ptx(path, [some_scan(), some_scan()]),
     "binary.ply": lambda path: write_ply(path, some_scan()),
     "swapped.ply": write_big_endian_ply,

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from service.formats.base import ScanFile
+from service.formats.e57_xml import PLACE, check_xml
 
 
 @contextmanager
@@ -25,10 +26,11 @@ def faults_named(file: ScanFile, place: str) -> Iterator[None]:
 
 @contextmanager
 def opened(file: ScanFile) -> Iterator[Any]:
-    """Open an E57 file for reading, and close it in the end."""
+    """Open an E57 file for reading, its XML section having been checked, and close it in the end."""
     from pye57 import libe57
 
-    with faults_named(file, "the file's header and XML section"):
+    check_xml(file)
+    with faults_named(file, PLACE):
         image_file = libe57.ImageFile(str(file.path), "r")
     try:
         yield image_file

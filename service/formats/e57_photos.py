@@ -171,7 +171,7 @@ def _with_pixels(file: ScanFile, node: Any, info: PhotoInfo, limits: ReadLimits)
     parts = node[PINHOLE] if node.isDefined(PINHOLE) else node[VISUAL]
     place = f"{file.filename}, photo {info.index},"
     try:
-        image = decoded(_blob(parts, place, limits), place, limits)
+        image = decoded(_blob(file, parts, place, limits), place, limits)
     except (ImageError, FileTooLargeError) as fault:
         return Photo(_refused(info, str(fault)), None)
     height, width = image.shape[:2]
@@ -181,13 +181,15 @@ def _with_pixels(file: ScanFile, node: Any, info: PhotoInfo, limits: ReadLimits)
     return Photo(info, image)
 
 
-def _blob(parts: Any, place: str, limits: ReadLimits) -> bytes:
+def _blob(file: ScanFile, parts: Any, place: str, limits: ReadLimits) -> bytes:
     name = next((each for each in ("jpegImage", "pngImage") if parts.isDefined(each)), None)
     if name is None:
         raise ImageError("there is neither a JPEG nor a PNG image")
     count = int(parts[name].byteCount())
     if count > MAX_BYTES_PER_PIXEL * limits.max_pixels:
         raise FileTooLargeError(place, count, MAX_BYTES_PER_PIXEL * limits.max_pixels)
+    if count > file.size:
+        raise ImageError(f"the image is declared with {count} bytes, the whole file has {file.size}")
     data = bytearray(count)
     if count:
         parts[name].read(data, 0, count)

@@ -10,12 +10,12 @@ import numpy as np
 from algorithms.arrays import Array
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
+from service.formats.laz_chunks import check_chunk_table, check_layers
 
 POINTS_AT_ONCE = 1_000_000
+LASZIP_RECORD = 22204
 LAZ_BIT = 0x80
 """Set in the point format of a compressed file."""
-SMALLEST_CHUNK_BYTES = 20
-"""A chunk begins with one whole point, and the shortest point has 20 bytes."""
 
 
 @final
@@ -49,6 +49,8 @@ class LasReader:
                 scales, offsets_m = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
                 if not (np.isfinite(scales).all() and (scales != 0).all() and np.isfinite(offsets_m).all()):
                     raise file.unreadable("scale or offset is zero or not finite", place)
+                if header.are_points_compressed:
+                    check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
                 smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
                 check_count(file, count, smallest, limits, place)
                 pieces, place = [], "point 0"
@@ -89,6 +91,14 @@ class _Piece:
         )
 
 
+def _laszip_record(file: ScanFile, header: Any) -> bytes:
+    """Give the content of the record that says how the points are compressed."""
+    for record in header.vlrs:
+        if record.record_id == LASZIP_RECORD:
+            return bytes(record.record_data)
+    raise file.unreadable("the points are compressed, but the LASzip record is missing", "header")
+
+
 def _check_header(file: ScanFile) -> None:
     """Refuse header fields that would send the library far beyond the end of the file (LAS 1.4 R15, table 3)."""
     with file.path.open("rb") as stream:
@@ -104,24 +114,7 @@ def _check_header(file: ScanFile) -> None:
     if records * 54 > data_offset - header_bytes:
         raise file.unreadable(f"{records} variable-length records do not fit before the points", "byte 100, header")
     if head[104] & LAZ_BIT:
-        _check_chunk_table(file, data_offset)
-
-
-def _check_chunk_table(file: ScanFile, data_offset: int) -> None:
-    """Refuse a table of LAZ chunks that cannot be: lazrs would allocate for it and abort the process."""
-    with file.path.open("rb") as stream:
-        stream.seek(data_offset)
-        start = stream.read(8)
-        offset = struct.unpack("<q", start)[0] if len(start) == 8 else 0
-        if offset == -1:  # written by a stream: the offset stands at the end
-            stream.seek(file.size - 8)
-            offset = struct.unpack("<q", stream.read(8))[0]
-        if not data_offset + 8 <= offset <= file.size - 8:
-            raise file.unreadable(f"the table of LAZ chunks cannot be at byte {offset}", f"byte {data_offset}")
-        stream.seek(offset)
-        _, chunks = struct.unpack("<II", stream.read(8))
-    if chunks * SMALLEST_CHUNK_BYTES > file.size:
-        raise file.unreadable(f"{chunks} LAZ chunks do not fit a file of {file.size} bytes", f"byte {offset}")
+        check_chunk_table(file, data_offset)
 
 
 def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, offsets_m: Array) -> ScanRecords:

@@ -10,6 +10,24 @@ import numpy as np
 from algorithms.arrays import Array
 from service.formats.base import ScanFile
 
+LONGEST_LINE_BYTES = 1 << 20
+
+
+def refuse_long_lines(file: ScanFile) -> None:
+    """Refuse lines that no table has: a line is held in memory as a whole, and its numbers as objects.
+
+    Raises
+    ------
+    UnreadableFileError
+        A line has more than a megabyte.
+    """
+    before = 0
+    with file.path.open("rb") as stream:
+        while len(block := stream.read(LONGEST_LINE_BYTES)) == LONGEST_LINE_BYTES:
+            if b"\n" not in block:
+                raise file.unreadable(f"a line of more than {LONGEST_LINE_BYTES} bytes", f"byte {before}")
+            before += len(block)
+
 
 def read_table(
     file: ScanFile,

@@ -11,7 +11,7 @@ import numpy as np
 from algorithms.arrays import Array, Colors, Vector3
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count
-from service.formats.number_table import read_table
+from service.formats.number_table import read_table, refuse_long_lines
 
 KINDS = {("F", 4): "<f4", ("F", 8): "<f8"} | {(t, s): f"<{t.lower()}{s}" for t in "IU" for s in (1, 2, 4, 8)}
 ENTRIES = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
@@ -147,6 +147,7 @@ def _read_table(file: ScanFile, header: _Header, limits: ReadLimits) -> Array:
     if header.encoding == "ascii":
         smallest = 2.0 * sum(int(np.prod(header.dtype[n].shape)) for n in header.dtype.names or ())
         check_count(file, header.points, smallest, limits, "header", spare=2)
+        refuse_long_lines(file)
         return _read_ascii(file, header)
     if header.encoding == "binary":
         check_count(file, header.points, record, limits, "header")

@@ -10,7 +10,7 @@ import numpy as np
 from algorithms.arrays import Array, Colors, Floats32
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
-from service.formats.number_table import read_table
+from service.formats.number_table import read_table, refuse_long_lines
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -65,6 +65,7 @@ class PlyReader:
             return
         if header.encoding == "ascii":
             check_count(file, vertex.count, 2.0 * len(vertex.properties), limits, "element vertex", spare=2)
+            refuse_long_lines(file)
             table = _read_ascii(file, header, skipped, vertex)
         else:
             order = BYTE_ORDERS[header.encoding]
@@ -101,7 +102,7 @@ def _read_header(file: ScanFile) -> _Header:
         place = f"line {number}, header"
         if words[0] == "format" and len(words) == 3:
             encoding = words[1]
-        elif words[0] == "element" and len(words) == 3 and words[2].isascii() and words[2].isdigit():
+        elif words[0] == "element" and len(words) == 3 and _is_count(words[2]):
             elements.append(_Element(words[1], int(words[2]), (), has_list=False))
         elif words[0] == "property" and elements:
             elements[-1] = _with_property(file, elements[-1], words, place)
@@ -110,6 +111,10 @@ def _read_header(file: ScanFile) -> _Header:
     if encoding != "ascii" and encoding not in BYTE_ORDERS:
         raise file.unreadable(f"unknown PLY format '{encoding[:40]}'", "header")
     return _Header(encoding, tuple(elements), newline + 1, head.count(b"\n", 0, newline + 1))
+
+
+def _is_count(word: str) -> bool:
+    return word.isascii() and word.isdigit() and len(word) < 19
 
 
 def _with_property(file: ScanFile, element: _Element, words: list[str], place: str) -> _Element:
@@ -139,7 +144,10 @@ def _vertex_element(file: ScanFile, header: _Header) -> tuple[tuple[_Element, ..
 
 
 def _read_ascii(file: ScanFile, header: _Header, skipped: tuple[_Element, ...], vertex: _Element) -> Array:
-    first = header.lines + sum(element.count for element in skipped)
+    before = sum(element.count for element in skipped)
+    if before > file.size:  # every line has a byte
+        raise file.unreadable(f"{before} lines before the vertices do not fit the file", "header")
+    first = header.lines + before
     # structured, so that a line with a property too few or too many is refused
     dtype = [(name, "f8") for name, _ in vertex.properties]
     with file.path.open("rb") as stream:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.arrays import Matrix4, Vector3
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
-from service.formats.number_table import read_table
+from service.formats.number_table import read_table, refuse_long_lines
 
 HEADER_LINES = 10
 SHORTEST_LINE = len("0 0 0\n")
@@ -36,6 +36,7 @@ class PtxReader:
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the scans of a file in order, or only the one wanted."""
         line = 1
+        refuse_long_lines(file)
         with file.path.open("rb") as stream:
             for index in range(limits.max_scans):
                 place = f"scan {index}, line {line}"

@@ -11,7 +11,7 @@ import numpy as np
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
-from service.formats.number_table import read_table
+from service.formats.number_table import read_table, refuse_long_lines
 
 HEAD_BYTES = 1 << 16
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -73,6 +73,7 @@ class TextReader:
             raise file.unreadable(str(fault), f"line {fault.line}") from fault
         if wanted not in {None, 0}:
             return
+        refuse_long_lines(file)
         if layout.declared_points is not None:
             check_count(file, layout.declared_points, SHORTEST_LINE, limits, "count line", spare=1)
         roles = list(layout.columns)

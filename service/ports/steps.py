@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
 
-from service.errors import ServiceError
+from service.errors import ComputationFailedError, ServiceError
 from service.ports.blobs import BlobStore
 from service.ports.documents import Json
+from service.ports.sources import Sources
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class StepContext:
     blobs: BlobStore
     progress: StepProgress
     limits: Mapping[str, int] = field(default_factory=dict)
+    sources: Sources | None = None
+    """Files on other servers; None: out of reach."""
 
 
 class StepFailedError(ServiceError):
@@ -75,6 +78,11 @@ class StepFailedError(ServiceError):
     def __init__(self, problem: Json) -> None:
         self.problem = problem
         super().__init__(str(problem.get("detail") or problem["title"]))
+
+    @property
+    def broke_down(self) -> bool:
+        """Tell whether it ran out of time or memory, and found no fault in what it was given."""
+        return bool(self.problem["title"] == ComputationFailedError.title)
 
     def extra(self) -> Json:
         """Give the whole document."""
