@@ -10,6 +10,7 @@ from functools import lru_cache
 from importlib.metadata import version
 from typing import Any
 
+import anyio.to_thread
 import structlog
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -55,6 +56,8 @@ from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.receive_uploads import UploadDesk
 
+THREADS = 16
+"""In which requests are answered. More would not answer more, only wait for each other and keep memory."""
 log = structlog.get_logger()
 
 
@@ -75,6 +78,7 @@ def app_from_environment() -> FastAPI:
 
     @asynccontextmanager
     async def closing(app: FastAPI) -> AsyncIterator[None]:
+        anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         desk = UploadDesk(app.state.uploads, files.file_intake(adapters, settings))
         cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), settings))
         yield
