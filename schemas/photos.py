@@ -2,10 +2,11 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
+from schemas.file_references import by_file_or_address
 from schemas.rigid_matrix import RigidMatrix
 
 AxesName: TypeAlias = Literal["right-down-forward", "right-up-backward", "forward-left-up"]
@@ -57,6 +58,8 @@ class MountStd(RequestModel):
 
 class PhotoReference(RequestModel):
     """One photo of an uploaded file."""
+
+    model_config = ConfigDict(json_schema_extra=by_file_or_address)
 
     file: str = Field(min_length=1, max_length=64)
     """Identifier of the file, as `POST /files` gave it."""

@@ -1,12 +1,13 @@
 """Inputs of the process `register` (section 3 of the interface)."""
 
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from schemas.approximate_pose import Approximate
 from schemas.base import NotYetList, RequestModel
 from schemas.edge_options import PhotoLineOptionsRequest
+from schemas.file_references import by_file_or_address
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import DefaultMethod, MethodRequest
@@ -25,24 +26,10 @@ PairChoice: TypeAlias = Annotated[
 MAX_PHOTOS = 200
 
 
-def _by_file_or_address(schema: dict[str, Any]) -> None:
-    """Describe the other way to name a scan's file; the service fetches it before it validates the request."""
-    schema["required"].remove("file")
-    schema["anyOf"] = [{"required": ["file"]}, {"required": ["href"]}]
-    schema["properties"]["href"] = {
-        "type": "string",
-        "format": "uri",
-        "maxLength": 2000,
-        "title": "Href",
-        "description": "Instead of `file`: where the service fetches it, if its operator allows that source. The "
-        "request is answered when the file has arrived.",
-    }
-
-
 class ScanReference(RequestModel):
     """One scan of an uploaded file."""
 
-    model_config = ConfigDict(json_schema_extra=_by_file_or_address)
+    model_config = ConfigDict(json_schema_extra=by_file_or_address)
 
     file: str = Field(min_length=1, max_length=64)
     """Identifier of the file, as `POST /files` gave it."""

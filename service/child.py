@@ -22,6 +22,7 @@ from typing import Any, NoReturn, cast
 from service.adapters.nursery import Nursery
 from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, let_others_first, limit_resources
+from service.adapters.remote_sources import RemoteSources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
@@ -61,7 +62,7 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     let_others_first()
     limit_resources(settings)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
-    context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits)
+    context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits, RemoteSources(settings))
     try:
         result = steps[request["step"]](context, request["arguments"])
         pipe.send({"result": result})

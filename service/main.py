@@ -26,11 +26,11 @@ from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
 from service.adapters.http_callbacks import HttpCallbacks
-from service.adapters.https_sources import HttpsSources
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 from service.adapters.nursery_client import WarmUp
 from service.adapters.object_files import blob_store
+from service.adapters.remote_sources import RemoteSources
 from service.dependencies import AccessStores, Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
@@ -128,7 +128,7 @@ def create_app(
     app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
     app.state.access_stores = stores
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
-    app.state.sources = HttpsSources(settings)
+    app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
     for resource in (landing, openapi_30, processes, jobs, job_events, files, uploads, registrations, health, metrics):
         app.include_router(resource.router)

@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Mapping
+from functools import partial
 from typing import cast
 
 import structlog
@@ -24,9 +25,12 @@ from service.adapters.nursery_client import WarmUp
 from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.engine import DbosQueue, Engine, Tools
+from service.engine.patience import patiently
 from service.ports import Plan
 from service.settings import Settings
 from service.use_cases.deliver_callbacks import CallbackDelivery
+from service.use_cases.fetch_runner import FetchingRunner
+from service.use_cases.store_files import FileIntake
 
 log = structlog.get_logger()
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
@@ -56,14 +60,16 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     runner = ChildProcesses(settings, steps, WARM_UP if steps == DEFAULT_STEPS else NOTHING_WARM)
     runner.warm_up()
     module, _, attribute = plans.partition(":")
+    files, blobs = DatabaseFileStore(database), blob_store(settings)
+    intake = FileIntake(files, blobs, runner, settings)
     tools = Tools(
         settings=settings,
         jobs=jobs,
         ledger=jobs,
         log=DatabaseJobLog(database),
-        files=DatabaseFileStore(database),
+        files=files,
         executors=executors,
-        runner=runner,
+        runner=FetchingRunner(runner, intake, jobs, partial(patiently, settings.step_timeout_s)),
         plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
         queue=queue,
     )
@@ -72,7 +78,7 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         CallbackDelivery(
             callbacks=DatabaseCallbacks(database),
             jobs=jobs,
-            blobs=blob_store(settings),
+            blobs=blobs,
             log=tools.log,
             sender=HttpCallbacks(settings),
             settings=settings,

@@ -251,7 +251,8 @@ class Engine:
         """Give what a plan sees of a job."""
         found = {file_id: self._tools.files.get(file_id) for file_id in job.file_ids}
         files = {file_id: file.summary() for file_id, file in found.items() if file is not None}
-        return {"id": job.id, "process_id": job.process_id, "inputs": job.inputs, "files": files}
+        of_job = {"id": job.id, "process_id": job.process_id, "inputs": job.inputs, "fetches": list(job.fetches)}
+        return {**of_job, "files": files}
 
     async def _kept(
         self, function: Callable[Parameters, Value], *arguments: Parameters.args, **named: Parameters.kwargs

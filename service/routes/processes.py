@@ -21,7 +21,6 @@ from service.dependencies import (
 )
 from service.ports import Job
 from service.routes.documents import page_links, status_info
-from service.routes.files import file_intake
 from service.routes.multipart_related import raw_outputs
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
@@ -35,7 +34,7 @@ from service.use_cases.describe_processes import (
     offered_process,
     output_descriptions,
 )
-from service.use_cases.fetch_scans import with_fetched_scans
+from service.use_cases.fetch_files import with_files_to_come
 from service.use_cases.submit_job import answer_at_once, check_execution, submit_job
 from service.use_cases.validate_request import parse_json
 
@@ -109,18 +108,16 @@ async def execute(
     body = parse_json(await read_json_body(request))
     asynchronous = _prefers_async(request)
     now = datetime.now(UTC)
-    async with with_fetched_scans(
-        process, body, file_intake(adapters, settings, origin.make_id), sources, now
-    ) as fetched:
-        execution = await asyncio.to_thread(check_execution, process, fetched, adapters.files, settings)
-        subscription = None
-        if execution.subscriber is not None:
-            subscription = await checked_subscription(execution.subscriber, callbacks, url.url)
-        if process.synchronous and not asynchronous:
-            await asyncio.sleep(execution.inputs.get("pause") or 0)
-            outputs = answer_at_once(execution)
-            return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
-        job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now, subscription, origin)
+    body, fetches = with_files_to_come(body, sources, origin.make_id)
+    execution = await asyncio.to_thread(check_execution, process, body, adapters.files, settings, fetches)
+    subscription = None
+    if execution.subscriber is not None:
+        subscription = await checked_subscription(execution.subscriber, callbacks, url.url)
+    if process.synchronous and not asynchronous:
+        await asyncio.sleep(execution.inputs.get("pause") or 0)
+        outputs = answer_at_once(execution)
+        return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
+    job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now, subscription, origin)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 
 

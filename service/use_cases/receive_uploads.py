@@ -21,8 +21,9 @@ from service.errors import (
     to_problem,
 )
 from service.ports import OpenUpload, PendingUpload, StepFailedError, UploadState, UploadStore
+from service.use_cases.free_space import BYTES_BETWEEN_CHECKS
 from service.use_cases.patient_reading import timely
-from service.use_cases.store_files import BYTES_BETWEEN_DISK_CHECKS, FileIntake
+from service.use_cases.store_files import FileIntake
 
 CHECKSUMS = ("sha1", "sha256")
 BLOCK_BYTES = 1 << 20
@@ -283,7 +284,7 @@ class _PartWriter:
 
     def _write(self, data: bytes) -> None:
         self._unchecked += len(data)
-        if self._unchecked >= BYTES_BETWEEN_DISK_CHECKS:
+        if self._unchecked >= BYTES_BETWEEN_CHECKS:
             self._require_room()
             self._unchecked = 0
         self._opened.write(data)

@@ -14,6 +14,12 @@ def _inspect_file(context: StepContext, arguments: Json) -> Json:
     return inspect_uploaded_file(context, arguments)
 
 
+def _fetch_file(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.run_fetch import fetch_file
+
+    return fetch_file(context, arguments)
+
+
 def _features(context: StepContext, arguments: Json) -> Json:
     from service.use_cases.run_features import extract_features_of_scan
 
@@ -64,6 +70,7 @@ def _echo(context: StepContext, arguments: Json) -> Json:
 
 STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     "inspect-file": _inspect_file,
+    "fetch-file": _fetch_file,
     "features": _features,
     "register-pair": _register_pair,
     "choose-pairs": _choose_pairs,

@@ -2,7 +2,6 @@
 
 import asyncio
 import hashlib
-import shutil
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -11,18 +10,16 @@ from pathlib import Path
 from service.errors import (
     ComputationFailedError,
     FileNotFoundInStoreError,
-    InsufficientStorageError,
     JobNotFinishedError,
     UnreadableFileError,
 )
-from service.ports import BlobStore, FileStore, JobStore, StepRunner, StoredFile
+from service.ports import BlobStore, FileStore, JobStore, StepFailedError, StepRunner, StoredFile
 from service.settings import Settings
 from service.use_cases.content_keys import content_key, incoming_key
 from service.use_cases.feature_keys import features_of_content
+from service.use_cases.free_space import BYTES_BETWEEN_CHECKS, require_free_space
 from service.use_cases.identifiers import MakeIdentifier, is_identifier, new_identifier
 from service.use_cases.quotas import admit_file
-
-BYTES_BETWEEN_DISK_CHECKS = 64_000_000
 
 
 @dataclass(frozen=True)
@@ -57,16 +54,16 @@ class FileIntake:
         FileTooLargeError, InsufficientStorageError
             A limit is reached.
         """
-        received: list[_Received] = []
+        received: list[Received] = []
         entered: list[StoredFile] = []
         try:
             async for upload in uploads:
-                received.append(_Received(self.make_id(), upload.filename))
+                received.append(Received(self.make_id(), upload.filename))
                 await self._receive(upload, received[-1])
-            inspected = [await self._inspected(each, now) for each in received]
+            inspected = [await self.inspected(each, now) for each in received]
             for file in inspected:
                 entered.append(file)
-                entered[-1] = await asyncio.to_thread(self._enter, file)
+                entered[-1] = await asyncio.to_thread(self.enter, file)
         except BaseException:  # also when the client leaves or the service stops: nothing may stay behind
             for each in received:
                 self.blobs.delete_prefix(incoming_key(each.id))
@@ -85,18 +82,23 @@ class FileIntake:
         known = await asyncio.to_thread(self.files.get, file_id)
         if known is not None:
             return known
-        received = _Received(file_id, filename)
+        received = Received(file_id, filename)
         received.bytes, received.sha256 = await asyncio.to_thread(_size_and_hash, path)
         if received.bytes == 0:
             raise UnreadableFileError(filename, "the file is empty", "byte 0")
         try:
             await asyncio.to_thread(self.blobs.put_copy, incoming_key(file_id), path)
-            file = await self._inspected(received, now)
-            return await asyncio.to_thread(self._enter, file)
+            file = await self.inspected(received, now)
+            return await asyncio.to_thread(self.enter, file)
         except BaseException:
-            self.blobs.delete_prefix(incoming_key(file_id))
-            release_content(received.sha256, self.files, self.blobs)
+            self.drop(received)
             raise
+
+    def drop(self, received: "Received") -> None:
+        """Remove what has arrived and is not entered."""
+        self.blobs.delete_prefix(incoming_key(received.id))
+        if received.sha256:
+            release_content(received.sha256, self.files, self.blobs)
 
     def discard(self, files: Sequence[StoredFile]) -> None:
         """Take back what `store` entered."""
@@ -112,11 +114,7 @@ class FileIntake:
         InsufficientStorageError
             Less than the configured rest would remain free.
         """
-        free = shutil.disk_usage(_existing(self.settings.data_dir)).free
-        if free - coming_bytes < self.settings.min_free_bytes:
-            raise InsufficientStorageError(
-                f"{free} bytes are free on the disk of this service, {self.settings.min_free_bytes} must remain"
-            )
+        require_free_space(self.settings.data_dir, self.settings.min_free_bytes, coming_bytes)
 
     def require_quota(self, coming_bytes: int = 0, under_way: int = 0) -> None:
         """Refuse what the project has no room for, before it comes; it is counted again when it is entered.
@@ -128,7 +126,18 @@ class FileIntake:
         """
         admit_file(self.settings, coming_bytes, under_way)(self.files.amount())
 
-    def _enter(self, file: StoredFile) -> StoredFile:
+    def room(self) -> int:
+        """Give the most bytes that one more file of the project may have.
+
+        Raises
+        ------
+        QuotaFullError
+            The project has too much.
+        """
+        self.require_quota()
+        return min(self.settings.max_file_bytes, self.settings.max_project_bytes - self.files.amount().bytes)
+
+    def enter(self, file: StoredFile) -> StoredFile:
         """Give the file its place; where its content is stored already, that of the new one takes its place."""
         here, there = incoming_key(file.id), content_key(file.sha256)
         made_before = self.files.get(file.id)
@@ -139,7 +148,7 @@ class FileIntake:
         self.files.add(file, lambda: self.blobs.move(here, there), admit_file(self.settings, file.bytes))
         return file
 
-    async def _receive(self, upload: Upload, received: "_Received") -> None:
+    async def _receive(self, upload: Upload, received: "Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(
             incoming_key(received.id), self._watched(upload.chunks), self.settings.max_file_bytes
         )
@@ -147,22 +156,32 @@ class FileIntake:
             raise UnreadableFileError(upload.filename, "the file is empty", "byte 0")
 
     async def _watched(self, chunks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
-        unchecked = BYTES_BETWEEN_DISK_CHECKS
+        unchecked = BYTES_BETWEEN_CHECKS
         async for chunk in chunks:
             unchecked += len(chunk)
-            if unchecked >= BYTES_BETWEEN_DISK_CHECKS:
+            if unchecked >= BYTES_BETWEEN_CHECKS:
                 self.require_room()
                 unchecked = 0
             yield chunk
 
-    async def _inspected(self, received: "_Received", now: datetime) -> StoredFile:
+    async def inspected(self, received: "Received", now: datetime) -> StoredFile:
+        """Find out in a process of its own what has arrived.
+
+        Raises
+        ------
+        UnreadableFileError
+            No reader understands it.
+        """
         try:
             found = await self.steps.run(
                 "inspect-file",
                 {"key": incoming_key(received.id), "filename": received.filename},
                 timeout_s=self.settings.inspect_timeout_s,
             )
-        except ComputationFailedError as error:  # a file that kills its reader is a bad file
+        except (ComputationFailedError, StepFailedError) as error:
+            if isinstance(error, StepFailedError) and not error.broke_down:
+                raise
+            # a file that kills its reader, or needs more time or memory than there is for reading, is a bad file
             raise UnreadableFileError(received.filename, f"reading it broke down: {error}") from error
         return StoredFile(
             id=received.id,
@@ -178,7 +197,9 @@ class FileIntake:
 
 
 @dataclass
-class _Received:
+class Received:
+    """One file that arrives, or has arrived."""
+
     id: str
     filename: str
     bytes: int = 0
@@ -230,10 +251,3 @@ def release_content(sha256: str, files: FileStore, blobs: BlobStore) -> bool:
 def _size_and_hash(path: Path) -> tuple[int, str]:
     with path.open("rb") as file:
         return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _existing(path: Path) -> Path:
-    path = path.resolve()
-    while not path.exists():
-        path = path.parent
-    return path

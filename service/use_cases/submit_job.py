@@ -17,6 +17,7 @@ from service.settings import Settings
 from service.use_cases.check_photos import check_photo
 from service.use_cases.check_stations import check_register_inputs, check_station
 from service.use_cases.describe_processes import OfferedProcess
+from service.use_cases.fetch_files import Fetch, without_absence
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
 from service.use_cases.quotas import admit_job
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to, validated
@@ -35,10 +36,23 @@ class Execution:
     raw: bool
     subscriber: Subscriber | None
     """Who is to be told how the job goes, not checked yet."""
+    fetches: tuple[Fetch, ...] = ()
+    """What the job fetches before anything else."""
 
 
-def check_execution(process: OfferedProcess, body: Any, files: FileStore, settings: Settings) -> Execution:
+def check_execution(
+    process: OfferedProcess, body: Any, files: FileStore, settings: Settings, fetches: tuple[Fetch, ...] = ()
+) -> Execution:
     """Validate a parsed request body against the process and what is stored.
+
+    Parameters
+    ----------
+    process, body
+        What is to be run, and how.
+    files, settings
+        What there is, and limits.
+    fetches
+        Files that the job will fetch; the body has their identifiers already.
 
     Raises
     ------
@@ -52,13 +66,20 @@ def check_execution(process: OfferedProcess, body: Any, files: FileStore, settin
             WRONG_FIELDS,
             [FieldFault(pointer_to("outputs", name), f"'{process.id}' has no such output") for name in unknown],
         )
+    try:
+        check_files(request.inputs, files, settings)
+    except InvalidRequestError as error:
+        other = without_absence(error, fetches)
+        if other is not None:
+            raise other from None
     return Execution(
         process,
         _as_stored(process, request.inputs),
-        _check_files(request.inputs, files, settings),
+        _files_of(request.inputs),
         tuple(request.outputs) if request.outputs else None,
         request.response == "raw",
         request.subscriber,
+        fetches,
     )
 
 
@@ -114,6 +135,7 @@ def submit_job(
         message="waiting for a worker",
         file_ids=execution.file_ids,
         wanted=_wanted(execution),
+        fetches=tuple(fetch.to_json() for fetch in execution.fetches),
         subscriber=None if subscription is None else subscription.to_json(),
         urgency=origin.urgency,
         request_id=origin.request_id,
@@ -145,20 +167,30 @@ def _as_stored(process: OfferedProcess, inputs: BaseModel) -> Json:
     return inputs.model_dump(mode="json", by_alias=True, exclude_unset=process.synchronous)
 
 
-def _check_files(inputs: BaseModel, files: FileStore, settings: Settings) -> tuple[str, ...]:
+def check_files(inputs: BaseModel, files: FileStore, settings: Settings) -> None:
+    """Check the files that validated inputs name, and whatever else a schema cannot know.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every bad field.
+    """
     if isinstance(inputs, RegisterInputs):
         check_register_inputs(inputs, files, settings.max_stations)
-        return _files_of(inputs.stations)
-    if isinstance(inputs, ExtractLinesInputs):
+    elif isinstance(inputs, ExtractLinesInputs):
         check_station(inputs.station, files)
-        return _files_of([inputs.station])
-    if isinstance(inputs, DetectEdgesInputs):
+    elif isinstance(inputs, DetectEdgesInputs):
         check_photo(inputs.photo, files)
-        return (inputs.photo.file,)
-    return ()
 
 
-def _files_of(stations: Sequence[Station]) -> tuple[str, ...]:
+def _files_of(inputs: BaseModel) -> tuple[str, ...]:
     """List the files of scans and photos, each once."""
+    stations: Sequence[Station] = ()
+    if isinstance(inputs, RegisterInputs):
+        stations = inputs.stations
+    elif isinstance(inputs, ExtractLinesInputs):
+        stations = [inputs.station]
+    elif isinstance(inputs, DetectEdgesInputs):
+        return (inputs.photo.file,)
     files = [file for each in stations for file in (each.scan.file, *(photo.file for photo in each.photos))]
     return tuple(dict.fromkeys(files))

@@ -1,0 +1,19 @@
+"""How a request names a file: by the identifier that it got when it was uploaded, or by its address elsewhere."""
+
+from typing import Any
+
+
+def by_file_or_address(schema: dict[str, Any]) -> None:
+    """Describe both ways; the service puts an identifier in the place of an address before it validates a request."""
+    schema["required"].remove("file")
+    if not schema["required"]:
+        del schema["required"]
+    schema["anyOf"] = [{"required": ["file"]}, {"required": ["href"]}]
+    schema["properties"]["href"] = {
+        "type": "string",
+        "format": "uri",
+        "maxLength": 2000,
+        "title": "Href",
+        "description": "Instead of `file`: where the job fetches it, `https://…` or `s3://bucket/key`, if the operator "
+        "allows that source. The file is stored like one that was uploaded.",
+    }
