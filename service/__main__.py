@@ -1,4 +1,4 @@
-"""The command line: ``tieline serve | worker | migrate | register | demo``."""
+"""The command line: ``tieline serve | worker | migrate | register | demo | keys``."""
 
 import signal
 import sys
@@ -11,6 +11,7 @@ from rich.console import Console
 
 from service.client import RefusedError, UnreachableError
 from service.errors import InvalidRequestError, ServiceError, to_problem
+from service.refusals import OpenToAllError
 from service.settings import Settings
 
 REGISTERED, NOT_REGISTERED, BAD_INPUT, SERVICE_FAULT = 0, 1, 2, 3
@@ -25,18 +26,27 @@ app = typer.Typer(
 )
 
 
+keys = typer.Typer(help="Make, revoke and list the keys of a service.", no_args_is_help=True)
+app.add_typer(keys, name="keys")
+
+
 @app.command()
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to bind to [default: 127.0.0.1].")] = None,
     port: Annotated[int | None, typer.Option(help="Port to bind to [default: 8765].", min=0, max=65535)] = None,
     data_dir: DataDirectory = None,
 ) -> None:
-    """Run the service: web interface and worker. Settings are environment variables with the prefix TIELINE_."""
+    """Run the service: web interface and worker. Settings are environment variables with the prefix TIELINE_.
+
+    Beyond this machine (`--host 0.0.0.0`) it wants a key to exist, see `tieline keys`.
+    """
     from service.launcher import serve as run_service
 
     settings = _settings(host=host, port=port, data_dir=data_dir)
     try:
         run_service(settings)
+    except OpenToAllError as error:
+        _fail(str(error), BAD_INPUT)
     except (ServiceError, OSError) as error:
         _fail(f"the service cannot run: {error}", SERVICE_FAULT)
 
@@ -91,6 +101,14 @@ def register(
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
     ] = None,
     output: Annotated[Path | None, typer.Option(help="Write the whole result document there (JSON).")] = None,
+    key: Annotated[
+        str | None,
+        typer.Option(
+            envvar="TIELINE_KEY",
+            show_envvar=True,
+            help="Key for a running service that wants one; better in the environment, where others do not see it.",
+        ),
+    ] = None,
 ) -> None:
     """Register two or more scans; the first gives the common frame."""
     from service.register_command import register_files
@@ -98,7 +116,7 @@ def register(
     console = Console()
     stated = {"levelled_std_gon": levelled_std_gon, "point_std_m": point_std_m}
     known = {name: value for name, value in stated.items() if value is not None}
-    _finish(lambda: register_files(scans, photos, url, output, console, known=known))
+    _finish(lambda: register_files(scans, photos, url, output, console, known=known, key=key))
 
 
 @app.command(epilog=EXIT_CODES)
@@ -110,6 +128,61 @@ def demo(
 
     console = Console()
     _finish(lambda: run_demo(console, scans))
+
+
+@keys.command()
+def create(
+    name: Annotated[str, typer.Argument(help="Name of the key, for people.")],
+    project: Annotated[
+        str | None,
+        typer.Option(
+            help="Whose files and jobs it sees; keys of one project see the same, others nothing of it. `default` is "
+            "the project of all that was made without keys [default: one called like the key]."
+        ),
+    ] = None,
+    scopes: Annotated[str, typer.Option(help="What it is good for: read, write, admin, metrics.")] = "read,write",
+    expires: Annotated[
+        str | None, typer.Option(help="When it ends by itself: a date, or days such as 90d [default: never].")
+    ] = None,
+    data_dir: DataDirectory = None,
+) -> None:
+    """Make a key and print its secret, which nobody can find out again. From then on the service wants keys."""
+    from service.keys_command import make_key
+
+    settings = _settings(data_dir=data_dir)
+    _manage(lambda: print(make_key(settings, name, project, scopes, expires, Console(stderr=True))))
+
+
+@keys.command()
+def revoke(
+    key: Annotated[str, typer.Argument(help="Id of a key, or the name of a valid one.")], data_dir: DataDirectory = None
+) -> None:
+    """Revoke a key for good."""
+    from service.keys_command import revoke as revoke_key
+
+    _manage(lambda: revoke_key(_settings(data_dir=data_dir), key, Console(stderr=True)))
+
+
+@keys.command("list")
+def list_keys(data_dir: DataDirectory = None) -> None:
+    """List all keys, without their secrets."""
+    from service.keys_command import show_keys
+
+    _manage(lambda: show_keys(_settings(data_dir=data_dir), Console()))
+
+
+def _manage(work: Callable[[], None]) -> None:
+    """Do something about keys on the machine that has the database."""
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        work()
+    except ServiceError as error:
+        faults = error.faults if isinstance(error, InvalidRequestError) else ()
+        details = "".join(f"\n  {fault.pointer.lstrip('/')}: {fault.detail}" for fault in faults)
+        _fail(f"{error}{details}", BAD_INPUT)
+    except (SQLAlchemyError, OSError) as error:
+        _fail(f"the database cannot be used: {error}", SERVICE_FAULT)
 
 
 def _finish(work: Callable[[], bool]) -> None:

@@ -34,12 +34,25 @@ class UnreachableError(Exception):
 
 
 class ServiceClient:
-    """Upload scans, start jobs, wait for them, fetch results."""
+    """Upload scans, start jobs, wait for them, fetch results.
 
-    def __init__(self, url: str, transport: httpx.BaseTransport | None = None) -> None:
+    Parameters
+    ----------
+    url
+        Of the service.
+    transport
+        In place of the network, for tests.
+    key
+        For services that want one.
+    """
+
+    def __init__(self, url: str, transport: httpx.BaseTransport | None = None, key: str | None = None) -> None:
         self.url = url.rstrip("/")
+        headers = {} if key is None else {"Authorization": f"Bearer {key}"}
         # an upload is answered when the file has been inspected, which may take minutes
-        self._http = httpx.Client(base_url=self.url, timeout=httpx.Timeout(30.0, read=600.0), transport=transport)
+        self._http = httpx.Client(
+            base_url=self.url, timeout=httpx.Timeout(30.0, read=600.0), transport=transport, headers=headers
+        )
 
     def __enter__(self) -> Self:
         return self

@@ -32,8 +32,13 @@ def embedded_service() -> Iterator[str]:
         url = f"http://127.0.0.1:{port}"
         command = [sys.executable, "-m", "service", "serve", "--port", str(port), "--data-dir", f"{folder}/data"]
         with log.open("wb") as output:
-            process = subprocess.Popen(  # noqa: S603 - our own module
-                command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            process = subprocess.Popen(  # noqa: S603 - our own module; it is ours alone, without keys
+                command,
+                env={**os.environ, "TIELINE_AUTH": "auto"},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
         try:
             _wait_until_ready(url, process, log)

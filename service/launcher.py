@@ -2,6 +2,7 @@
 
 import argparse
 import fcntl
+import ipaddress
 import json
 import os
 import shutil
@@ -25,11 +26,13 @@ from service import engine
 from service.adapters import database
 from service.adapters.child_process import remove_left_scratch
 from service.adapters.database_files import DatabaseFileStore
+from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
 from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.errors import StorageError
+from service.refusals import OpenToAllError
 from service.settings import Settings
 from service.use_cases.adopt_files import adopt_files
 from service.use_cases.content_keys import INCOMING
@@ -110,14 +113,15 @@ def serve(
         The data directory is in use by another service.
     OSError
         The address cannot be bound.
+    OpenToAllError
+        Others could reach it, and it asks for no keys.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     configure_log()
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    with _only_one(settings), _listening(settings) as listener:
-        prepare(settings)
+    with _only_one(settings), _listening_in_safety(settings) as listener:
         _remove_partial(settings)
         url = f"http://{settings.host}:{listener.getsockname()[1]}"
         supervised = _processes(settings, listener, steps, plans, app)
@@ -142,6 +146,28 @@ def _only_one(settings: Settings) -> Iterator[None]:
         except BlockingIOError:
             raise StorageError(f"another service uses the data directory {settings.data_dir.resolve()}") from None
         yield
+
+
+@contextmanager
+def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
+    """Bind when it is known that not everybody is let in."""
+    prepare(settings)
+    tables = connect(settings)
+    try:
+        if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():
+            raise OpenToAllError(settings.host)
+    finally:
+        tables.dispose()
+    with _listening(settings) as listener:
+        yield listener
+
+
+def _is_loopback(host: str) -> bool:
+    """Tell whether only this machine reaches an address."""
+    if not host:
+        return False
+    found = socket.getaddrinfo(host, None)
+    return all(ipaddress.ip_address(address[4][0]).is_loopback for address in found)
 
 
 @contextmanager

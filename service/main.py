@@ -35,10 +35,12 @@ from service.dependencies import AccessStores, Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
 from service.routes import (
+    audit,
     files,
     health,
     job_events,
     jobs,
+    keys,
     landing,
     metrics,
     openapi_30,
@@ -130,7 +132,20 @@ def create_app(
     app.state.uploads = LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
-    for resource in (landing, openapi_30, processes, jobs, job_events, files, uploads, registrations, health, metrics):
+    for resource in (
+        landing,
+        openapi_30,
+        processes,
+        jobs,
+        job_events,
+        files,
+        uploads,
+        registrations,
+        keys,
+        audit,
+        health,
+        metrics,
+    ):
         app.include_router(resource.router)
     install_error_handlers(app)
     app.state.gatekeeper = Gatekeeper(stores.keys, settings)

@@ -52,6 +52,19 @@ class KeysNotInUseError(ServiceError):
         )
 
 
+class OpenToAllError(ServiceError):
+    """Say that a service would be open to everybody."""
+
+    status, title = 400, "Open to all"
+
+    def __init__(self, host: str) -> None:
+        super().__init__(
+            f"at {host} others could reach this service, and it has no keys yet. Make one with `tieline keys create "
+            "NAME` (same data directory or database), or set TIELINE_AUTH=required and make keys later, or set "
+            "TIELINE_AUTH=off if something else keeps strangers out"
+        )
+
+
 class TooOftenError(ServiceError):
     """Say that requests come too fast."""
 

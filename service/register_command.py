@@ -29,6 +29,7 @@ def register_files(
     console: Console,
     *,
     known: Document | None = None,
+    key: str | None = None,
 ) -> bool:
     """Upload, register, print the parameters; tell whether all stations were registered.
 
@@ -46,6 +47,8 @@ def register_files(
         Where to print.
     known
         What holds for every station of which the JSON file does not say otherwise, such as ``levelled_std_gon``.
+    key
+        For a running service that wants one.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def register_files(
         No service answers.
     """
     listed = PhotoList({}, []) if photos is None else read_photo_list(photos, paths)
-    with chosen_service(url, console) as address, ServiceClient(address) as client:
+    with chosen_service(url, console) as address, ServiceClient(address, key=key) as client:
         files = upload_files(client, [*paths, *listed.paths], console)
         stations = stations_with_photos(listed, files[: len(paths)], files[len(paths) :])
         stations = [{**(known or {}), **station} for station in stations]

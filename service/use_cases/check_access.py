@@ -127,6 +127,12 @@ class Gatekeeper:
         """Tell whether a request that began earlier may go on."""
         return not access.proof or await self._valid(access.proof) is not None
 
+    def forget(self, key_id: str) -> None:
+        """Look at once whether a key is still valid when it comes again."""
+        for known in self._remembered.values():
+            if known.key.id == key_id:
+                known.looked = -LOOK_AGAIN_S
+
     async def _prove(self, proof: bytes, token: str) -> bool:
         """Compute the slow hash, once for all requests that come at the same time."""
         task = self._asking.get(proof)

@@ -16,6 +16,16 @@ DEFAULT_PROJECT = "default"
 USUAL_SCOPES = frozenset({Scope.READ, Scope.WRITE})
 
 
+def owner_of(project: str) -> str:
+    """Give the owner under which the things of a project are kept."""
+    return "" if project == DEFAULT_PROJECT else project
+
+
+def shown_project(owner: str) -> str:
+    """Give what people call the project of an owner."""
+    return owner or DEFAULT_PROJECT
+
+
 def create_key(
     name: str,
     project: str | None,
@@ -50,8 +60,7 @@ def create_key(
         A key of this name is valid.
     """
     _check(name, project, scopes, expires, now)
-    wanted = name if project is None else project
-    owner = "" if wanted == DEFAULT_PROJECT else wanted
+    owner = owner_of(name if project is None else project)
     key = Key(new_key_id(), name, owner, frozenset(Scope(scope) for scope in scopes), now, expires)
     token = new_token(key.id)
     if not keys.add(StoredKey(key, hashed(token))):
