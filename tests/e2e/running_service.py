@@ -114,7 +114,10 @@ class RunningService:
         return {launcher.pid, *(child.pid for child in launcher.children())}
 
     def worker(self) -> psutil.Process:
-        return self._running("service.worker")[0]
+        return self.workers()[0]
+
+    def workers(self) -> Sequence[psutil.Process]:
+        return self._running("service.worker")
 
     def apis(self) -> Sequence[psutil.Process]:
         return self._running("service.launcher")

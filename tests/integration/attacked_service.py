@@ -1,0 +1,260 @@
+"""A whole service whose processes are killed, and a look at whether its jobs end as they should."""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import httpx
+import numpy as np
+import psutil
+import sqlalchemy as sa
+
+from service.adapters.database_job_log import DatabaseJobLog
+from service.adapters.database_tables import connect
+from service.settings import Settings
+from tests.e2e.running_service import Document, RunningService, alive, wait_until
+from tests.e2e.virtual_scans import first_from_second
+from tests.postgres_server import PostgresServer, postgres_server
+
+STEPS = {"features of S1": "0:0", "features of S2": "0:1", "registering S2 to S1": "1:0", "writing the report": "2:0"}
+"""What a job of two stations does, and the name of the step within the job."""
+SETTINGS = {"SLOTS": "1", "WORKERS": "2", "MAX_ATTEMPTS": "1000"}
+FINISHED = {"successful", "failed", "dismissed"}
+
+
+@dataclass
+class AttackedService:
+    """A service with two workers, its clients, and its database server if it has one."""
+
+    running: RunningService
+    server: PostgresServer | None
+    stations: Sequence[Document] = ()
+    noise_m: float = 0.002
+    _database: sa.Engine = field(init=False)
+
+    def __post_init__(self) -> None:
+        url = self.running.settings["DATABASE_URL"]
+        self._database = connect(Settings(data_dir=self.running.data, database_url=url))
+
+    # clients, who ask again when the connection breaks
+
+    def ask(self, method: str, path: str, **what: Any) -> httpx.Response:
+        deadline = time.monotonic() + 60.0
+        while True:
+            with suppress(httpx.TransportError, RuntimeError):
+                answer = httpx.request(method, self.running.url + path, timeout=30.0, **what)
+                if answer.status_code != httpx.codes.SERVICE_UNAVAILABLE:
+                    return answer
+            assert time.monotonic() < deadline, f"{method} {path}: no answer\n{self.running.log[-3000:]}"
+            time.sleep(0.1)
+
+    def upload(self, path: Path) -> None:
+        file = self.running.upload(path)["id"]
+        self.stations = [{"name": f"S{k + 1}", "scan": {"file": file, "index": k}} for k in range(2)]
+
+    def register(self) -> str:
+        """Begin a registration in which every step has something to do: no other job has the same features."""
+        self.noise_m += 1e-6
+        stations = [{**station, "point_std_m": self.noise_m} for station in self.stations]
+        answer = self.ask(
+            "POST",
+            "/processes/register/execution",
+            json={"inputs": {"stations": stations}},
+            headers={"Idempotency-Key": str(uuid4())},
+        )
+        assert answer.status_code == 201, answer.text
+        return str(answer.json()["jobID"])
+
+    def job(self, job_id: str) -> Document:
+        answer = self.ask("GET", f"/jobs/{job_id}")
+        assert answer.status_code == 200, answer.text
+        return dict(answer.json())
+
+    def reach(self, job_id: str, step: str) -> None:
+        """Wait until a step of a job computes."""
+
+        def computes() -> bool:
+            job = self.job(job_id)
+            assert job["status"] not in FINISHED, f"{step} was over too soon"
+            return str(job["message"]).startswith(step) and self.running.computations() != []
+
+        wait_until(computes, 120.0, every_s=0.02)
+
+    # attacks
+
+    def attack(self, victim: str) -> None:
+        """Do something to a victim that it, or the service, must survive; what needs the operator is mended at once."""
+        getattr(self, f"_kill_{victim}")()
+
+    def victims(self) -> Sequence[str]:
+        return [*VICTIMS, *([] if self.server is None else ["database"])]
+
+    def _kill_computation(self) -> None:
+        for process in self.running.computations()[:1]:
+            _end(process)
+
+    def _kill_worker(self) -> None:
+        _end(self._busy_worker())
+
+    def _kill_api(self) -> None:
+        _end(self.running.apis()[0])
+
+    def _kill_everything(self) -> None:
+        self.running.kill_everything()
+        self.running.start()
+
+    def _kill_in_order(self) -> None:
+        """Stop the service as its operator does, and start it again."""
+        family = self.running.processes()
+        assert self.running.stop() == 0
+        assert not any(alive(process) for process in family)
+        self.running.start()
+
+    def _kill_life_of_worker(self) -> None:
+        """Stop a worker until the others take it for dead, and let it go on then."""
+        worker = self._busy_worker()
+        worker.suspend()
+        time.sleep(9.0)
+        with suppress(psutil.NoSuchProcess):
+            worker.resume()
+
+    def _kill_breath_of_worker(self) -> None:
+        """Stop a worker for a moment: nobody is to take notice."""
+        worker = self._busy_worker()
+        worker.suspend()
+        time.sleep(1.0)
+        worker.resume()
+
+    def _kill_database(self) -> None:
+        assert self.server is not None
+        self.server.kill()
+        time.sleep(0.5)
+        self.server.start()
+
+    def _busy_worker(self) -> psutil.Process:
+        """Give the worker whose nursery computes; any where none does."""
+        with suppress(psutil.NoSuchProcess, IndexError, AttributeError):
+            nursery = self.running.computations()[0].parent()
+            return nursery.parent()  # type: ignore[union-attr, return-value]
+        wait_until(lambda: self.running.workers() != [])
+        return self.running.workers()[-1]
+
+    # judgement
+
+    def faults_of(self, job_id: str) -> Sequence[str]:
+        """Wait for the end of a job; say what is not as it should be."""
+        wait_until(lambda: self.job(job_id)["status"] in FINISHED, 180.0, every_s=0.1)
+        job = self.job(job_id)
+        if job["status"] != "successful":
+            return [f"{job_id}: {json.dumps(job)}"]
+        answer = self.ask("GET", f"/jobs/{job_id}/results")
+        shift = np.array(answer.json()["stations"][1]["world_from_scan"]["matrix"])[:3, 3]
+        found = [] if np.allclose(shift, first_from_second("house").translation, atol=0.005) else ["a wrong pose"]
+        recorded = self._recorded(job_id)
+        begun = [line for line in DatabaseJobLog(self._database).read(job_id, 10_000) if line.text.endswith(": begun")]
+        for step, name in STEPS.items():
+            times = [1e3 * line.time.timestamp() for line in begun if line.text == f"{step}: begun"]
+            if not times:
+                found.append(f"'{step}' was never begun")
+            elif len(recorded.get(name, ())) != 1:
+                found.append(f"'{step}' was finished {len(recorded.get(name, ()))} times")
+            elif max(times) > recorded[name][0]:
+                found.append(f"'{step}' was begun again after it had finished")
+        return [f"{job_id}: {fault}" for fault in found]
+
+    def _recorded(self, job_id: str) -> Mapping[str, Sequence[float]]:
+        """Give the times (ms) at which the engine recorded the end of each step of a job."""
+        schema = None if self.server is None else "dbos"
+        outputs = sa.Table(
+            "operation_outputs", sa.MetaData(), schema=schema, autoload_with=self._database, resolve_fks=False
+        )
+        columns = (outputs.c.workflow_uuid, outputs.c.completed_at_epoch_ms)
+        query = sa.select(*columns).where(
+            outputs.c.workflow_uuid.startswith(f"{job_id}:"), outputs.c.function_name == "step"
+        )
+        found: dict[str, list[float]] = {}
+        with self._database.connect() as connection:
+            for workflow, completed in connection.execute(query):
+                found.setdefault(workflow.partition(":")[2], []).append(float(completed))
+        return found
+
+    def attempts_of(self, job_id: str) -> int:
+        return int(self.job(job_id)["attempts"])
+
+    def strays(self, jobs: Sequence[str]) -> Sequence[str]:
+        """Remove all jobs and files; give what is still stored, and processes that do not belong to the service."""
+        wait_until(lambda: self.running.computations() == [], 20.0)
+        for job_id in jobs:
+            self.ask("DELETE", f"/jobs/{job_id}")
+        for file in {str(station["scan"]["file"]) for station in self.stations}:
+            self.ask("DELETE", f"/files/{file}")
+        with suppress(AssertionError):  # what is on its way out may take a moment
+            wait_until(lambda: self.running.stored() == set(), 5.0)
+        family = {process.pid for process in self.running.processes()}
+        others = [process for process in _processes_of(self.running.home) if process.pid not in family]
+        return [*sorted(self.running.stored()), *(f"process {' '.join(_command(each))}" for each in others)]
+
+    def close(self) -> None:
+        self._database.dispose()
+
+
+VICTIMS = ("computation", "worker", "api", "everything", "in_order", "life_of_worker", "breath_of_worker")
+
+
+def _end(process: psutil.Process) -> None:
+    with suppress(psutil.NoSuchProcess):
+        os.kill(process.pid, signal.SIGKILL)
+
+
+def _processes_of(home: Path) -> Sequence[psutil.Process]:
+    """Find all processes of a service, whoever their parents are, by the temporary directory in their environment."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess):
+            if process.environ().get("TMPDIR") == str(home / "tmp"):
+                found.append(process)
+    return found
+
+
+def _command(process: psutil.Process) -> Sequence[str]:
+    with suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+        return process.cmdline()
+    return ["gone"]
+
+
+def left_after(home: Path, is_there: Callable[[psutil.Process], bool] = alive) -> Sequence[str]:
+    """Name the processes of a service that is stopped."""
+    return [" ".join(_command(process)) for process in _processes_of(home) if is_there(process)]
+
+
+@contextmanager
+def attacked_service(home: Path, kind: str, scans: Path) -> Iterator[AttackedService]:
+    """Run a service on a kind of database, and stop it in the end; nothing of it may be left then."""
+    if kind == "sqlite":
+        with _attacked(home, scans, None) as service:
+            yield service
+    else:
+        with postgres_server() as server, _attacked(home, scans, server) as service:
+            yield service
+
+
+@contextmanager
+def _attacked(home: Path, scans: Path, server: PostgresServer | None) -> Iterator[AttackedService]:
+    url = "" if server is None else server.new_database()
+    running = RunningService(home, {**SETTINGS, "DATABASE_URL": url})
+    running.start()
+    service = AttackedService(running, server)
+    try:
+        service.upload(scans)
+        yield service
+    finally:
+        service.close()
+        running.stop()
+    assert left_after(home) == []
