@@ -30,8 +30,8 @@ def _checked(check: Callable[[], Check]) -> Check:
 
 
 def _database(jobs: JobStore) -> Check:
-    _, total = jobs.find(JobFilter(limit=1))
-    return Check(ok=True, detail=f"{total} jobs")
+    jobs.find(JobFilter(limit=1))
+    return Check(ok=True, detail="answers")  # not how many there are: anybody may ask
 
 
 def _storage(blobs: BlobStore) -> Check:
