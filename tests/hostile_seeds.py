@@ -29,6 +29,10 @@ def some_scan() -> Scan:
     )
 
 
+def write_e57_with_photos(path: Path) -> None:
+    written(path, [Picture(scan=0), Picture(kind="visualReferenceRepresentation")])
+
+
 def write_las(path: Path, point_format: int) -> None:
     data = laspy.LasData(laspy.LasHeader(point_format=point_format, version="1.4"))
     data.x, data.y, data.z = some_scan().points.T
@@ -85,9 +89,7 @@ PROGRESSIVE_JPEG = (2, 1)
 LZW, DEFLATE, PLAIN = (259, 5), (259, 8), (259, 1)
 WRITERS: Mapping[str, Callable[[Path], None]] = {
     "grid.e57": lambda path: write_e57(path, [some_scan(), some_scan()]),
-    "photos.e57": lambda path: (
-        None if written(path, [Picture(scan=0), Picture(kind="visualReferenceRepresentation")]) else None
-    ),
+    "photos.e57": write_e57_with_photos,
     "grid.ptx": lambda path: write_ptx(path, [some_scan(), some_scan()]),
     "binary.ply": lambda path: write_ply(path, some_scan()),
     "swapped.ply": write_big_endian_ply,

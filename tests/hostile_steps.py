@@ -1,5 +1,6 @@
 """The inspection of uploads as the service runs it, which tells also how much memory it took."""
 
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from service.use_cases.run_features import inspect_uploaded_file
 
 
 def inspect_and_weigh(context: StepContext, arguments: Json) -> Json:
-    """Give what was found or the refusal, and the largest growth of resident memory [bytes].
+    """Give what was found or the refusal, the largest growth of resident memory [bytes] and the processor time [s].
 
     Errors that are no refusals go the way of all errors.
     """
@@ -18,7 +19,7 @@ def inspect_and_weigh(context: StepContext, arguments: Json) -> Json:
         found = {"found": inspect_uploaded_file(context, arguments)}
     except ServiceError as error:
         found = {"problem": to_problem(error)}
-    return {**found, "grown": _memory("VmHWM") - before}
+    return {**found, "grown": _memory("VmHWM") - before, "cpu_s": time.process_time()}
 
 
 def _memory(what: str) -> int:

@@ -15,6 +15,8 @@ from service.formats.number_table import read_table, refuse_long_lines
 
 HEADER_LINES = 10
 SHORTEST_LINE = len("0 0 0\n")
+NOWHERE = RigidTransform.identity()
+"""Pose of a scan without points, whose own does not matter."""
 RIGID_TOLERANCE = 2e-3
 """Entries of the matrix are often printed with three or four digits."""
 
@@ -86,11 +88,13 @@ def _read_header(file: ScanFile, stream: BinaryIO, place: str) -> tuple[_Header 
         matrix = np.array([[float(word) for word in words] for words in lines[6:10]])
     except ValueError as fault:
         raise file.unreadable(f"the header of the scan holds no number where one must stand: {fault}", place) from fault
+    columns, rows = int(lines[0][0]), int(lines[1][0])
+    if columns * rows == 0:
+        return _Header(columns, rows, NOWHERE, np.zeros(3)), blank + HEADER_LINES
     pose = _pose(file, matrix, place)
     if not np.isfinite(position_m).all():
         raise file.unreadable("the scanner's position is not finite", place)
-    header = _Header(int(lines[0][0]), int(lines[1][0]), pose, pose.inv().apply(position_m))
-    return header, blank + HEADER_LINES
+    return _Header(columns, rows, pose, pose.inv().apply(position_m)), blank + HEADER_LINES
 
 
 def _pose(file: ScanFile, matrix: Matrix4, place: str) -> RigidTransform:
