@@ -166,14 +166,14 @@ class DatabaseJobStore:
                     ],
                 )
 
-    def begin_step(self, job_id: str, label: str, now: datetime) -> bool:
-        """Mark the job as running if it was waiting; False when it is gone or final (the step must not run)."""
+    def begin_step(self, job_id: str, label: str, now: datetime) -> Job | None:
+        """Mark the job as running if it was waiting; None when it is gone or final (the step must not run)."""
         first = {
             "status": JobStatus.RUNNING.value,
             "attempts": sa.case((jobs.c.attempts < 1, 1), else_=jobs.c.attempts),
             "started": sa.func.coalesce(jobs.c.started, sa.literal(now, jobs.c.started.type)),
         }
-        return self._change(job_id, **first, message=label, updated=now) is not None
+        return self._change(job_id, **first, message=label, updated=now)
 
     def report_step(self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime) -> bool:
         """Record how far a step is; False when the job is gone or final."""

@@ -177,10 +177,15 @@ class Engine:
         return [result["output"] for result in results]
 
     async def _step(self, job_id: str, stage: int, index: int, name: str, arguments: Json, label: str) -> Json:
-        """Run one step in a child process; a crash is tried again, a reported error ends the job."""
-        tools = self._tools
-        if not await self._kept(tools.ledger.begin_step, job_id, label, _now()):
+        """Run one step; all that is logged meanwhile, also what its process says, names job and request."""
+        job = await self._kept(self._tools.ledger.begin_step, job_id, label, _now())
+        if job is None:
             return {"ended": "the job was over before the step began"}
+        with structlog.contextvars.bound_contextvars(job=job_id, request_id=job.request_id):
+            return await self._begun_step(job_id, stage, index, name, arguments, label)
+
+    async def _begun_step(self, job_id: str, stage: int, index: int, name: str, arguments: Json, label: str) -> Json:
+        """Run one step in a child process; a crash is tried again, a reported error ends the job."""
         await self._note(job_id, f"{label}: begun")
         began = time.monotonic()
         try:
@@ -188,7 +193,7 @@ class Engine:
         except StepFailedError as error:
             return await self._end(job_id, error.problem, label)
         except ComputationFailedError as error:
-            log.warning("a computing process crashed", job=job_id, step=name, error=str(error))
+            log.warning("a computing process crashed", step=name, error=str(error))
             await self._note(job_id, f"{label}: {error}", level="warning")
             status = DBOS.step_status
             if status is not None and (status.current_attempt or 0) + 1 < STEP_ATTEMPTS:
@@ -197,7 +202,9 @@ class Engine:
             return await self._end(job_id, problem, label)
         if output is None:
             return {"ended": "the job ended meanwhile"}
-        await self._note(job_id, f"{label}: done in {time.monotonic() - began:.1f} s")
+        seconds = time.monotonic() - began
+        log.info("step done", step=name, label=label, seconds=round(seconds, 3))
+        await self._note(job_id, f"{label}: done in {seconds:.1f} s")
         return {"output": output}
 
     async def _note(self, job_id: str, text: str, level: str = "info") -> None:
@@ -241,7 +248,7 @@ class Engine:
 
     async def _end(self, job_id: str, problem: Json, label: str) -> Json:
         """Fail the job, and stop its other steps."""
-        log.warning("a step failed", job=job_id, step=label, problem=problem)
+        log.warning("a step failed", step=label, problem=problem)
         await self._note(job_id, f"{label}: {problem.get('detail') or problem.get('title')}", level="error")
         if await self._kept(self._tools.jobs.fail, job_id, problem, _now()):
             await self._kept(self._tools.queue.cancel, job_id)

@@ -8,6 +8,7 @@ from typing import Protocol
 from service.errors import ComputationFailedError, ServiceError
 from service.ports.blobs import BlobStore
 from service.ports.documents import Json
+from service.ports.jobs import Job
 from service.ports.sources import Sources
 
 
@@ -114,8 +115,8 @@ class StepLedger(Protocol):
     def plan_stage(self, job_id: str, stage: int, weights: Sequence[float], total_weight: float) -> None:
         """Note the steps of a stage; noting them again changes nothing."""
 
-    def begin_step(self, job_id: str, label: str, now: datetime) -> bool:
-        """Mark the job as running if it was waiting; False when it is gone or final (the step must not run)."""
+    def begin_step(self, job_id: str, label: str, now: datetime) -> Job | None:
+        """Mark the job as running if it was waiting; None when it is gone or final (the step must not run)."""
 
     def report_step(self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime) -> bool:
         """Record how far a step is; False when the job is gone or final."""
