@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from uuid import uuid4
 
+from service.adapters.disk_space import set_aside
 from service.errors import FileTooLargeError, StorageError
 
 KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*/?")
@@ -55,11 +56,14 @@ class LocalFiles:
             self._partial = beside
             beside.mkdir(exist_ok=True)
 
-    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
+    async def write_stream(
+        self, key: str, chunks: AsyncIterator[bytes], max_bytes: int, expected_bytes: int = 0
+    ) -> tuple[int, str]:
         """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
         partial = _PartialFile(self._partial)
         block = bytearray()
         try:
+            await asyncio.to_thread(partial.set_aside, min(expected_bytes, max_bytes))
             async for chunk in chunks:
                 block += chunk
                 if partial.size + len(block) > max_bytes:
@@ -186,7 +190,12 @@ class _PartialFile:
         self.digest.update(data)
         self.size += len(data)
 
+    def set_aside(self, size: int) -> None:
+        """Keep room on the disk."""
+        set_aside(self._file.fileno(), size)
+
     def finish(self, target: Path) -> None:
+        self._file.truncate(self.size)  # gives back what was set aside in vain
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()

@@ -4,7 +4,6 @@ Each upload is a folder with its bytes (``content``) and what is known of it (``
 lock of the operating system on the folder, which ends with the process, however it ends.
 """
 
-import errno
 import fcntl
 import json
 import os
@@ -15,6 +14,7 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from service.adapters.disk_space import FULL, set_aside
 from service.errors import InsufficientStorageError, NoSuchUploadError
 from service.ports import PendingUpload, UploadState, narrowed
 from service.use_cases.identifiers import is_identifier, new_identifier
@@ -44,13 +44,24 @@ class LocalUploads:
         return LocalUploads(self._directory, narrowed(self._owner, owner))
 
     def create(self, upload: PendingUpload) -> None:
-        """Enter a new upload, which is empty."""
+        """Enter a new upload, which is empty; room for it is set aside where that is possible.
+
+        Raises
+        ------
+        InsufficientStorageError
+            There is not as much room.
+        """
         if self._owner is not None:
             upload = replace(upload, owner=self._owner)
         made = self._directory / f"{HALF_MADE}{upload.id}"
         made.mkdir(parents=True)
-        (made / CONTENT).touch()
-        _save(made, upload)
+        try:
+            with (made / CONTENT).open("wb") as content:
+                set_aside(content.fileno(), upload.length)
+            _save(made, upload)
+        except BaseException:
+            shutil.rmtree(made, ignore_errors=True)
+            raise
         made.rename(self._directory / upload.id)
 
     def find(self, upload_id: str) -> UploadState:
@@ -155,6 +166,15 @@ class LockedFolder:
         """Give the file with the bytes."""
         return self._folder / CONTENT
 
+    def set_room_aside(self) -> bool:
+        """Keep room on the disk for what is still to come; False when that is not possible here."""
+        return self._content >= 0 and set_aside(self._content, self.state.upload.length)
+
+    def give_room_back(self) -> None:
+        """Keep no room any more for what is still to come."""
+        if self._content >= 0:
+            os.ftruncate(self._content, os.fstat(self._content).st_size)
+
     def touch(self) -> None:
         """Note that somebody is about to write."""
         os.utime(self._folder / RECORD)
@@ -172,7 +192,7 @@ class LockedFolder:
             while rest:
                 rest = rest[os.write(self._content, rest) :]
         except OSError as error:
-            if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+            if error.errno in FULL:
                 raise InsufficientStorageError("the disk of this service is full; try again later") from None
             raise
 

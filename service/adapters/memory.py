@@ -235,7 +235,13 @@ class MemoryBlobStore:
         weakref.finalize(self, shutil.rmtree, directory, ignore_errors=True)
         self._files = LocalFiles(Path(directory))
 
-    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
+    async def write_stream(
+        self,
+        key: str,
+        chunks: AsyncIterator[bytes],
+        max_bytes: int,
+        expected_bytes: int = 0,  # noqa: ARG002 - the port's signature
+    ) -> tuple[int, str]:
         """Store a stream; give its size and sha256. Nothing remains when the stream breaks."""
         data = bytearray()
         async for chunk in chunks:

@@ -109,14 +109,16 @@ class ObjectFiles:
         # connected here, because a process of which computations are copies must not have threads
         return connected(self._address, self._address.prefix)
 
-    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
+    async def write_stream(
+        self, key: str, chunks: AsyncIterator[bytes], max_bytes: int, expected_bytes: int = 0
+    ) -> tuple[int, str]:
         """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
         if _is_near(key):
-            return await self._near.write_stream(key, chunks, max_bytes)
+            return await self._near.write_stream(key, chunks, max_bytes, expected_bytes)
         checked_key(key)
         arrived = f"{INCOMING}{new_identifier()}"
         try:
-            size, digest = await self._near.write_stream(arrived, chunks, max_bytes)
+            size, digest = await self._near.write_stream(arrived, chunks, max_bytes, expected_bytes)
             self._send(self._near.local_path(arrived), key)
         finally:
             self._near.delete_prefix(arrived)

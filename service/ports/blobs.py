@@ -12,8 +12,14 @@ class BlobStore(Protocol):
     A blob appears whole or not at all (temporary name, fsync, rename).
     """
 
-    async def write_stream(self, key: str, chunks: AsyncIterator[bytes], max_bytes: int) -> tuple[int, str]:
-        """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks."""
+    async def write_stream(
+        self, key: str, chunks: AsyncIterator[bytes], max_bytes: int, expected_bytes: int = 0
+    ) -> tuple[int, str]:
+        """Store a stream in constant memory; give its size and sha256. Nothing remains when the stream breaks.
+
+        Room for what is expected is set aside beforehand where that is possible; InsufficientStorageError when there is
+        none.
+        """
 
     def write_bytes(self, key: str, data: bytes) -> None:
         """Store small content."""

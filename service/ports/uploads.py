@@ -56,6 +56,15 @@ class OpenUpload(Protocol):
     def path(self) -> Path:
         """Give the file with the bytes."""
 
+    def set_room_aside(self) -> bool:
+        """Keep room on the disk for what is still to come; False when that is not possible here.
+
+        InsufficientStorageError when there is not as much.
+        """
+
+    def give_room_back(self) -> None:
+        """Keep no room any more for what is still to come."""
+
     def touch(self) -> None:
         """Note that somebody is about to write."""
 

@@ -153,7 +153,7 @@ async def _uploads(request: Request, intake: FileIntake) -> AsyncIterator[Upload
         filename = raw_filename(request)
         if length > intake.settings.max_file_bytes:
             raise FileTooLargeError(filename, length, intake.settings.max_file_bytes)
-        yield Upload(filename, body_of(request))
+        yield Upload(filename, body_of(request), length)
 
 
 async def _form_uploads(request: Request) -> AsyncIterator[Upload]:
@@ -163,7 +163,7 @@ async def _form_uploads(request: Request) -> AsyncIterator[Upload]:
             detail = "unknown field; files are sent in fields called `file`"
             raise InvalidRequestError(detail, [FieldFault(pointer_to(part.name), detail)])
         found = True
-        yield Upload(require_filename(part.name, part.filename), part.chunks)
+        yield Upload(require_filename(part.name, part.filename), part.chunks, part.at_most)
     if not found:
         detail = "the form holds no field `file`"
         raise InvalidRequestError(detail, [FieldFault("/file", detail)])

@@ -106,7 +106,7 @@ class _RegistrationForm:
         async for part in FormReader(self._request).parts():
             if part.name in {"scan", "photo"}:
                 self._are_photos.append(part.name == "photo")
-                yield Upload(require_filename(part.name, part.filename), part.chunks)
+                yield Upload(require_filename(part.name, part.filename), part.chunks, part.at_most)
             elif part.name == "options" and self._options is None:
                 self._options = await read_within("the field `options`", part.chunks, MAX_OPTIONS_BYTES)
             else:

@@ -89,6 +89,8 @@ class FormPart:
     name: str
     filename: str | None
     chunks: AsyncIterator[bytes]
+    at_most: int
+    """Bytes that are still to come of the whole form, where its length is known; otherwise 0."""
 
 
 @dataclass
@@ -108,6 +110,7 @@ class FormReader:
 
     def __init__(self, request: Request) -> None:
         self._chunks = body_of(request)
+        self._length, self._read = declared_length(request) or 0, 0
         self._events: deque[_PartStart | bytes | _PartEnd] = deque()
         self._finished = False
         self._header_name = b""
@@ -126,7 +129,7 @@ class FormReader:
         while (event := await self._next_event()) is not None:
             if isinstance(event, _PartStart):
                 name, filename = disposition(event.headers.get("content-disposition", ""))
-                yield FormPart(name, filename, self._content())
+                yield FormPart(name, filename, self._content(), max(0, self._length - self._read))
 
     async def _content(self) -> AsyncIterator[bytes]:
         while True:
@@ -141,6 +144,7 @@ class FormReader:
                 chunk = await anext(self._chunks)
                 if chunk:
                     self._parser.write(chunk)
+                    self._read += len(chunk)
             except StopAsyncIteration:
                 if not self._finished:
                     raise InvalidRequestError("the multipart form ends before its closing boundary") from None

@@ -14,6 +14,8 @@ from service.use_cases.receive_uploads import UploadDesk
 from service.use_cases.store_files import release_content
 
 JOBS = "jobs/"
+ROOM_KEPT_FOR = timedelta(hours=1)
+"""Since the last byte of an unfinished upload."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class Cleaner:
                 elif _is_left(state):
                     await self.desk.finish(upload_id, now)
                     finished += 1
+                elif now - state.touched > ROOM_KEPT_FOR:
+                    await asyncio.to_thread(self._give_room_back, upload_id)
             except ServiceError:  # refused, which the upload itself tells, or removed meanwhile
                 continue
         half_made = await asyncio.to_thread(self._remove_half_made, moment)
@@ -88,6 +92,15 @@ class Cleaner:
             return expired
         finally:
             opened.close()
+
+    def _give_room_back(self, upload_id: str) -> None:
+        """Let others have the room of an upload that may never go on; when it does, room is looked for again."""
+        opened = self.desk.uploads.lock(upload_id)
+        if opened is not None:
+            try:
+                opened.give_room_back()
+            finally:
+                opened.close()
 
     def _remove_half_made(self, moment: datetime) -> int:
         removed = self.desk.uploads.remove_abandoned(moment) + self._blobs.remove_abandoned(moment)

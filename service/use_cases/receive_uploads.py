@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from service.errors import (
     ChecksumMismatchError,
     FileTooLargeError,
+    InsufficientStorageError,
     NoSuchUploadError,
     UnreadableFileError,
     UploadGoneError,
@@ -81,6 +82,11 @@ class UploadDesk:
         with suppress(NoSuchUploadError):  # begun by a request that broke off and is tried again
             await self.terminate(upload.id)
         await asyncio.to_thread(self.uploads.create, upload)
+        try:
+            await asyncio.to_thread(self.intake.require_room)
+        except InsufficientStorageError:  # another one has taken the same room meanwhile
+            await self.terminate(upload.id)
+            raise
         return UploadState(upload, 0, now)
 
     async def describe(self, upload_id: str, now: datetime) -> UploadState:
@@ -136,7 +142,7 @@ class UploadDesk:
             room = state.upload.length - state.offset
             if part.declared_bytes is not None and part.declared_bytes > room:
                 raise UploadOverrunError(upload_id, state.offset + part.declared_bytes, state.upload.length)
-            await asyncio.to_thread(self.intake.require_room, part.declared_bytes or 0)
+            await asyncio.to_thread(self._make_room, opened, part.declared_bytes or 0)
             await self._take(opened, part)
             await self._finish(opened, now)
             return opened.state
@@ -196,6 +202,15 @@ class UploadDesk:
             if opened is not None:
                 return opened
         raise UploadLockedError(upload_id)
+
+    def _make_room(self, opened: OpenUpload, coming_bytes: int) -> None:
+        """Set room aside for the rest of an upload, unless there is too little."""
+        try:
+            aside = opened.set_room_aside()
+            self.intake.require_room(0 if aside else coming_bytes)
+        except InsufficientStorageError:
+            opened.give_room_back()
+            raise
 
     def _under_way(self) -> int:
         """Sum up what the uploads that are not finished will have."""

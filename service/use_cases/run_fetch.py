@@ -36,7 +36,7 @@ async def _fetched(context: StepContext, arguments: Json) -> Json:
             raise FileTooLargeError(remote.name, declared, most)
         _require_room(context, declared)
         key = incoming_key(arguments["id"])
-        size, sha256 = await context.blobs.write_stream(key, _watched(context, remote), most)
+        size, sha256 = await context.blobs.write_stream(key, _watched(context, remote), most, declared)
     if size == 0:
         context.blobs.delete_prefix(key)
         raise UnreadableFileError(remote.name, "the file is empty", "byte 0")

@@ -28,6 +28,8 @@ class Upload:
 
     filename: str
     chunks: AsyncIterator[bytes]
+    expected_bytes: int = 0
+    """At most so many come, as far as is known."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,10 @@ class FileIntake:
 
     async def _receive(self, upload: Upload, received: "Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(
-            incoming_key(received.id), self._watched(upload.chunks), self.settings.max_file_bytes
+            incoming_key(received.id),
+            self._watched(upload.chunks),
+            self.settings.max_file_bytes,
+            upload.expected_bytes,
         )
         if received.bytes == 0:
             raise UnreadableFileError(upload.filename, "the file is empty", "byte 0")

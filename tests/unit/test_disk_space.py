@@ -1,0 +1,147 @@
+"""Room is promised once: several uploads at the same time cannot fill the disk."""
+
+import asyncio
+import os
+import shutil
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.adapters.disk_space import set_aside
+from service.adapters.local_files import LocalFiles
+from service.adapters.local_uploads import LocalUploads
+from service.adapters.memory import MemoryFileStore
+from service.errors import InsufficientStorageError
+from service.settings import Settings
+from service.use_cases.receive_uploads import UploadDesk, UploadPart
+from service.use_cases.store_files import FileIntake, Upload
+
+MEGABYTE = 1 << 20
+LARGE = 600 * MEGABYTE
+"""Much more than other programs write to the disk while a test lasts."""
+NOW = datetime.now(UTC)
+
+
+class Readers:
+    """Take everything for a scan."""
+
+    async def run(self, *_: Any, **__: Any) -> dict[str, Any]:
+        return {"format": "XYZ", "kind": "scan", "scans": [], "photos": []}
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Path:
+    """Skip where room cannot be set aside, or where the disk is nearly full."""
+    with (tmp_path / "tried").open("wb") as file:
+        if not set_aside(file.fileno(), 1):
+            pytest.skip("this file system sets no room aside")
+    if shutil.disk_usage(tmp_path).free < 4 * LARGE:
+        pytest.skip("the disk is nearly full")
+    return tmp_path
+
+
+def desk(directory: Path, room: float) -> UploadDesk:
+    """Give a desk with room for so many large uploads."""
+    least = shutil.disk_usage(directory).free - int(room * LARGE)
+    settings = Settings(data_dir=directory, min_free_bytes=least)
+    intake = FileIntake(MemoryFileStore(), LocalFiles(directory), Readers(), settings)
+    return UploadDesk(LocalUploads(directory / "uploads"), intake)
+
+
+def free(directory: Path) -> int:
+    return shutil.disk_usage(directory).free
+
+
+def begin(at: UploadDesk, length: int = LARGE) -> str:
+    return asyncio.run(at.begin("a.xyz", length, "", NOW)).upload.id
+
+
+def test_room_set_aside_is_no_part_of_the_file_and_comes_back_with_its_end(directory: Path) -> None:
+    before, path = free(directory), directory / "file"
+    with path.open("wb") as file:
+        set_aside(file.fileno(), LARGE)
+        assert (os.fstat(file.fileno()).st_size, before - free(directory) > LARGE // 2) == (0, True)
+    path.unlink()
+    assert before - free(directory) < LARGE // 2
+
+
+def test_an_upload_that_is_begun_has_its_room(directory: Path) -> None:
+    at = desk(directory, 1.5)
+    begin(at)
+    with pytest.raises(InsufficientStorageError):
+        begin(at)
+    assert len(at.uploads.ids()) == 1
+
+
+def test_an_upload_that_is_removed_gives_its_room_back(directory: Path) -> None:
+    at = desk(directory, 1.5)
+    asyncio.run(at.terminate(begin(at)))
+    begin(at)
+
+
+def test_an_upload_that_has_its_room_goes_on_though_there_is_no_more(directory: Path) -> None:
+    at = desk(directory, 1.1)
+    upload = begin(at)
+
+    async def chunks() -> AsyncIterator[bytes]:
+        yield bytes(MEGABYTE)
+
+    part = UploadPart(0, chunks(), LARGE)
+    assert asyncio.run(at.append(upload, part, NOW)).offset == MEGABYTE
+
+
+def test_room_that_was_given_back_is_looked_for_again(directory: Path) -> None:
+    at = desk(directory, 1.5)
+    upload = begin(at)
+    opened = at.uploads.lock(upload)
+    assert opened is not None
+    opened.give_room_back()
+    opened.close()
+    begin(at)
+
+    async def chunks() -> AsyncIterator[bytes]:
+        yield bytes(MEGABYTE)
+
+    with pytest.raises(InsufficientStorageError):
+        asyncio.run(at.append(upload, UploadPart(0, chunks(), MEGABYTE), NOW))
+    assert at.uploads.find(upload).offset == 0
+
+
+def test_of_two_bodies_at_once_that_do_not_fit_together_one_is_refused_before_the_disk_is_full(directory: Path) -> None:
+    at = desk(directory, 1.5)
+
+    async def body(began: asyncio.Event, other: asyncio.Event) -> AsyncIterator[bytes]:
+        began.set()
+        await other.wait()
+        for _ in range(3):
+            yield bytes(70 * MEGABYTE)
+
+    async def store(began: asyncio.Event, other: asyncio.Event) -> Any:
+        async def uploads() -> AsyncIterator[Upload]:
+            yield Upload("a.xyz", body(began, other), LARGE)
+
+        return await at.intake.store(uploads(), NOW)
+
+    async def both() -> list[Any]:
+        began = asyncio.Event(), asyncio.Event()
+        return await asyncio.gather(store(*began), store(*began[::-1]), return_exceptions=True)
+
+    ends = asyncio.run(both())
+    assert any(isinstance(end, InsufficientStorageError) for end in ends)
+    assert list((directory / "scratch").iterdir()) == []
+
+
+def test_a_file_that_ends_early_keeps_no_more_room_than_it_needs(directory: Path) -> None:
+    at, before = desk(directory, 3.0), free(directory)
+
+    async def chunks() -> AsyncIterator[bytes]:
+        yield b"1 2 3\n"
+
+    async def uploads() -> AsyncIterator[Upload]:
+        yield Upload("a.xyz", chunks(), LARGE)
+
+    asyncio.run(at.intake.store(uploads(), NOW))
+    assert before - free(directory) < LARGE // 2
