@@ -5,8 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.e2e.reaching_service import bucket, elsewhere, reaching
 from tests.e2e.running_service import RunningService, running_service
 from tests.e2e.virtual_scans import simulate, write_scans
+
+__all__ = ["bucket", "elsewhere", "reaching"]
 
 
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
