@@ -8,13 +8,14 @@ from typing import Any, Protocol
 import httpx
 import pytest
 
-from service.adapters.memory import MemoryBlobStore
+from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
+from service.main import create_app
 from service.ports import JobFilter, JobStatus
-from tests.api.conftest import adapters, client, settings
+from service.settings import Settings
+from tests.api.conftest import Client, FakeSteps
 from tests.e2e.running_service import RunningService, running_service
 
-__all__ = ["adapters", "client", "settings"]
 Document = dict[str, Any]
 AS_JSON = {"Accept": "application/json"}
 
@@ -89,11 +90,20 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
         yield running
 
 
+@pytest.fixture(scope="session")
+def in_process(tmp_path_factory: pytest.TempPathFactory) -> InProcess:
+    blobs = MemoryBlobStore()
+    adapters = Adapters(MemoryJobStore(), MemoryFileStore(), blobs, MemoryQueue(), FakeSteps(blobs), MemoryJobLog())
+    settings = Settings(data_dir=tmp_path_factory.mktemp("in_process"), min_free_bytes=0)
+    return InProcess(Client(create_app(settings, adapters)), adapters)
+
+
 @pytest.fixture(params=["in process", pytest.param("running", marks=pytest.mark.service)])
 def server(request: pytest.FixtureRequest) -> Server:
     if request.param == "running":
         return Running(request.getfixturevalue("service"))
-    return InProcess(request.getfixturevalue("client"), request.getfixturevalue("adapters"))
+    found: InProcess = request.getfixturevalue("in_process")
+    return found
 
 
 @pytest.fixture

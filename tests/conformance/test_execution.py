@@ -81,7 +81,7 @@ def test_job_creation_input_validation(server: Server, echo: Document) -> None:
 
 
 def test_job_creation_op_and_success_async(server: Server, echo: Document) -> None:
-    answer = server.execute(usual(echo), Prefer="respond-async ")
+    answer = server.execute(usual(echo), Prefer="wait=1, Respond-Async ; x")
     assert answer.status_code == 201
     assert_valid("statusInfo", answer.json())
     status = server.get(answer.headers["location"])
