@@ -48,6 +48,7 @@ from service.routes import (
     registrations,
     uploads,
 )
+from service.routes.access_description import describe_access
 from service.routes.correlation import RequestIds
 from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
@@ -56,6 +57,7 @@ from service.settings import Settings
 from service.use_cases.check_access import Gatekeeper
 from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
+from service.use_cases.forget_old import forget_old
 from service.use_cases.receive_uploads import UploadDesk
 
 THREADS = 16
@@ -78,32 +80,35 @@ def app_from_environment() -> FastAPI:
         log=DatabaseJobLog(database),
     )
 
+    access = AccessStores(DatabaseKeyStore(database), DatabaseAuditLog(database), DatabaseIdempotencyStore(database))
+
     @asynccontextmanager
     async def closing(app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         desk = UploadDesk(app.state.uploads, files.file_intake(adapters, settings))
-        cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), settings))
+        cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings))
         yield
         cleaning.cancel()
         readers.close()
         queue.close()
         database.dispose()
 
-    access = AccessStores(DatabaseKeyStore(database), DatabaseAuditLog(database), DatabaseIdempotencyStore(database))
     return create_app(settings, adapters, closing, access)
 
 
-async def _clean_up_regularly(cleaner: Cleaner, settings: Settings) -> None:
+async def _clean_up_regularly(cleaner: Cleaner, access: AccessStores, settings: Settings) -> None:
     """Clean up from time to time, each process at its own; what fails is tried again the next time."""
     while True:
         await asyncio.sleep(settings.clean_up_interval_s * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
         try:
-            done = await cleaner.clean_up(datetime.now(UTC))
+            now = datetime.now(UTC)
+            done = await cleaner.clean_up(now)
+            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, settings.audit_days, now)
         except (ServiceError, SQLAlchemyError, OSError) as error:
             log.warning("cleaning up failed", error=str(error))
             continue
-        if not done.nothing:
-            log.info("cleaned up", **asdict(done))
+        if not (done.nothing and forgotten.nothing):
+            log.info("cleaned up", **asdict(done), **asdict(forgotten))
 
 
 def create_app(
@@ -172,6 +177,7 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
             ]
         }
         _drop_422(document)
+        describe_access(document)
         app.openapi_schema = document
     return app.openapi_schema
 
