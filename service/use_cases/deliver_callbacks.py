@@ -1,6 +1,7 @@
 """Tell subscribers how their jobs go: again and again until they have heard it, later and later."""
 
 import asyncio
+import json
 import random
 import time
 from collections import Counter
@@ -22,12 +23,14 @@ from service.ports import (
     JobLog,
     JobStatus,
     JobStore,
+    Json,
     LogLine,
     Subscription,
 )
 from service.settings import Settings
 from service.use_cases.callback_signatures import signed_headers
 from service.use_cases.describe_job import status_info
+from service.use_cases.find_job import wanted_outputs
 
 POLLING_S = 1.0
 MOST_AT_ONCE = 16
@@ -159,16 +162,16 @@ class CallbackDelivery:
         """Give what is to be sent; None when there is no news yet, a text when there never will be."""
         if claimed.event is CallbackEvent.SUCCESS:
             try:
-                return _file(self.blobs.local_path(f"jobs/{job.id}/result.json"))
+                path = self.blobs.local_path(f"jobs/{job.id}/result.json")
             except FileNotFoundError:
                 return "the result is missing from the storage"
+            return _file(path) if job.wanted is None else _document(wanted_outputs(path, job.wanted), None)
         if claimed.event is CallbackEvent.IN_PROGRESS and (
             job.status is not JobStatus.RUNNING or job.updated == claimed.told
         ):
             return None
-        document = status_info(job, lambda path: subscription.base_url + path)
-        body = document.model_dump_json(by_alias=True, exclude_none=True).encode()
-        return _Message(CallbackBody(len(body), lambda: _asynchronously([body])), lambda: iter([body]), job.updated)
+        status = status_info(job, lambda path: subscription.base_url + path)
+        return _document(status.model_dump(mode="json", by_alias=True, exclude_none=True), job.updated)
 
 
 def delivery_id(claimed: ClaimedCallback) -> str:
@@ -203,6 +206,11 @@ def _file(path: Path) -> _Message:
     return _Message(CallbackBody(size, lambda: _asynchronously(pieces())), pieces, None)
 
 
-async def _asynchronously(pieces: Iterator[bytes] | list[bytes]) -> AsyncIterator[bytes]:
+def _document(document: Json, told: datetime | None) -> _Message:
+    body = json.dumps(document).encode()
+    return _Message(CallbackBody(len(body), lambda: _asynchronously(iter([body]))), lambda: iter([body]), told)
+
+
+async def _asynchronously(pieces: Iterator[bytes]) -> AsyncIterator[bytes]:
     for piece in pieces:
         yield piece
