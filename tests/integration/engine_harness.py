@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import psutil
@@ -78,9 +79,9 @@ class Harness:
         self.workers.append(worker)
         return worker
 
-    def submit(self, *stages: list[dict[str, object]]) -> str:
+    def submit(self, *stages: list[dict[str, object]], **of_job: Any) -> str:
         named = [[{"trace": str(self.trace), **step} for step in stage] for stage in stages]
-        job = Job(str(uuid4()), "listed", {"stages": named}, JobStatus.ACCEPTED, datetime.now(UTC))
+        job = Job(str(uuid4()), "listed", {"stages": named}, JobStatus.ACCEPTED, datetime.now(UTC), **of_job)
         self.jobs.create_and_enqueue(job)
         return job.id
 
