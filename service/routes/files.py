@@ -29,6 +29,7 @@ from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import (
     FormReader,
     body_of,
+    content_length,
     declared_length,
     media_type,
     raw_filename,
@@ -142,7 +143,7 @@ def remove_file(file_id: str, adapters: AdaptersDependency) -> None:
 async def _uploads(request: Request, intake: FileIntake) -> AsyncIterator[Upload]:
     length = declared_length(request) or 0
     await asyncio.to_thread(intake.require_room, length)
-    await asyncio.to_thread(intake.require_quota, length)
+    await asyncio.to_thread(intake.require_quota, content_length(request))
     kind = media_type(request)
     if kind == "multipart/form-data":
         async for upload in _form_uploads(request):

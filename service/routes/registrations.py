@@ -13,7 +13,14 @@ from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaType
 from service.routes.files import file_intake
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.processes import created_job
-from service.routes.request_bodies import FormReader, declared_length, media_type, read_within, require_filename
+from service.routes.request_bodies import (
+    FormReader,
+    content_length,
+    declared_length,
+    media_type,
+    read_within,
+    require_filename,
+)
 from service.use_cases.register_uploads import FormContents, register_uploads
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.validate_request import parse_json, pointer_to
@@ -102,7 +109,7 @@ class _RegistrationForm:
     async def files(self) -> AsyncIterator[Upload]:
         length = declared_length(self._request) or 0
         await asyncio.to_thread(self._intake.require_room, length)
-        await asyncio.to_thread(self._intake.require_quota, length)
+        await asyncio.to_thread(self._intake.require_quota, content_length(self._request))
         async for part in FormReader(self._request).parts():
             if part.name in {"scan", "photo"}:
                 self._are_photos.append(part.name == "photo")

@@ -21,12 +21,20 @@ if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
+LARGEST_FRAME = 64_000
+"""Bytes of a form that are not those of its files, taken generously."""
 
 
 def declared_length(request: Request) -> int | None:
     """Give the length of the body when the client declares it."""
     text = request.headers.get("content-length", "")
     return int(text) if text.isascii() and text.isdigit() else None
+
+
+def content_length(request: Request) -> int:
+    """Give how many bytes of files a body brings at least, as far as that is declared."""
+    length = declared_length(request) or 0
+    return max(0, length - LARGEST_FRAME) if media_type(request).startswith("multipart/") else length
 
 
 def media_type(request: Request) -> str:

@@ -1,0 +1,143 @@
+"""How much one project may have, and how urgent its jobs are."""
+
+from typing import Any
+
+import pytest
+
+from service.dependencies import Adapters
+from service.settings import Settings
+from service.use_cases.urgency import urgency_of
+from tests.api.key_service import KeyService
+
+TUS = {"Tus-Resumable": "1.0.0", "Upload-Metadata": "filename YS54eXo="}
+ECHO = {"json": {"inputs": {"stringInput": "a"}}, "headers": {"Prefer": "respond-async"}}
+
+
+def made(settings: Settings, adapters: Adapters, **limits: Any) -> KeyService:
+    return KeyService(settings.model_copy(update=limits), adapters)
+
+
+def test_a_project_with_too_many_jobs_waits_and_others_do_not(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_jobs=1)
+    alice, bob = service.client("alice"), service.client("bob")
+    answers = [alice.post("/processes/echo/execution", **ECHO) for _ in range(2)]
+    assert [answer.status_code for answer in answers] == [201, 429]
+    assert int(answers[1].headers["retry-after"]) > 0
+    assert "of this project" in answers[1].json()["detail"]
+    assert bob.post("/processes/echo/execution", **ECHO).status_code == 201
+
+
+def test_all_projects_together_have_a_limit_too(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_queued_jobs=1)
+    answers = [service.client(name).post("/processes/echo/execution", **ECHO) for name in ("alice", "bob")]
+    assert [answer.status_code for answer in answers] == [201, 429]
+
+
+def test_a_job_that_has_ended_makes_room(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_jobs=1).client("alice")
+    job = alice.post("/processes/echo/execution", **ECHO).json()["jobID"]
+    alice.delete(f"/jobs/{job}")
+    assert alice.post("/processes/echo/execution", **ECHO).status_code == 201
+
+
+def test_a_project_has_no_more_bytes_than_it_may(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_bytes=10)
+    alice, bob = service.client("alice"), service.client("bob")
+    alice.upload(content=b"1 2 3\n")
+    refused = alice.post("/files", files={"file": ("b.xyz", b"4 5 6\n")})
+    assert (refused.status_code, refused.json()["title"]) == (413, "Quota exceeded")
+    assert alice.get("/files").json()["numberMatched"] == 1
+    bob.upload(content=b"4 5 6\n")
+
+
+def test_a_declared_size_is_refused_before_it_comes(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_bytes=10).client("alice")
+    asked = []
+
+    async def body() -> Any:
+        asked.append(1)
+        yield b"1" * 20
+
+    headers = {"Content-Length": "20", "Content-Disposition": 'attachment; filename="a.xyz"'}
+    assert alice.post("/files", content=body(), headers=headers).status_code == 413
+    assert asked == []
+
+
+def test_a_size_that_is_not_declared_is_refused_when_it_has_come(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_bytes=10).client("alice")
+
+    async def body() -> Any:
+        for _ in range(4):
+            yield b"1 2 3\n"
+
+    headers = {"Content-Disposition": 'attachment; filename="a.xyz"'}
+    assert alice.post("/files", content=body(), headers=headers).status_code == 413
+    assert alice.get("/files").json()["numberMatched"] == 0
+    assert adapters.blobs.keys("") == []
+
+
+def test_a_project_has_no_more_files_than_it_may(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_files=1).client("alice")
+    both = [("file", ("a.xyz", b"1 2 3\n")), ("file", ("b.xyz", b"4 5 6\n"))]
+    assert alice.post("/files", files=both).status_code == 413
+    assert alice.get("/files").json()["numberMatched"] == 0
+    alice.upload()
+    assert alice.post("/files", files=both[:1]).status_code == 413
+
+
+def test_what_is_removed_makes_room(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_files=1).client("alice")
+    alice.delete(f"/files/{alice.upload()}")
+    alice.upload()
+
+
+def test_uploads_under_way_count(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_bytes=10)
+    alice, bob = service.client("alice"), service.client("bob")
+    begun = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"})
+    assert begun.status_code == 201
+    assert alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 413
+    assert bob.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 201
+    alice.delete(begun.headers["location"], headers=TUS)
+    assert alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 201
+
+
+def test_an_upload_becomes_a_file_of_its_project(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters)
+    alice = service.client("alice")
+    headers = {**TUS, "Upload-Length": "6", "Content-Type": "application/offset+octet-stream"}
+    answer = alice.post("/uploads", headers=headers, content=b"1 2 3\n")
+    file = adapters.files.get(answer.headers["tieline-file"])
+    assert file is not None
+    assert file.owner == "alice"
+
+
+@pytest.mark.parametrize(
+    ("priority", "urgency"),
+    [
+        (None, 3),
+        ("", 3),
+        ("u=0", 0),
+        ("u=7, i", 7),
+        ("i, u=5", 5),
+        ("u = 2 ;x", 2),
+        ("u=1, u=6", 6),
+        ("u=8", 3),
+        ("u=-1", 3),
+        ("u=1.5", 3),
+        ("nonsense;u=1", 3),
+    ],
+)
+def test_the_priority_of_a_request_is_read_as_rfc_9218_says(priority: str | None, urgency: int) -> None:
+    assert urgency_of(priority) == urgency
+
+
+@pytest.mark.parametrize("path", ["/processes/echo/execution", "/registrations"])
+def test_a_job_is_as_urgent_as_its_request(settings: Settings, adapters: Adapters, path: str) -> None:
+    scans = [("scan", ("a.xyz", b"1 2 3\n")), ("scan", ("b.xyz", b"4 5 6\n"))]
+    what = {"files": scans} if path == "/registrations" else {"json": ECHO["json"]}
+    headers = {"Prefer": "respond-async", "Priority": "u=1"}
+    answer = made(settings, adapters).stranger().post(path, headers=headers, **what)
+    job = adapters.jobs.get(answer.json()["jobID"])
+    assert job is not None
+    assert job.urgency == 1
