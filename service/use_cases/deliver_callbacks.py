@@ -95,11 +95,13 @@ class CallbackDelivery:
 
     async def begin_due(self) -> None:
         """Begin to deliver as much as may be delivered side by side."""
-        room = MOST_AT_ONCE - len(self._running)
-        busy = [host for host, count in Counter(self._running.values()).items() if count >= MOST_PER_HOST]
-        claims = await asyncio.to_thread(self.callbacks.claim, self.holder, room, CLAIM_S, busy) if room > 0 else ()
-        for claimed in claims:
-            self._running[asyncio.create_task(self.deliver(claimed))] = urlsplit(claimed.uri).hostname or ""
+        while len(self._running) < MOST_AT_ONCE:
+            busy = [host for host, count in Counter(self._running.values()).items() if count >= MOST_PER_HOST]
+            claims = await asyncio.to_thread(self.callbacks.claim, self.holder, 1, CLAIM_S, busy)
+            if not claims:
+                return
+            for claimed in claims:
+                self._running[asyncio.create_task(self.deliver(claimed))] = urlsplit(claimed.uri).hostname or ""
 
     def _end_done(self) -> None:
         for task in [task for task in self._running if task.done()]:
