@@ -1,5 +1,8 @@
 """Databases of every earlier version are brought up to date with what they hold, on each database."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +19,7 @@ from service.adapters.database_tables import connect, metadata
 from service.ports import JobFilter, JobStatus
 from service.settings import Settings
 from tests.databases import NewDatabase
+from tests.postgres_server import PostgresServer
 
 MIGRATIONS = Path(__file__).parents[2] / "service" / "adapters" / "migrations"
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -82,3 +86,29 @@ def test_a_database_of_an_earlier_version_is_brought_up_to_date_with_what_it_hol
     assert (number, jobs[0].status, jobs[0].inputs, jobs[0].created) == (1, JobStatus.RUNNING, {"a": 1}, NOW)
     assert file is not None
     assert (file.bytes, file.scans) == (5_000_000_000, ({"index": 0},))
+
+
+@pytest.mark.service
+def test_machines_that_start_at_the_same_time_make_the_tables_once(postgres: PostgresServer, tmp_path: Path) -> None:
+    environment = {**os.environ, "TIELINE_DATABASE_URL": postgres.new_database()}
+    command = [sys.executable, "-c", "from service.__main__ import app; app()", "migrate"]
+    machines = [
+        subprocess.Popen(
+            command, env={**environment, "TIELINE_DATA_DIR": str(tmp_path / str(k))}, stderr=subprocess.PIPE
+        )
+        for k in range(4)
+    ]
+    ends = [(machine.communicate()[1][-2000:], machine.returncode) for machine in machines]
+    assert [code for _, code in ends] == [0] * 4, ends
+
+
+@pytest.mark.service
+def test_a_database_that_is_away_is_named_without_its_password(tmp_path: Path) -> None:
+    url = "postgres://somebody:secret@127.0.0.1:1/tieline"
+    command = [sys.executable, "-c", "from service.__main__ import app; app()", "migrate"]
+    environment = {**os.environ, "TIELINE_DATABASE_URL": url, "TIELINE_DATA_DIR": str(tmp_path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 3
+    assert "the database postgresql+psycopg://somebody:***@127.0.0.1:1/tieline cannot be used" in said
+    assert "secret" not in said
