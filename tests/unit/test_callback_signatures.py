@@ -1,5 +1,9 @@
 """Signatures of callbacks, against the specification's example; and the pauses between attempts."""
 
+import time
+from pathlib import Path
+from typing import Any
+
 import pytest
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
@@ -20,6 +24,17 @@ def test_the_example_of_the_specification_is_reproduced() -> None:
         "webhook-timestamp": "1614265330",
         "webhook-signature": "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE=",
     }
+
+
+def test_the_lines_of_the_documentation_tell_what_is_genuine() -> None:
+    text = (Path(__file__).parents[2] / "service" / "CALLBACKS.md").read_text()
+    code = text.partition("```python\n")[2].partition("```")[0]
+    body, now = b'{"a": 1}', int(time.time())
+    for at, content, genuine, fresh in ((now, body, True, True), (now, b"{}", False, True), (1, body, True, False)):
+        headers = signed_headers(SECRET, "id", at, [content])
+        found: dict[str, Any] = {"secret": SECRET, "headers": headers, "body": body}
+        exec(code, found)  # noqa: S102 - our own documentation
+        assert (found["genuine"], found["fresh"]) == (genuine, fresh)
 
 
 def test_nothing_is_signed_without_a_secret() -> None:
