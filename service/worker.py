@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import cast
 
@@ -26,8 +27,10 @@ from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.engine import DbosQueue, Engine, Tools
 from service.engine.patience import patiently
-from service.ports import Plan
+from service.errors import ServiceError
+from service.ports import BlobStore, Plan
 from service.settings import Settings
+from service.use_cases.clean_up import remove_half_made
 from service.use_cases.deliver_callbacks import CallbackDelivery
 from service.use_cases.fetch_runner import FetchingRunner
 from service.use_cases.store_files import FileIntake
@@ -61,6 +64,7 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     runner.warm_up()
     module, _, attribute = plans.partition(":")
     files, blobs = DatabaseFileStore(database), blob_store(settings)
+    _remove_half_made(blobs, settings)
     intake = FileIntake(files, blobs, runner, settings)
     tools = Tools(
         settings=settings,
@@ -97,6 +101,14 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     runner.close()
     queue.close()
     database.dispose()
+
+
+def _remove_half_made(blobs: BlobStore, settings: Settings) -> None:
+    """Remove what killed processes left on this machine, where perhaps no API process does it."""
+    try:
+        remove_half_made(blobs, datetime.now(UTC) - timedelta(seconds=settings.upload_expiry_s))
+    except (ServiceError, OSError) as error:
+        log.warning("what is half-made cannot be removed", error=str(error))
 
 
 def _leave() -> None:

@@ -103,11 +103,7 @@ class Cleaner:
                 opened.close()
 
     def _remove_half_made(self, moment: datetime) -> int:
-        removed = self.desk.uploads.remove_abandoned(moment) + self._blobs.remove_abandoned(moment)
-        for key in (*self._blobs.unchanged_since(INCOMING, moment), *self._blobs.unchanged_since(PROBES, moment)):
-            self._blobs.delete_prefix(key)
-            removed += 1
-        return removed
+        return self.desk.uploads.remove_abandoned(moment) + remove_half_made(self._blobs, moment)
 
     def _match_contents(self) -> tuple[int, int]:
         """Remove contents without a file, and forget files without content."""
@@ -133,6 +129,15 @@ class Cleaner:
         for job_id in unknown:
             self._blobs.delete_prefix(f"{JOBS}{job_id}/")
         return len(unknown)
+
+
+def remove_half_made(blobs: BlobStore, moment: datetime) -> int:
+    """Remove what arrived or began to arrive before a moment, and was never entered; give the number."""
+    removed = blobs.remove_abandoned(moment)
+    for key in (*blobs.unchanged_since(INCOMING, moment), *blobs.unchanged_since(PROBES, moment)):
+        blobs.delete_prefix(key)
+        removed += 1
+    return removed
 
 
 def _second(key: str) -> str:
