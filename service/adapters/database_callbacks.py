@@ -7,8 +7,8 @@ the row is due again, and who has it; the number of the attempt tells a claim fr
 from collections.abc import Collection, Sequence
 from datetime import datetime
 from typing import Any
+from urllib.parse import urlsplit
 
-import httpx
 import sqlalchemy as sa
 
 from service.adapters.database_executors import clock
@@ -35,7 +35,7 @@ def note_change(connection: sa.Connection, job: Job) -> None:
     uri = Subscription.from_json(job.subscriber).uris.get(event)
     known = sa.select(callbacks.c.event).where(of_job, callbacks.c.event == event.value)
     if uri is not None and connection.execute(known).first() is None:
-        row = {"job_id": job.id, "event": event.value, "uri": uri, "host": httpx.URL(uri).host}
+        row = {"job_id": job.id, "event": event.value, "uri": uri, "host": urlsplit(uri).hostname or ""}
         connection.execute(sa.insert(callbacks).values(**row, due=clock(connection), attempts=0, delivered=0))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import httpx
 
 from service.adapters.address_check import PORTS, parsed_address
-from service.adapters.pinned_http import checked_destination, pinned_request
+from service.adapters.pinned_http import checked_destinations, pinned_request
 from service.errors import AddressRefusedError
 from service.ports import CallbackBody
 from service.settings import Settings
@@ -37,7 +37,7 @@ class HttpCallbacks:
         AddressRefusedError
             With the reason.
         """
-        await checked_destination(self._allowed(uri), allow_private=self._settings.allow_private_callbacks)
+        await checked_destinations(self._allowed(uri), allow_private=self._settings.allow_private_callbacks)
 
     async def send(self, uri: str, headers: Mapping[str, str], body: CallbackBody) -> int:
         """Post to an address; give the status of the answer, whatever it is. Nothing else of it is read.

@@ -7,8 +7,8 @@ elsewhere a moment later leads nowhere. Redirects are not followed, proxies of t
 import asyncio
 import socket
 import ssl
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import cache
 
 import httpx
@@ -17,6 +17,8 @@ from service.adapters.address_check import PORTS, is_public
 from service.errors import AddressRefusedError
 
 RESOLVE_WITHIN_S = 10.0
+MOST_ADDRESSES = 3
+"""That are tried, one after the other."""
 
 
 @asynccontextmanager
@@ -47,23 +49,32 @@ async def pinned_request(
     httpx.HTTPError
         Its server does not answer as HTTP asks.
     """
-    address = await checked_destination(url, allow_private=allow_private)
+    addresses = await checked_destinations(url, allow_private=allow_private)
     host = url.raw_host.decode("ascii")
-    async with (
-        httpx.AsyncClient(trust_env=False, follow_redirects=False, timeout=timeouts, verify=_certificates()) as client,
-        client.stream(
-            method,
-            url.copy_with(host=address, port=url.port or PORTS[url.scheme]),
-            headers={"Host": url.netloc.decode("ascii"), "User-Agent": "tieline", **headers},
-            content=content,
-            extensions={"sni_hostname": host.rstrip(".")},
-        ) as answer,
-    ):
+    async with AsyncExitStack() as stack:
+        client = await stack.enter_async_context(
+            httpx.AsyncClient(trust_env=False, follow_redirects=False, timeout=timeouts, verify=_certificates())
+        )
+        for left, address in enumerate(addresses, start=1 - len(addresses)):
+            request = client.stream(
+                method,
+                url.copy_with(host=address, port=url.port or PORTS[url.scheme]),
+                headers={"Host": url.netloc.decode("ascii"), "User-Agent": "tieline", **headers},
+                content=content,
+                extensions={"sni_hostname": host.rstrip(".")},
+            )
+            try:
+                answer = await stack.enter_async_context(request)
+                break
+            except (httpx.ConnectError, httpx.ConnectTimeout):
+                # nothing was sent yet; a name may have an address of IPv6 that is out of reach from here
+                if not left:
+                    raise
         yield answer
 
 
-async def checked_destination(url: httpx.URL, *, allow_private: bool) -> str:
-    """Resolve the host of an address, check all that was found, and give the address to connect to.
+async def checked_destinations(url: httpx.URL, *, allow_private: bool) -> Sequence[str]:
+    """Resolve the host of an address, check all that was found, and give the addresses to connect to, the best first.
 
     Raises
     ------
@@ -79,12 +90,12 @@ async def checked_destination(url: httpx.URL, *, allow_private: bool) -> str:
         raise AddressRefusedError(str(url), f"its host was not found within {RESOLVE_WITHIN_S:g} s") from None
     except (OSError, UnicodeError) as error:
         raise AddressRefusedError(str(url), f"the name of its host cannot be resolved: {error}") from None
-    addresses = [str(each[4][0]) for each in found]
+    addresses = list(dict.fromkeys(str(each[4][0]) for each in found))
     if not addresses:
         raise AddressRefusedError(str(url), "its host has no address")
     if not allow_private and not all(map(is_public, addresses)):
         raise AddressRefusedError(str(url), "its host is not on the public internet")
-    return addresses[0]
+    return addresses[:MOST_ADDRESSES]
 
 
 @cache

@@ -11,6 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import structlog
+
 from service.errors import AddressRefusedError
 from service.ports import (
     BlobStore,
@@ -42,6 +44,7 @@ LONGEST_BACK_OFF_S = 3600.0
 PIECE_BYTES = 1 << 16
 GONE = 410
 """The answer of a receiver that wants no more."""
+log = structlog.get_logger()
 
 
 @dataclass(frozen=True)
@@ -75,13 +78,15 @@ class CallbackDelivery:
     sender: CallbackSender
     settings: Settings
     holder: str
-    _running: dict[asyncio.Task[None], str] = field(default_factory=dict)
-    """With the host of each."""
+    _running: dict[asyncio.Task[None], ClaimedCallback] = field(default_factory=dict)
+    _left: list[ClaimedCallback] = field(default_factory=list)
+    """What was begun and not dealt with to its end."""
 
     async def deliver_until(self, stopped: Callable[[], bool]) -> None:
         """Deliver what is due, and what becomes due, until told to stop; then end what is under way."""
         try:
             while not stopped():
+                await self._put_back()
                 await self.begin_due()
                 if self._running:
                     await asyncio.wait(self._running, timeout=POLLING_S, return_when=asyncio.FIRST_COMPLETED)
@@ -92,27 +97,42 @@ class CallbackDelivery:
             for task in self._running:
                 task.cancel()
             await asyncio.gather(*self._running, return_exceptions=True)
+            self._end_done()
 
     async def begin_due(self) -> None:
         """Begin to deliver as much as may be delivered side by side."""
         while len(self._running) < MOST_AT_ONCE:
-            busy = [host for host, count in Counter(self._running.values()).items() if count >= MOST_PER_HOST]
+            hosts = Counter(_host(claimed) for claimed in self._running.values())
+            busy = [host for host, count in hosts.items() if count >= MOST_PER_HOST]
             claims = await asyncio.to_thread(self.callbacks.claim, self.holder, 1, CLAIM_S, busy)
             if not claims:
                 return
             for claimed in claims:
-                self._running[asyncio.create_task(self.deliver(claimed))] = urlsplit(claimed.uri).hostname or ""
+                self._running[asyncio.create_task(self.deliver(claimed))] = claimed
 
     def _end_done(self) -> None:
         for task in [task for task in self._running if task.done()]:
-            del self._running[task]
-            task.result()
+            claimed = self._running.pop(task)
+            error = None if task.cancelled() else task.exception()
+            if task.cancelled() or error is not None:
+                self._left.append(claimed)
+            if error is not None:
+                log.error("a callback was not dealt with", callback=delivery_id(claimed), exc_info=error)
+
+    async def _put_back(self) -> None:
+        """Let be due again what was not dealt with, by a fault of the database or of this service."""
+        while self._left:
+            await asyncio.to_thread(self.callbacks.retry, self._left[-1], self.settings.callback_back_off_s)
+            self._left.pop()
 
     async def deliver(self, claimed: ClaimedCallback) -> None:
         """Deliver one message, or let it be due again later; with the last attempt it is given up."""
         job = await asyncio.to_thread(self.jobs.get, claimed.job_id)
         if job is None or job.subscriber is None:
             return  # the job was removed, and its callbacks with it
+        if claimed.attempt > self.settings.callback_attempts:
+            await self._give_up(claimed, "every attempt ended before it was known what came of it")
+            return
         subscription = Subscription.from_json(job.subscriber)
         message = await asyncio.to_thread(self._message, claimed, job, subscription)
         if isinstance(message, str):
@@ -174,6 +194,10 @@ class CallbackDelivery:
             return None
         status = status_info(job, lambda path: subscription.base_url + path)
         return _document(status.model_dump(mode="json", by_alias=True, exclude_none=True), job.updated)
+
+
+def _host(claimed: ClaimedCallback) -> str:
+    return urlsplit(claimed.uri).hostname or ""
 
 
 def delivery_id(claimed: ClaimedCallback) -> str:

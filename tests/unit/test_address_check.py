@@ -2,14 +2,18 @@
 
 import asyncio
 import socket
+from collections.abc import Sequence
 from typing import Any
 
 import httpx
 import pytest
 
 from service.adapters.address_check import is_public, parsed_address
-from service.adapters.pinned_http import checked_destination, pinned_request
+from service.adapters.http_callbacks import HttpCallbacks
+from service.adapters.pinned_http import checked_destinations, pinned_request
+from service.adapters.remote_sources import RemoteSources
 from service.errors import AddressRefusedError
+from service.settings import Settings
 
 INSIDE = (
     *("127.0.0.1", "127.255.255.254", "10.1.2.3", "172.16.0.1", "172.31.255.255", "192.168.1.1", "0.0.0.0"),  # noqa: S104
@@ -63,6 +67,20 @@ def test_an_address_that_can_be_read_in_two_ways_is_refused(href: str) -> None:
         parsed_address(href)
 
 
+@pytest.mark.parametrize("href", [*FORMS, *(f"https://{host}/" for host in ("127.0.0.1", "[::1]", "localhost."))])
+def test_neither_callbacks_nor_sources_take_such_addresses(href: str) -> None:
+    settings = Settings(allowed_sources="https://x.example/, s3://x.example, https://127.0.0.1/")
+    with pytest.raises(AddressRefusedError):
+        asyncio.run(HttpCallbacks(settings).check(href))
+
+    async def fetch() -> None:
+        async with RemoteSources(settings).opened(href):
+            pass
+
+    with pytest.raises(AddressRefusedError):
+        asyncio.run(fetch())
+
+
 @pytest.mark.parametrize(
     ("href", "host", "port"),
     [
@@ -96,21 +114,21 @@ def resolves_to(monkeypatch: pytest.MonkeyPatch, *answers: list[str]) -> list[st
     return asked
 
 
-def destination(href: str, allow_private: bool = False) -> str:
-    return asyncio.run(checked_destination(parsed_address(href), allow_private=allow_private))
+def destinations(href: str, allow_private: bool = False) -> Sequence[str]:
+    return asyncio.run(checked_destinations(parsed_address(href), allow_private=allow_private))
 
 
 @pytest.mark.parametrize("found", [["10.0.0.1"], ["93.184.215.14", "10.0.0.1"], ["169.254.169.254"], ["fd00:ec2::254"]])
 def test_a_name_that_leads_inside_is_refused(monkeypatch: pytest.MonkeyPatch, found: list[str]) -> None:
     resolves_to(monkeypatch, found)
     with pytest.raises(AddressRefusedError, match="public internet"):
-        destination("https://rebound.example/")
+        destinations("https://rebound.example/")
 
 
 def test_a_name_without_an_address_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     resolves_to(monkeypatch, [])
     with pytest.raises(AddressRefusedError, match="no address"):
-        destination("https://nowhere.example/")
+        destinations("https://nowhere.example/")
 
 
 @pytest.mark.parametrize(
@@ -119,11 +137,11 @@ def test_a_name_without_an_address_is_refused(monkeypatch: pytest.MonkeyPatch) -
 )
 def test_this_machine_is_refused_however_it_is_written(host: str) -> None:
     with pytest.raises(AddressRefusedError, match=r"public internet|cannot be resolved"):
-        destination(f"https://{host}/")
+        destinations(f"https://{host}/")
 
 
 def test_addresses_inside_are_taken_where_the_operator_allows_them() -> None:
-    assert destination("https://127.0.0.1/", allow_private=True) == "127.0.0.1"
+    assert destinations("https://127.0.0.1/", allow_private=True) == ["127.0.0.1"]
 
 
 def test_the_connection_goes_to_the_address_that_was_checked_though_the_name_leads_elsewhere_by_then(
@@ -148,3 +166,25 @@ def test_the_connection_goes_to_the_address_that_was_checked_though_the_name_lea
         with pytest.raises(httpx.ConnectError):
             asyncio.run(send())
         assert connected == [("93.184.215.14", port)]
+
+
+def test_another_address_of_the_same_name_is_tried_when_the_first_is_out_of_reach(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    connected: list[Any] = []
+
+    async def connect(_loop: Any, _sock: socket.socket, address: Any) -> None:
+        connected.append(address[0])
+        raise ConnectionRefusedError
+
+    resolves_to(monkeypatch, ["93.184.215.14", "93.184.215.14", "93.184.215.15"])
+    monkeypatch.setattr(asyncio.selector_events.BaseSelectorEventLoop, "sock_connect", connect)
+
+    async def send() -> None:
+        url = parsed_address("http://two.example/")
+        async with pinned_request("GET", url, allow_private=False, timeouts=httpx.Timeout(2.0), headers={}):
+            pass
+
+    with pytest.raises(httpx.ConnectError):
+        asyncio.run(send())
+    assert connected == ["93.184.215.14", "93.184.215.15"]

@@ -165,6 +165,16 @@ def test_a_result_that_is_missing_is_given_up(scene: Scene) -> None:
     assert "the result is missing" in scene.texts()[-1]
 
 
+def test_a_fault_of_the_service_holds_up_nothing_else_and_is_given_up_in_the_end(scene: Scene) -> None:
+    scene.add("other")
+    scene.add("wanted", wanted={"outputs": None, "raw": False})
+    scene.blobs.write_bytes("jobs/wanted/result.json", b"{")  # no JSON, by a fault of the disk
+    for job_id in ("wanted", "other"):
+        scene.jobs.succeed(job_id, NOW)
+    asyncio.run(scene.delivery.deliver_until(lambda: "given up" in str(scene.log.read("wanted", 100))))
+    assert [headers["webhook-id"] for _, headers, _ in scene.receivers.received] == ["other_success"]
+
+
 def test_a_receiver_that_does_not_answer_holds_up_only_its_own(scene: Scene) -> None:
     for number in range(MOST_PER_HOST + 2):
         scene.add(f"j{number}")
