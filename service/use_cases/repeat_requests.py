@@ -12,9 +12,9 @@ from sqlalchemy.exc import DBAPIError
 from service.ports import Answer, Claim, IdempotencyStore
 from service.refusals import RequestDiffersError, RequestUnderWayError
 
-HOLD_S = 30.0
+HOLD_S = 15.0
 """A request whose process died may be tried again after this."""
-RENEW_S = 10.0
+RENEW_S = 5.0
 ASK_AGAIN_S = 2
 
 
