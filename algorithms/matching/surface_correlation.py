@@ -1,0 +1,169 @@
+"""Every shift at once: surface correlated with surface, and with the space that the other scan saw to be empty.
+
+Pairs of lines and planes propose what is likely; where two scans share little, the right pose may be none of it: a
+strip of wall seen through a door gives no plane that both scans know. But once a rotation is assumed, how much surface
+lies on surface, and how much stands where the other instrument looked through, are correlations of rasters, and Fourier
+transforms give them for all shifts. Nothing can be missed then but for the size of a cell, so that "no other place
+fits" means what it says.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from algorithms.arrays import Array, Matrix3, Points, Vector3
+from algorithms.matching.plane_triples import LEAST_SINE, OffsetVotes
+from algorithms.matching.votes import Motions, joined
+from algorithms.scans.point_blocks import over_blocks
+from algorithms.scans.surface_index import SurfaceIndex
+
+MOST_ROTATIONS = 24
+"""A building of right angles looks alike in so many."""
+LEAST_CELL_M = 0.3
+"""Smallest cell of the rasters [m]."""
+MOST_CELLS = 1_000_000
+"""Cells grow until the transforms have no more than about so many."""
+MOST_PEAKS = 40
+"""So many shifts go on for each rotation."""
+MARGIN_M, MARGIN_RELATIVE = 0.4, 0.03
+"""How much nearer than seen a cell's centre must be to be empty [m], and relative to the range."""
+FREE_SHARE, PENALTY = 0.03, 10.0
+"""Share of what can be judged that may stand in free space, and what each further percent costs in percent of the
+support; the cells are coarse, so this is gentler than the final score."""
+LEAST_SUPPORT, LEAST_SCORE = 0.002, 0.002
+"""Added to the support of each direction, lest one that a scan hardly sees rules all out; and the least score."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rasters:
+    """Transforms of one scan on a raster."""
+
+    low_m: Vector3
+    size: tuple[int, ...]
+    """Cells before padding."""
+    facing: Array
+    """(6, ...) surface by the axis and side it faces."""
+    free: Array
+    """Space that was looked through."""
+    counts: Array
+    """(3,) cells of surface along each axis."""
+
+
+def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, source: SurfaceIndex) -> Motions:
+    """Find, for each rotation that planes propose, the shifts at which most surface meets and least is contradicted.
+
+    Costs about 0.1 s of one processor for each rotation, whatever the scans.
+
+    Parameters
+    ----------
+    votes
+        Rotations as of `plane_triples.offset_votes`, the most likely first.
+    target, source
+        The two scans.
+
+    Returns
+    -------
+    Motions with their scores as votes; exact to about half a cell.
+    """
+    axes = _axes(votes)
+    rotations = [each.rotation for each in votes[:MOST_ROTATIONS]]
+    if axes is None or not rotations:
+        return Motions.empty()
+    moved = [source.points @ rotation.T for rotation in rotations]
+    extents = np.max([np.ptp(points, axis=0) for points in moved], axis=0) + np.ptp(target.points, axis=0)
+    cell = max(LEAST_CELL_M, float(np.prod(extents / MOST_CELLS ** (1.0 / 3.0)) ** (1.0 / 3.0)))
+    shape = tuple(fft.next_fast_len(int(extent / cell) + 10, real=True) for extent in extents)
+    ours = _rasters(target.points, target.normals, np.eye(3), axes, cell, shape, target)
+    # a cell's width is all that is known of a place, so the target is one wider on every side
+    wide = _transformed(_marked(target.points, target.normals, axes, cell, ours.low_m, ours.size, reach=1), shape)
+
+    def work(start: int, end: int) -> list[Motions]:
+        return [
+            _correlated(ours, wide, _rasters(moved[k], source.normals @ rotations[k].T, rotations[k], axes, cell, shape,
+                                             source), rotations[k], cell, shape)
+            for k in range(start, end)
+        ]  # fmt: skip
+
+    return joined([motions for part in over_blocks(work, len(rotations), least=1) for motions in part])
+
+
+def _axes(votes: Sequence[OffsetVotes]) -> Array | None:
+    """Give three independent directions that the surfaces of the target face; None when there are no two."""
+    for each in votes:
+        if len(each.axes) == 3:
+            return each.axes
+    for each in votes:
+        if len(each.axes) == 2:
+            third = np.cross(each.axes[0], each.axes[1])
+            length = float(np.linalg.norm(third))
+            if length > LEAST_SINE:
+                return np.vstack([each.axes, third / length])
+    return None
+
+
+def _rasters(
+    points: Points, normals: Points, rotation: Matrix3, axes: Array, cell_m: float, shape: tuple[int, ...],
+    scan: SurfaceIndex,
+) -> _Rasters:  # fmt: skip
+    """Put a turned scan on a raster, and transform it."""
+    from algorithms.matching import surface_correlation_kernels as kernels
+
+    low = points.min(axis=0) - 2.0 * cell_m
+    size = tuple(int(extent / cell_m) + 5 for extent in np.ptp(points, axis=0))
+    surface = _marked(points, normals, axes, cell_m, low, size, reach=0)
+    free = np.zeros(size, dtype=np.float32)
+    if scan.knows_free_space:
+        kernels.mark_free(
+            rotation, low, cell_m, scan.nearest_m, scan.sensor_m, scan.cell_rad, MARGIN_M, MARGIN_RELATIVE, free
+        )
+    counts = surface.reshape(2, 3, -1).sum(axis=(0, 2))
+    return _Rasters(low, size, _transformed(surface, shape), fft.rfftn(free, shape), counts)
+
+
+def _marked(
+    points: Points, normals: Points, axes: Array, cell_m: float, low_m: Vector3, size: tuple[int, ...], *, reach: int
+) -> Array:
+    """Mark the cells within reach of surface, by the axis and side it faces: (6, ...)."""
+    from algorithms.matching import surface_correlation_kernels as kernels
+
+    surface = np.zeros((6, *size), dtype=np.float32)
+    kernels.mark_surface(
+        np.ascontiguousarray(points), np.ascontiguousarray(normals), axes, low_m, cell_m, reach, surface
+    )
+    return surface
+
+
+def _transformed(fields: Array, shape: tuple[int, ...]) -> Array:
+    return np.stack([fft.rfftn(each, shape) for each in fields])
+
+
+def _correlated(
+    ours: _Rasters, wide: Array, theirs: _Rasters, rotation: Matrix3, cell_m: float, shape: tuple[int, ...]
+) -> Motions:
+    """Score all shifts of the turned source, and give the best ones."""
+    from algorithms.matching import surface_correlation_kernels as kernels
+
+    supports = np.empty((3, *shape), dtype=np.float32)
+    for a in range(3):
+        meeting = wide[a] * theirs.facing[a].conj() + wide[a + 3] * theirs.facing[a + 3].conj()
+        share = 0.5 * (1.0 / max(ours.counts[a], 1.0) + 1.0 / max(theirs.counts[a], 1.0))
+        supports[a] = fft.irfftn(meeting, shape) * share
+    against = ours.free * theirs.facing.sum(axis=0).conj() / max(theirs.counts.sum(), 1.0)
+    against += ours.facing.sum(axis=0) * theirs.free.conj() / max(ours.counts.sum(), 1.0)
+    score = np.empty(shape, dtype=np.float32)
+    kernels.weigh(
+        supports.reshape(3, -1), fft.irfftn(0.5 * against, shape).reshape(-1), FREE_SHARE, PENALTY, LEAST_SUPPORT,
+        LEAST_SCORE, score.reshape(-1),
+    )  # fmt: skip
+    found = kernels.peaks(score, LEAST_SCORE)
+    found = found[np.argsort(-score.reshape(-1)[found], kind="stable")[:MOST_PEAKS]]
+    steps = np.stack(np.unravel_index(found, shape), axis=1)
+    # transforms are periodic: what is beyond the target is a shift the other way
+    steps = np.where(steps >= np.array(ours.size), steps - np.array(shape), steps)
+    return Motions(
+        np.broadcast_to(rotation, (len(found), 3, 3)).copy(),
+        np.ascontiguousarray(ours.low_m - theirs.low_m + cell_m * steps),
+        score.reshape(-1)[found].astype(np.float64),
+    )

@@ -1,0 +1,112 @@
+"""Compiled loops that put surface and free space on a raster, and find the peaks of a correlation."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from algorithms.arrays import Array
+
+
+@njit(cache=True, nogil=True)
+def mark_surface(
+    points: Array, normals: Array, axes: Array, low: Array, cell_m: float, reach: int, out: Array
+) -> Any:  # pragma: no cover - compiled
+    """Mark the cells within `reach` cells of surface points, by the axis and the side that their normals face.
+
+    `out` (6, nx, ny, nz) is for normals along the three axes, then against them.
+    """
+    _, nx, ny, nz = out.shape
+    for p in range(points.shape[0]):
+        best, facing = -1.0, 0
+        for a in range(3):
+            cosine = normals[p, 0] * axes[a, 0] + normals[p, 1] * axes[a, 1] + normals[p, 2] * axes[a, 2]
+            if abs(cosine) > best:
+                best = abs(cosine)
+                facing = a if cosine > 0.0 else a + 3
+        i = int((points[p, 0] - low[0]) / cell_m)
+        j = int((points[p, 1] - low[1]) / cell_m)
+        k = int((points[p, 2] - low[2]) / cell_m)
+        for u in range(max(i - reach, 0), min(i + reach + 1, nx)):
+            for v in range(max(j - reach, 0), min(j + reach + 1, ny)):
+                for w in range(max(k - reach, 0), min(k + reach + 1, nz)):
+                    out[facing, u, v, w] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def mark_free(
+    rotation: Array,
+    low: Array,
+    cell_m: float,
+    nearest_m: Array,
+    sensor: Array,
+    cell_rad: float,
+    margin_m: float,
+    margin_relative: float,
+    out: Array,
+) -> Any:  # pragma: no cover - compiled
+    """Mark the cells whose centres a scan looked through; `rotation` turns the scan into the raster's frame."""
+    nx, ny, nz = out.shape
+    rows, columns = nearest_m.shape
+    for i in range(nx):
+        x = low[0] + (i + 0.5) * cell_m
+        for j in range(ny):
+            y = low[1] + (j + 0.5) * cell_m
+            for k in range(nz):
+                z = low[2] + (k + 0.5) * cell_m
+                a = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z - sensor[0]
+                b = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z - sensor[1]
+                c = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z - sensor[2]
+                distance = math.sqrt(a * a + b * b + c * c)
+                if distance == 0.0:
+                    continue
+                row = min(int(math.acos(min(max(c / distance, -1.0), 1.0)) / cell_rad), rows - 1)
+                column = min(int((math.atan2(b, a) + math.pi) / cell_rad), columns - 1)
+                nearest = nearest_m[row, column]
+                if nearest < np.inf and distance < nearest - margin_m - margin_relative * nearest:
+                    out[i, j, k] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def weigh(
+    supports: Array, violation: Array, floor: float, penalty: float, least: float, least_score: float, out: Array
+) -> Any:  # pragma: no cover - compiled
+    """Score every shift: geometric mean of three supports, less for what stands in free space; 0 where it is low."""
+    lowest = (least + least_score) ** 3
+    for k in range(out.size):
+        product = 1.0
+        for a in range(3):
+            product *= max(supports[a, k], 0.0) + least
+        if product < lowest:
+            out[k] = 0.0
+            continue
+        support = product ** (1.0 / 3.0) - least
+        against = max(violation[k], 0.0)
+        share = against / (support + against + 1e-6)
+        out[k] = support * math.exp(-penalty * max(share - floor, 0.0))
+
+
+@njit(cache=True, nogil=True)
+def _is_highest(score: Array, i: int, j: int, k: int) -> bool:
+    """Say whether none of the 26 neighbours of a cell, round the edges too, scores more."""
+    nx, ny, nz = score.shape
+    own = score[i, j, k]
+    for step in range(27):
+        u, v, w = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+        if score[(i + u) % nx, (j + v) % ny, (k + w) % nz] > own:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def peaks(score: Array, least: float) -> Any:
+    """List the cells that score at least `least` and no less than their neighbours."""
+    nx, ny, nz = score.shape
+    found = []
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                if score[i, j, k] >= least and _is_highest(score, i, j, k):
+                    found.append((i * ny + j) * nz + k)  # noqa: PERF401 - compiled lists do not take generators
+    return np.array(found, dtype=np.int64)

@@ -1,0 +1,106 @@
+"""Surface correlated with surface and with free space, for all shifts at once."""
+
+import numpy as np
+import pytest
+
+from algorithms.matching.plane_triples import OffsetVotes
+from algorithms.matching.surface_correlation import LEAST_CELL_M, correlated_motions
+from algorithms.scans.surface_index import surface_index
+
+NOTHING = np.empty(0)
+
+
+def votes(rotation=None, axes=None):
+    axes = np.eye(3) if axes is None else axes
+    return OffsetVotes(
+        np.eye(3) if rotation is None else rotation, axes, (NOTHING,) * len(axes), (NOTHING,) * len(axes)
+    )
+
+
+def walls(*planes, step=0.1):
+    """Give points and normals of rectangles (corner, side, side), facing the cross product of the sides."""
+    points, normals = [], []
+    for corner, *sides in planes:
+        first, second = np.array(sides, float)
+        lengths = np.linalg.norm(first), np.linalg.norm(second)
+        u, v = (np.arange(0.0, length, step) / length for length in lengths)
+        grid = np.array(corner, float) + u[:, None, None] * first + v[None, :, None] * second
+        points.append(grid.reshape(-1, 3))
+        normals.append(np.broadcast_to(np.cross(first, second) / np.prod(lengths), points[-1].shape))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def room(length=6.0, width=4.0, height=2.5):
+    """Give a room with a pillar on one side, seen from inside."""
+    return walls(
+        ((0, 0, 0), (length, 0, 0), (0, width, 0)),
+        ((0, 0, height), (0, width, 0), (length, 0, 0)),
+        ((0, 0, 0), (0, width, 0), (0, 0, height)),
+        ((length, 0, 0), (0, 0, height), (0, width, 0)),
+        ((0, 0, 0), (0, 0, height), (length, 0, 0)),
+        ((0, width, 0), (length, 0, 0), (0, 0, height)),
+        ((1.5, 1.0, 0), (0, 0, height), (0.5, 0, 0)),
+        ((1.5, 1.0, 0), (0, 0.5, 0), (0, 0, height)),
+    )
+
+
+def index(points, normals, sensor):
+    return surface_index(points, normals, 0.1, np.array(sensor, float))
+
+
+def half_turn():
+    return np.diag([-1.0, -1.0, 1.0])
+
+
+@pytest.mark.parametrize("rotation", [np.eye(3), half_turn()], ids=["parallel", "turned"])
+def test_the_best_shift_is_the_true_one_within_a_cell(rotation):
+    points, normals = room()
+    shift = np.array([3.3, -7.1, 0.4])
+    target = index(points, normals, (3.0, 2.5, 1.5))
+    moved = (points - shift) @ rotation
+    source = index(moved, normals @ rotation, (np.array([3.2, 2.2, 1.4]) - shift) @ rotation)
+    found = correlated_motions([votes(rotation)], target, source)
+    best = found[np.argsort(-found.votes)[:1]]
+    assert np.abs(best.translations_m[0] - shift).max() <= 0.75 * LEAST_CELL_M
+
+
+def test_a_strip_of_the_room_is_enough():
+    points, normals = room()
+    strip = points[:, 0] < 1.7
+    shift = np.array([-2.0, 1.0, 0.3])
+    target = index(points, normals, (3.0, 2.5, 1.5))
+    source = index(points[strip] - shift, normals[strip], np.array([1.0, 2.5, 1.5]) - shift)
+    found = correlated_motions([votes()], target, source)
+    assert np.abs(found.translations_m - shift).max(axis=1).min() <= 0.75 * LEAST_CELL_M
+
+
+def test_a_place_where_a_wall_stands_in_free_space_scores_less_than_one_where_it_does_not():
+    points, normals = room()
+    target = index(points, normals, (3.0, 2.5, 1.5))
+    found = correlated_motions([votes()], target, target)
+    right = np.abs(found.translations_m).max(axis=1) < LEAST_CELL_M
+    # shifted along the room by its length's part, floor and ceiling and long walls fit as well, end walls stand inside
+    inside = (np.abs(found.translations_m[:, 0]) > 1.0) & (
+        np.abs(found.translations_m[:, 1:]).max(axis=1) < LEAST_CELL_M
+    )
+    assert found.votes[right].max() > 3.0 * found.votes[inside].max(initial=0.0)
+
+
+def test_two_directions_of_normals_are_completed_by_the_one_across():
+    points, normals = room()
+    target = index(points, normals, (3.0, 2.5, 1.5))
+    found = correlated_motions([votes(axes=np.eye(3)[:2])], target, target)
+    assert np.abs(found.translations_m[np.argmax(found.votes)]).max() <= 0.75 * LEAST_CELL_M
+
+
+def test_without_a_rotation_nothing_is_proposed():
+    points, normals = room()
+    target = index(points, normals, (3.0, 2.5, 1.5))
+    assert len(correlated_motions([], target, target)) == 0
+
+
+def test_a_scan_whose_instrument_is_unknown_is_laid_surface_on_surface():
+    points, normals = room()
+    target = surface_index(points, normals, 0.1, None)
+    found = correlated_motions([votes()], target, target)
+    assert np.abs(found.translations_m[np.argmax(found.votes)]).max() <= 0.75 * LEAST_CELL_M
