@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PACKAGES = ("algorithms", "schemas", "service")
@@ -80,27 +79,3 @@ def test_every_path_that_the_readme_names_exists() -> None:
     named = re.findall(r"`((?:algorithms|schemas|service|docker|tests)/[\w./-]*)`", readme)
     assert named
     assert [name for name in named if not (ROOT / name).exists()] == []
-
-
-def test_compose_file_starts_api_worker_and_database() -> None:
-    compose = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
-    assert set(compose["services"]) == {"migrate", "api", "worker", "postgres"}
-    for name in ("migrate", "api", "worker"):
-        build = compose["services"][name]["build"]
-        assert (ROOT / "docker" / build["context"]).resolve() == ROOT
-        assert (ROOT / build["dockerfile"]).exists()
-
-
-def test_compose_and_env_example_use_only_settings_that_exist() -> None:
-    from service.settings import Settings
-
-    known = {f"TIELINE_{name.upper()}" for name in Settings.model_fields}
-    text = (ROOT / "docker" / "compose.yaml").read_text() + (ROOT / "docker" / ".env.example").read_text()
-    assert set(re.findall(r"TIELINE_[A-Z_]+", text)) <= known
-
-
-def test_docker_image_runs_as_an_ordinary_user_from_the_lock() -> None:
-    dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
-    assert re.search(r"^USER (?!root)\w+", dockerfile, re.MULTILINE)
-    assert "uv sync --locked" in dockerfile
-    assert {"build", "runtime", "api", "worker", "test"} <= set(re.findall(r"(?i) AS (\w+)", dockerfile))

@@ -1,0 +1,154 @@
+"""What operators read is what there is: settings, compose files, images, units."""
+
+import configparser
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from settings_pages import (
+    EXAMPLE,
+    PAGE,
+    ROOT,
+    example_entry,
+    meanings,
+    settings_of_example,
+    table_of_page,
+    table_row,
+    variable,
+)
+
+from service.settings import Settings
+
+WRITE = "run: uv run --no-sync python -m tests.architecture.settings_pages"
+DOCKER = ROOT / "docker"
+COMPOSE: dict[str, Any] = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+SERVICES: dict[str, Any] = COMPOSE["services"]
+OURS = ("api-1", "api-2", "worker-1", "worker-2", "migrate")
+ENDING_BY_THEMSELVES = {"migrate", "bucket"}
+
+
+@pytest.mark.parametrize("name", Settings.model_fields)
+def test_each_setting_says_what_it_means(name: str) -> None:
+    assert meanings()[name], f"{name} has no docstring below it"
+
+
+@pytest.mark.parametrize("name", Settings.model_fields)
+def test_each_setting_is_in_the_example(name: str) -> None:
+    entry = example_entry(name)
+    assert entry in settings_of_example(), f"docker/.env.example lacks, word for word:\n{entry}{WRITE}"
+
+
+@pytest.mark.parametrize("name", Settings.model_fields)
+def test_each_setting_is_in_the_table_for_operators(name: str) -> None:
+    row = table_row(name)
+    assert row in table_of_page().splitlines(), f"service/README.md lacks, word for word:\n{row}\n{WRITE}"
+
+
+def test_documents_name_only_settings_that_exist() -> None:
+    known = {variable(name) for name in Settings.model_fields}
+    pages = [EXAMPLE, PAGE, ROOT / "README.md", *(path for path in DOCKER.iterdir() if path.is_file())]
+    pattern = re.compile(r"\bTIELINE_[A-Z0-9_]*[A-Z0-9]\b")
+    named = {(path.name, name) for path in pages for name in pattern.findall(path.read_text())}
+    assert {(page, name) for page, name in named if name not in known | _of_clients_and_benchmarks()} == set()
+
+
+def _of_clients_and_benchmarks() -> set[str]:
+    """Give the variables that programs read by themselves."""
+    programs = [*(ROOT / "service").glob("*.py"), *(ROOT / "tests" / "benchmark").glob("*.py")]
+    return {
+        name for path in programs for name in re.findall(r'(?:envvar=|environ\b.*)"(TIELINE_\w+)"', path.read_text())
+    }
+
+
+def test_compose_has_two_of_each_and_what_they_need() -> None:
+    assert set(SERVICES) == {*OURS, "proxy", "postgres", "storage", "bucket"}
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_containers_may_do_no_more_than_they_must(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    if name not in OURS and name not in ENDING_BY_THEMSELVES:
+        assert re.match(r"(?!0:|root)\w", service["user"])
+
+
+@pytest.mark.parametrize("name", [name for name in SERVICES if name not in ENDING_BY_THEMSELVES])
+def test_containers_that_stay_have_a_health_check(name: str) -> None:
+    if name in OURS:
+        stage = SERVICES[name]["build"]["target"]
+        of_stage = (DOCKER / "Dockerfile").read_text().partition(f" AS {stage}\n")[2].partition("\nFROM ")[0]
+        assert "HEALTHCHECK" in of_stage
+    else:
+        assert SERVICES[name]["healthcheck"]["test"]
+
+
+def test_only_the_proxy_is_reached_from_outside() -> None:
+    assert [name for name, service in SERVICES.items() if "ports" in service] == ["proxy"]
+    assert COMPOSE["networks"]["back"]["internal"] is True
+    assert {name for name in SERVICES if SERVICES[name].get("networks") == ["back"]} == {
+        "postgres",
+        "storage",
+        "migrate",
+    }
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_settings_of_containers_are_valid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {key: _filled(str(value)) for key, value in SERVICES[name]["environment"].items()}
+    for key, value in given.items():
+        if key.startswith("TIELINE_"):
+            monkeypatch.setenv(key, value)
+    settings = Settings()
+    assert settings.auth == "required"
+    assert settings.database_url.startswith("postgresql://")
+    assert settings.storage_url.startswith("s3://")
+
+
+def _filled(text: str) -> str:
+    return re.sub(r"\$\{\w+(?::-([^}]*)|:\?[^}]*)?\}", lambda found: found[1] or "secret", text)
+
+
+def test_every_file_that_images_and_compose_name_is_there() -> None:
+    copied = re.findall(r"^COPY (?!--from)(.+) \S+$", (DOCKER / "Dockerfile").read_text(), re.MULTILINE)
+    named = [ROOT / name for line in copied for name in line.split()]
+    named += [
+        DOCKER / mount.split(":")[0]
+        for each in SERVICES.values()
+        for mount in each.get("volumes", ())
+        if mount[0] == "."
+    ]
+    for service in SERVICES.values():
+        if "build" in service:
+            named += [DOCKER / service["build"]["context"], ROOT / service["build"]["dockerfile"]]
+    assert named
+    assert [path for path in named if not path.exists()] == []
+
+
+def test_stages_that_compose_builds_exist() -> None:
+    stages = set(re.findall(r"(?m)^FROM \S+ AS (\w+)$", (DOCKER / "Dockerfile").read_text()))
+    assert {SERVICES[name]["build"]["target"] for name in OURS} <= stages
+
+
+def test_image_runs_as_an_ordinary_user_from_the_lock() -> None:
+    dockerfile = (DOCKER / "Dockerfile").read_text()
+    assert re.search(r"^USER [1-9]\d+$", dockerfile, re.MULTILINE)
+    assert all("--locked" in line for line in dockerfile.splitlines() if "uv sync" in line)
+
+
+def test_the_unit_of_systemd_names_what_exists() -> None:
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(DOCKER / "tieline.service")
+    assert unit["Service"]["ExecStart"].endswith("tieline serve")
+    # longer than the service takes, so that its orderly end is not cut short
+    assert int(unit["Service"]["TimeoutStopSec"]) > 10
+
+
+def test_paths_that_the_page_names_exist() -> None:
+    named = re.findall(r"`((?:algorithms|schemas|service|docker|tests)/[\w./-]*)`", PAGE.read_text())
+    assert named
+    assert [name for name in named if not (ROOT / Path(name)).exists()] == []
