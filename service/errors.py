@@ -152,6 +152,15 @@ class AddressRefusedError(ServiceError):
         super().__init__(f"{href}: {reason}")
 
 
+class RangeNotSatisfiableError(ServiceError):
+    """Say that a download has none of the bytes that were asked for."""
+
+    status, title = 416, "Range not satisfiable"
+
+    def __init__(self, size: int) -> None:
+        super().__init__(f"there are {size} bytes, and none of the ranges begins among them")
+
+
 class FileTooLargeError(ServiceError):
     """Say that an upload exceeds a limit."""
 

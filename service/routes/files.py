@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 
 from fastapi import Request, Response
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi.responses import JSONResponse
 
 from schemas.files import FileDocument, FileDocuments, FileList
 from service.dependencies import (
@@ -23,6 +23,7 @@ from service.errors import (
     UnsupportedMediaTypeError,
 )
 from service.routes.documents import file_document, page_links
+from service.routes.downloads import DOWNLOAD_RESPONSES, Download
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
@@ -118,7 +119,7 @@ def get_file(file_id: str, adapters: AdaptersDependency, url: BaseUrlDependency)
     return file_document(find_file(file_id, adapters.files), url)
 
 
-@router.get("/files/{file_id}/content", summary="Content of a file")
+@router.get("/files/{file_id}/content", summary="Content of a file", responses=DOWNLOAD_RESPONSES)
 def get_content(file_id: str, adapters: AdaptersDependency) -> Response:
     """Send a file as it was uploaded, or the range of it that was asked for."""
     file = find_file(file_id, adapters.files)
@@ -126,11 +127,12 @@ def get_content(file_id: str, adapters: AdaptersDependency) -> Response:
         path = adapters.blobs.local_path(content_key(file.sha256))
     except FileNotFoundError:
         raise StorageError(f"the content of file '{file_id}' is missing from the storage") from None
-    return FileResponse(
+    return Download(
         path,
+        identity=file.sha256,
+        modified=file.created,
         media_type="application/octet-stream",
         filename=file.name,
-        headers={"X-Content-Type-Options": "nosniff"},
     )
 
 

@@ -1,23 +1,31 @@
 """Jobs: list, status, result, downloads, dismissal."""
 
 from datetime import UTC, datetime
+from typing import Any
 from urllib.parse import quote
 
 from fastapi import Request, Response
-from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse
+from fastapi.responses import JSONResponse, PlainTextResponse
 
 from schemas.jobs import Artifact, ArtifactList, JobList, StatusInfo
 from schemas.links import Link
 from service.dependencies import AdaptersDependency, BaseUrlDependency
 from service.routes.documents import page_links, status_info
+from service.routes.downloads import ANY, DOWNLOAD_RESPONSES, Download
 from service.routes.job_query import JobQueryDependency
-from service.routes.multipart_related import raw_outputs
+from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.problems import PROBLEM_RESPONSES, problem_response
 from service.routes.readable_router import ReadableRouter
 from service.use_cases.dismiss_job import dismiss_job
 from service.use_cases.find_job import find_artifact, find_artifacts, find_job, find_result, wanted_outputs
 
 router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
+RESULT_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The result document, or the outputs that were wanted.", "content": OUTPUTS},
+    204: {"description": NO_OUTPUT},
+    206: {"description": "The range of the document that was asked for.", "content": ANY},
+    304: {"description": "It is what the client has already (`If-None-Match`)."},
+}
 MOST_LOG_LINES = 20_000
 """A job with more has its oldest left out."""
 
@@ -50,7 +58,7 @@ def delete_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency
     return status_info(job, url)
 
 
-@router.get("/jobs/{job_id}/results", summary="Result of a job")
+@router.get("/jobs/{job_id}/results", summary="Result of a job", responses=RESULT_RESPONSES)
 def get_results(job_id: str, request: Request, adapters: AdaptersDependency) -> Response:
     """Give the result document, or those outputs that were wanted when the job was made, in the form that was wanted.
 
@@ -59,11 +67,12 @@ def get_results(job_id: str, request: Request, adapters: AdaptersDependency) -> 
     result = find_result(job_id, adapters.jobs, adapters.blobs)
     if isinstance(result, dict):
         return problem_response(result, request)
-    wanted = find_job(job_id, adapters.jobs).wanted
-    if wanted is None:
-        return FileResponse(result, media_type="application/json")
-    outputs = wanted_outputs(result, wanted)
-    return raw_outputs(outputs) if wanted["raw"] else JSONResponse(outputs)
+    job = find_job(job_id, adapters.jobs)
+    if job.wanted is None:
+        made = job.finished or job.created
+        return Download(result, identity=f"{job_id}-result", modified=made, media_type="application/json", inline=True)
+    outputs = wanted_outputs(result, job.wanted)
+    return raw_outputs(outputs) if job.wanted["raw"] else JSONResponse(outputs)
 
 
 @router.get(
@@ -98,15 +107,15 @@ def list_artifacts(job_id: str, adapters: AdaptersDependency, url: BaseUrlDepend
     return ArtifactList(artifacts=artifacts, links=[Link(href=url(here), rel="self", title="These downloads")])
 
 
-@router.get("/jobs/{job_id}/artifacts/{name}", summary="One download of a job")
+@router.get("/jobs/{job_id}/artifacts/{name}", summary="One download of a job", responses=DOWNLOAD_RESPONSES)
 def get_artifact(job_id: str, name: str, adapters: AdaptersDependency) -> Response:
     """Send a download, or the range of it that was asked for."""
     found = find_artifact(job_id, name, adapters.jobs, adapters.blobs)
-    inline = found.media_type in {"text/html", "application/json", "text/plain"}
-    return FileResponse(
+    return Download(
         found.path,
+        identity=f"{job_id}-{quote(name, safe='')}",
+        modified=found.made,
         media_type=found.media_type,
         filename=found.name,
-        content_disposition_type="inline" if inline else "attachment",
-        headers={"X-Content-Type-Options": "nosniff"},
+        inline=found.media_type in {"text/html", "application/json", "text/plain"},
     )

@@ -8,6 +8,14 @@ from typing import Any
 from fastapi import Response
 from fastapi.responses import JSONResponse, PlainTextResponse
 
+OUTPUTS: Mapping[str, Any] = {
+    "application/json": {"schema": {}},
+    "text/plain": {"schema": {"type": "string"}},
+    "multipart/related": {"schema": {"type": "string", "format": "binary"}},
+}
+"""How outputs may come, for the description of the interface."""
+NO_OUTPUT = "None of the outputs that were wanted has a value."
+
 
 def raw_outputs(outputs: Mapping[str, Any]) -> Response:
     """Give a single output bare, none as no content, several as parts named by their `Content-ID`."""

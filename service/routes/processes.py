@@ -21,7 +21,7 @@ from service.dependencies import (
 )
 from service.ports import Job
 from service.routes.documents import page_links, status_info
-from service.routes.multipart_related import raw_outputs
+from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
@@ -85,6 +85,10 @@ def get_process(process_id: str, url: BaseUrlDependency) -> ProcessDescription:
     status_code=201,
     summary="Run a process",
     response_model=StatusInfo,
+    responses={
+        200: {"description": "The outputs of a process that answers at once.", "content": OUTPUTS},
+        204: {"description": NO_OUTPUT},
+    },
     openapi_extra={
         "requestBody": {
             "required": True,

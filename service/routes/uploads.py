@@ -99,7 +99,13 @@ async def tus_options(settings: SettingsDependency) -> Response:
     return Response(status_code=204, headers=headers)
 
 
-@router.post("/uploads", status_code=201, summary="Begin a resumable upload (tus)", openapi_extra=PART_BODY)
+@router.post(
+    "/uploads",
+    status_code=201,
+    summary="Begin a resumable upload (tus)",
+    response_class=Response,
+    openapi_extra=PART_BODY,
+)
 async def begin_upload(request: Request, desk: BeginningDeskDependency, url: BaseUrlDependency) -> Response:
     """Begin an upload of `Upload-Length` bytes; `Upload-Metadata` must hold its `filename`. A body is its first part.
 

@@ -3,6 +3,7 @@
 import json
 import mimetypes
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from service.errors import (
@@ -26,6 +27,7 @@ class StoredArtifact:
     name: str
     media_type: str
     path: Path
+    made: datetime
 
 
 def find_job(job_id: str, jobs: JobStore) -> Job:
@@ -84,11 +86,8 @@ def find_artifacts(job_id: str, jobs: JobStore, blobs: BlobStore) -> list[Stored
     NoSuchJobError
         There is no such job.
     """
-    find_job(job_id, jobs)
-    prefix = f"jobs/{job_id}/artifacts/"
-    return [
-        StoredArtifact(key.removeprefix(prefix), _media_type(key), blobs.local_path(key)) for key in blobs.keys(prefix)
-    ]
+    job = find_job(job_id, jobs)
+    return [_artifact(job, key, blobs) for key in blobs.keys(_prefix(job))]
 
 
 def find_artifact(job_id: str, name: str, jobs: JobStore, blobs: BlobStore) -> StoredArtifact:
@@ -96,14 +95,26 @@ def find_artifact(job_id: str, name: str, jobs: JobStore, blobs: BlobStore) -> S
 
     Raises
     ------
+    NoSuchJobError
+        There is no such job.
     ArtifactNotFoundError
         The job has none of that name.
     """
+    job = find_job(job_id, jobs)
     # chosen from what is stored: a name from outside never becomes a key
-    for artifact in find_artifacts(job_id, jobs, blobs):
-        if artifact.name == name:
-            return artifact
+    for key in blobs.keys(_prefix(job)):
+        if key.removeprefix(_prefix(job)) == name:
+            return _artifact(job, key, blobs)
     raise ArtifactNotFoundError(job_id, name)
+
+
+def _prefix(job: Job) -> str:
+    return f"jobs/{job.id}/artifacts/"
+
+
+def _artifact(job: Job, key: str, blobs: BlobStore) -> StoredArtifact:
+    made = job.finished or job.created
+    return StoredArtifact(key.removeprefix(_prefix(job)), _media_type(key), blobs.local_path(key), made)
 
 
 def _media_type(key: str) -> str:
