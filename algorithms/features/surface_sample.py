@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Labels, Points, Vector3
+from algorithms.arrays import Array, Labels, Vector3
 from algorithms.features.scan_features import SurfaceSample
 from algorithms.features.sparse_surface import LEAST_COUNT, is_dense, sparse_surface
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
@@ -14,7 +14,7 @@ LARGEST_SAMPLE = 60_000
 
 
 def sample_surface(
-    points: Points,
+    points: Float64[Array, "points 3"],
     cells: SurfaceCells,
     surfaces: CellSurfaces,
     cell_labels: Labels,
@@ -29,7 +29,7 @@ def sample_surface(
     Parameters
     ----------
     points
-        The scan [m].
+        (points, 3) the scan [m].
     cells, surfaces, cell_labels
         Its cells, their tangent planes (normals towards the sensor), and the plane each is on, -1 for none.
     plane_normals
