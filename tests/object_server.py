@@ -25,7 +25,7 @@ class ObjectServer:
     def new_place(self) -> str:
         """Make a bucket; give the address of a folder in it, as the service's settings take it."""
         bucket = f"tieline-{token_hex(4)}"
-        httpx.put(f"{self.endpoint}/{bucket}").raise_for_status()
+        httpx.put(f"{self.endpoint}/{bucket}", timeout=60.0).raise_for_status()  # the first loads the server
         return f"s3://{bucket}/some/folder?endpoint={self.endpoint}"
 
     @property
