@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import sqlalchemy as sa
 
@@ -43,7 +43,7 @@ class DatabaseFileStore:
         file: StoredFile,
         place: Callable[[], None] = lambda: None,
         admit: Callable[[StoredAmount], None] = admit_any_file,
-    ) -> None:
+    ) -> StoredFile:
         """Insert; `place` puts the content where it belongs, in the same transaction, in which `admit` is asked."""
         owner = file.owner if self._owner is None else self._owner
         row = {**asdict(file), "scans": list(file.scans), "photos": list(file.photos), "owner": owner}
@@ -51,6 +51,7 @@ class DatabaseFileStore:
             admit(_amount(connection, files.c.owner == owner))
             place()
             connection.execute(sa.insert(files).values(row))
+        return replace(file, owner=owner)
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""

@@ -171,7 +171,7 @@ class MemoryFileStore:
         file: StoredFile,
         place: Callable[[], None] = lambda: None,
         admit: Callable[[StoredAmount], None] = admit_any_file,
-    ) -> None:
+    ) -> StoredFile:
         """Insert; `place` puts the content where it belongs."""
         if self._owner is not None:
             file = replace(file, owner=self._owner)
@@ -179,6 +179,7 @@ class MemoryFileStore:
             admit(_amount([each for each in self._files.values() if each.owner == file.owner]))
             place()
             self._files[file.id] = file
+            return file
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""

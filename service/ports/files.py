@@ -29,7 +29,7 @@ class StoredFile:
 
     def summary(self) -> Json:
         """Give what a plan sees of the file."""
-        return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind")}
+        return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind", "owner")}
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class FileStore(Protocol):
         file: StoredFile,
         place: Callable[[], None] = lambda: None,
         admit: Callable[[StoredAmount], None] = admit_any_file,
-    ) -> None:
-        """Insert.
+    ) -> StoredFile:
+        """Insert, and give what was inserted: it belongs to the store's project.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ def features_of_content(sha256: str) -> str:
     return f"{FEATURES}{sha256}"
 
 
-def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None = None) -> str:
+def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None = None, owner: str = "") -> str:
     """Name the blob of one scan's features by content, scan number, options and version of the extraction.
 
     Parameters
@@ -40,6 +40,9 @@ def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None
         Of the extraction.
     photos
         What the photos of the station add, as `photos_identity` gives it; None: no photos.
+    owner
+        Project of the file: if features were shared, the time that a job takes would tell who has the same content.
     """
-    what = json.dumps([FEATURE_VERSION, scan_index, options, *([] if photos is None else [photos])], sort_keys=True)
+    extras = [*([] if photos is None else [photos]), *([f"project {owner}"] if owner else [])]
+    what = json.dumps([FEATURE_VERSION, scan_index, options, *extras], sort_keys=True)
     return f"{features_of_content(sha256)}/{hashlib.sha256(what.encode()).hexdigest()}.npz"

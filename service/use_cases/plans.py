@@ -281,6 +281,7 @@ def _features_call(job: Json, station: Json, options: Json | None, photo_options
             "file": station["scan"]["file"],
             "filename": file["name"],
             "sha256": file["sha256"],
+            "owner": file.get("owner", ""),
             "index": station["scan"]["index"],
             "options": {**(options or {}), **_stated_noise(station)},
             "photos": _photos_of(job, station),

@@ -45,7 +45,8 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
     photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
-    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos)
+    owner = arguments.get("owner", "")
+    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner)
     timings = {"read": 0.0, "features": 0.0}
     if context.blobs.exists(key):
         features = load_features(context.blobs.local_path(key))

@@ -147,8 +147,7 @@ class FileIntake:
             self.blobs.delete_prefix(here)
             return made_before
         self.blobs.prepare_move(here, there)
-        self.files.add(file, lambda: self.blobs.move(here, there), admit_file(self.settings, file.bytes))
-        return file
+        return self.files.add(file, lambda: self.blobs.move(here, there), admit_file(self.settings, file.bytes))
 
     async def _receive(self, upload: Upload, received: "Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(
