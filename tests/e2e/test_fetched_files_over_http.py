@@ -25,7 +25,7 @@ def failed(service: RunningService, job_id: str) -> Document:
 
 def all_at_rest(service: RunningService) -> None:
     """Wait until nothing is on its way in; steps of a job that has ended may still be ending themselves."""
-    wait_until(lambda: not [name for name in service.stored() if "incoming" in name or "partial" in name], 20.0)
+    wait_until(lambda: not [name for name in service.stored() if "incoming" in name or "partial" in name], 60.0)
 
 
 def xyz(points: int) -> bytes:
@@ -63,7 +63,7 @@ def test_the_progress_of_a_slow_server_is_seen_and_the_answer_does_not_wait_for_
 ) -> None:
     href = elsewhere.put("/slow.xyz", xyz(60_000), pause_s=0.15)
     job = reaching.execute("extract-lines", {"station": register(href)["stations"][0]})
-    wait_until(lambda: "fetching S1: " in reaching.job(job)["message"] and "%" in reaching.job(job)["message"], 20.0)
+    wait_until(lambda: "fetching S1: " in reaching.job(job)["message"] and "%" in reaching.job(job)["message"], 60.0)
     reaching.http.delete(f"/jobs/{job}")
     all_at_rest(reaching)
 
@@ -75,7 +75,7 @@ def test_a_killed_worker_begins_the_download_again_and_the_file_is_there_once(
     href = elsewhere.put("/killed.xyz", content, pause_s=0.1)
     station = {"name": "S1", "scan": {"href": href, "index": 1}}  # none to compute with
     job = reaching.execute("extract-lines", {"station": station})
-    wait_until(lambda: "%" in reaching.job(job)["message"], 20.0)
+    wait_until(lambda: "%" in reaching.job(job)["message"], 60.0)
     reaching.worker().kill()
     assert "index" in failed(reaching, job)["errors"][0]["pointer"]
     assert elsewhere.asked.count("/killed.xyz") == 2
