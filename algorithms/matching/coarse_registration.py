@@ -11,12 +11,15 @@ from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.feature_fit import feature_pose_near
-from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
+from algorithms.matching.hypotheses import FINE_SIFTS, RankedPoses, rank_hypotheses
 from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
+from algorithms.matching.plane_triples import offset_votes
 from algorithms.matching.prior_decisions import decided_with_priors, rank_with_priors
 from algorithms.matching.priors import PairPriors
 from algorithms.matching.self_likeness import Contradiction, are_near, is_possible_alternative
+from algorithms.matching.spotless import lone_spotless_pose
+from algorithms.matching.surface_correlation import correlated_motions
 from algorithms.matching.symmetries import poses_by_symmetry
 from algorithms.progress import NoProgress, Progress
 
@@ -29,6 +32,8 @@ LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 0.005, 0.02
 """Significance with which lines refute a pose that fits the surfaces as well, or that fits them worse anyhow."""
 LEAST_SCORE_TO_DOUBT = 0.1
 """Poses with lower scores are not believed anyhow, whatever else is possible."""
+ENOUGH_SCORE = 0.4
+"""Where a pose scores so much the other shifts need not be searched."""
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose, and no rival."""
 
@@ -66,6 +71,9 @@ class CoarseRegistration:
     """What makes the answer doubtful, in words with figures; empty when nothing does."""
     remarks: tuple[str, ...] = ()
     """What the reader should know although it makes nothing doubtful."""
+    lone_spotless: bool = False
+    """Whether hardly anything speaks against the pose and clearly more against every other (`spotless`), all shifts of
+    the surfaces searched."""
     cleanest_rival_share: float = 1.0
     """Of all other poses ranked that would show the instruments another picture and lay 0.02 of the surface on surface:
     the smallest share of what can be judged (what fits or stands in free space) that stands in free space; 1 if there
@@ -113,8 +121,7 @@ def match_features(
         raise TooFewCorrespondencesError(0, 1, "surface points")
     tell.report(0.0, "pairs of lines and planes")
     hypotheses = candidate_motions(target, source, options)
-    if priors is not None:
-        hypotheses = priors.proposed(hypotheses)
+    hypotheses = hypotheses if priors is None else priors.proposed(hypotheses)
     if len(hypotheses) == 0:
         raise TooFewCorrespondencesError(0, 2, "pairs of lines or planes that look alike")
     tell.report(0.4, "testing hypotheses")
@@ -123,6 +130,10 @@ def match_features(
         ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
     else:
         ranked = rank_with_priors(hypotheses, target.index, source.index, priors, noise_m=noise)
+    exhaustive = options.all_shifts and bool(ranked.scores.score[0] < ENOUGH_SCORE)
+    if exhaustive:
+        tell.report(0.6, "testing all shifts")
+        ranked = _with_all_shifts(ranked, target, source, options)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
     if ranked.scores.score[0] >= LEAST_SCORE_TO_DOUBT:
@@ -130,11 +141,26 @@ def match_features(
         others = poses_by_symmetry(target, source, ranked.poses[0], options)
         if len(others):
             ranked = ranked.joined(rank_hypotheses(others, target.index, source.index, noise_m=noise), source.index)
-    result = _described(target, source, ranked, options)
+    result = _described(target, source, ranked, options, exhaustive=exhaustive)
     if priors is not None:
-        result = decided_with_priors(result, ranked, priors, lambda some: _described(target, source, some, options))
+        result = decided_with_priors(
+            result, ranked, priors, lambda some: _described(target, source, some, options, exhaustive=exhaustive)
+        )
     tell.report(1.0, "pose found")
     return result
+
+
+def _with_all_shifts(
+    ranked: RankedPoses, target: ScanFeatures, source: ScanFeatures, options: MatchingOptions
+) -> RankedPoses:
+    """Add the best of all shifts at the rotations that planes propose."""
+    votes = offset_votes(target, source, max_angle_rad=options.max_angle_rad)
+    shifts = correlated_motions(votes, target.index, source.index)
+    if len(shifts) == 0:
+        return ranked
+    noise = max(target.noise_std_m, source.noise_std_m)
+    found = rank_hypotheses(shifts, target.index, source.index, noise_m=noise, sifts=FINE_SIFTS)
+    return ranked.joined(found, source.index)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +175,8 @@ class _Weighed:
     """Those they refute although the surfaces do not: number, evidence of the best pose, evidence there."""
     symmetric: list[int]
     """Rivals that a symmetry of the building makes possible, the one with most surface first."""
+    spotless: bool
+    """Whether the best pose is the only one that nothing speaks against."""
     cleanest_share: float
     """Smallest share against any other pose that is not near the best one; 1 if there is none."""
 
@@ -158,9 +186,11 @@ def _described(
     source: ScanFeatures,
     ranked: RankedPoses,
     options: MatchingOptions,
+    *,
+    exhaustive: bool,
 ) -> CoarseRegistration:
     """Count the supporting features and compare the best pose with the best other one that the lines do not refute."""
-    weighed = _weighed(target, source, ranked, options)
+    weighed = _weighed(target, source, ranked, options, exhaustive=exhaustive)
     pose, scores = ranked.poses[weighed.first], ranked.scores
     best = float(scores.score[weighed.first])
     second = next(iter([*weighed.symmetric, *weighed.rivals]), None)
@@ -205,6 +235,7 @@ def _described(
         ambiguous=bool(close or weighed.symmetric),
         reasons=tuple(reasons),
         remarks=tuple(remarks),
+        lone_spotless=weighed.spotless,
         cleanest_rival_share=weighed.cleanest_share,
     )
 
@@ -214,6 +245,8 @@ def _weighed(
     source: ScanFeatures,
     ranked: RankedPoses,
     options: MatchingOptions,
+    *,
+    exhaustive: bool,
 ) -> _Weighed:
     """Let the lines decide between poses that fit the surfaces alike, and find those that symmetry makes possible."""
     score, charitable = ranked.scores.score, ranked.scores.charitable
@@ -224,8 +257,10 @@ def _weighed(
     close = [k for k in range(1, len(score)) if charitable[k] > LEAST_RIVAL_RATIO * score[0]]
     witness = LineWitness(target, source)
     fitted = {k: feature_pose_near(target, source, ranked.poses[k]) for k in (0, *close)}
-    first = 0
-    for k in close:
+    spotless = lone_spotless_pose(ranked.poses, judged, target.index, source.index) if exhaustive else None
+    first = 0 if spotless is None else spotless
+    fitted.setdefault(first, feature_pose_near(target, source, ranked.poses[first]))
+    for k in close if spotless is None else ():
         nearly_as_good = score[k] >= options.ambiguity_ratio * score[0]
         if nearly_as_good and witness.refutation(fitted[k], fitted[first], alpha=LINES_ALONE_ALPHA) is not None:
             first = k
@@ -249,6 +284,8 @@ def _weighed(
             if found is not None:
                 refuted.append((k, *found))
                 continue
+        if spotless is not None and not possible:
+            continue
         rivals.append(k)
         if possible:
             symmetric.append(k)
@@ -259,7 +296,9 @@ def _weighed(
     cleanest = next(
         (k for k in others if not are_near(ranked.poses[first], ranked.poses[k], target.index, source.index)), None
     )
-    return _Weighed(first, rivals, refuted, symmetric, 1.0 if cleanest is None else judged[cleanest].share)
+    return _Weighed(
+        first, rivals, refuted, symmetric, spotless is not None, 1.0 if cleanest is None else judged[cleanest].share
+    )
 
 
 def _apart(source: ScanFeatures, pose: RigidTransform, other: RigidTransform) -> str:

@@ -14,6 +14,8 @@ from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
 ROUGH_SIFTS, MIDDLE_POINTS = ((64, 3000), (200, 400)), 1500
 """Surface points of each scan, and how many poses go on."""
+FINE_SIFTS = ((400, 300),)
+"""The same for hypotheses of poses in which little of the surface fits: few points would meet none of it."""
 POLISH_POINTS, POLISH_MOST = 2500, 40
 
 
@@ -37,7 +39,13 @@ class RankedPoses:
 
 
 def rank_hypotheses(
-    hypotheses: Motions, target: SurfaceIndex, source: SurfaceIndex, *, noise_m: float, most: int = POLISH_MOST
+    hypotheses: Motions,
+    target: SurfaceIndex,
+    source: SurfaceIndex,
+    *,
+    noise_m: float,
+    most: int = POLISH_MOST,
+    sifts: Sequence[tuple[int, int]] = ROUGH_SIFTS,
 ) -> RankedPoses:
     """Sift hypotheses coarse to fine, polish the best, and give the distinct ones by falling score.
 
@@ -51,13 +59,15 @@ def rank_hypotheses(
         Standard deviation of single points [m]; widens the limits.
     most
         So many distinct ones are polished.
+    sifts
+        Surface points of each scan, and how many poses go on, step by step.
     """
     base = float(np.clip(3.0 * noise_m, 0.05, 0.25))
     spacing = max(target.spacing_m, source.spacing_m)
     rough = EvidenceLimits(base + 0.2, np.radians(25.0), 2.5 * spacing, margin_m=0.4, margin_relative=0.03)
     middle = EvidenceLimits(base + 0.12, np.radians(22.0), 2.5 * spacing, margin_m=0.3, margin_relative=0.02)
     kept = hypotheses
-    for points, kept_most in ROUGH_SIFTS:
+    for points, kept_most in sifts:
         kept = _by_score(kept, target, source, points, rough)[:kept_most]
     kept = _by_score(kept, target, source, MIDDLE_POINTS, middle)
     centre = source.points.mean(axis=0)

@@ -18,3 +18,5 @@ class MatchingOptions:
     """So many of the motions with most votes of line pairs are tested."""
     ambiguity_ratio: Annotated[float, Gt(0.0), Le(1.0)] = 0.8
     """The answer is ambiguous when a clearly different pose scores at least this share of it."""
+    all_shifts: bool = True
+    """Where no pose is convincing, test all shifts of the surfaces (about a second of one processor)."""

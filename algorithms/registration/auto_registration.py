@@ -237,6 +237,7 @@ def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _A
         runner_up_score=coarse.runner_up_score,
         supporters=supporters,
         runner_up_supporters=coarse.runner_up_support,
+        lone_spotless=coarse.lone_spotless,
     )
     status, reasons = status_of_final(
         problem, coarse, final, verdict, fine=fine, doubts=answer.doubts, hidden_m=answer.hidden_m
