@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.api.conftest import Client
 from tests.api.key_service import KeyedClient
 from tests.api.two_projects import (
     CONTENT_OF_ALICE,
@@ -221,3 +222,18 @@ def _smuggled(alice: KeyedClient) -> list[dict[str, str]]:
         {"Authorization": f"Bearer tl_{name}_"},
         {"Authorization": f"Bearer tl_{name}_{'x' * 43}"},
     ]
+
+
+def test_the_description_says_which_requests_need_a_key(world: TwoProjects, paths: dict[str, list[str]]) -> None:
+    stranger = Client(world.app)
+    for path, names in paths.items():
+        asked = path.format(**HARMLESS, **{name: UNKNOWN for name in names if name in OWNED})
+        for method, operation in world.app.openapi()["paths"][path].items():
+            refused = stranger.request(method.upper(), asked).status_code == 401
+            assert refused == (operation["security"] != []), (method, path)
+
+
+def test_a_key_is_optional_where_a_service_without_keys_is_open(world: TwoProjects) -> None:
+    described = world.app.openapi()["paths"]
+    assert described["/jobs"]["get"]["security"] == [{"key": []}, {}]
+    assert described["/keys"]["post"]["security"] == [{"key": []}]
