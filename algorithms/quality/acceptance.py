@@ -28,9 +28,9 @@ CONTRADICTED_SHARE, CONTRADICTED_RATIO = 0.03, 0.3
 """Where more than this share of what can be judged stands in free space, no other pose may come near: in a building the
 right pose shows a tenth of that, among trees and with an estimated instrument position more, but nothing else fits
 there."""
-SPOTLESS_SUPPORT, SPOTLESS_SHARE = 0.07, 0.01
+SPOTLESS_SUPPORT, SPOTLESS_SHARE = 0.06, 0.03
 """The only pose that hardly anything speaks against is accepted from this support on, while no more than this share of
-what can be judged does: in 136 pairs whose shifts were all searched, wrong poses were spotless up to 0.056."""
+what can be judged does: in 164 pairs whose shifts were all searched, wrong poses were spotless up to 0.056."""
 LEAST_SUPPORTERS = 6
 """Lines and planes that both scans must see. Wrong poses lay few whole features on each other, however much fits."""
 BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
