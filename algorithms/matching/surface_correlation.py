@@ -4,7 +4,7 @@ Pairs of lines and planes propose what is likely; where two scans share little, 
 strip of wall seen through a door gives no plane that both scans know. But once a rotation is assumed, how much surface
 lies on surface, and how much stands where the other instrument looked through, are correlations of rasters, and Fourier
 transforms give them for all shifts. Nothing can be missed then but for the size of a cell, so that "no other place
-fits" means what it says.
+fits" means what it says (MATH 5.4).
 """
 
 from collections.abc import Sequence
