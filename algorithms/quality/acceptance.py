@@ -120,24 +120,22 @@ def judge(
         )
     if alone:
         fit += "; it is the only pose that so little speaks against"
-        doubts = _doubts_alone(verification, supporters)
+        doubts = _doubts_alone(verification)
     else:
         doubts = _doubts(verification, ratio, supporters, runner_up_supporters)
     status = AcceptanceStatus.DOUBTFUL if doubts else AcceptanceStatus.ACCEPTED
     return Verdict(status, (f"{fit}; the best other pose scores {runner_up_score:.2f}", *doubts))
 
 
-def _doubts_alone(verification: Verification, supporters: int) -> list[str]:
-    """Say what keeps the only spotless pose from being accepted."""
-    doubts = []
-    if verification.support_share < SPOTLESS_SUPPORT:
-        doubts.append(
-            f"only {verification.support_share:.1%} of the surface fits: so little may fit by chance with nothing "
-            f"against it ({SPOTLESS_SUPPORT:.0%} would be needed)"
-        )
-    if supporters < LEAST_SUPPORTERS:
-        doubts.append(f"only {supporters} lines and planes are seen by both scans, {LEAST_SUPPORTERS} would be needed")
-    return doubts
+def _doubts_alone(verification: Verification) -> list[str]:
+    """Say what keeps the only spotless pose from being accepted; features in common are not asked for."""
+    if verification.support_share >= SPOTLESS_SUPPORT:
+        return []
+    doubt = (
+        f"only {verification.support_share:.1%} of the surface fits: so little may fit by chance with nothing against "
+        f"it ({SPOTLESS_SUPPORT:.0%} would be needed)"
+    )
+    return [doubt]
 
 
 def _doubts(verification: Verification, ratio: float, supporters: int, runner_up_supporters: int | None) -> list[str]:

@@ -148,3 +148,37 @@ def test_many_common_features_make_up_for_a_low_score() -> None:
     low = replace(CLEAR, score=0.15)
     assert _judged(low, runner_up=0.03, supporters=60, others=4).status is AcceptanceStatus.ACCEPTED
     assert _judged(low, runner_up=0.03, supporters=20, others=4).status is AcceptanceStatus.DOUBTFUL
+
+
+FAINT = replace(
+    CLEAR, overlap_decimetre=0.1, overlap_half_metre=0.2, support_share=0.07, violation_share=0.0, score=0.07
+)
+"""Little in common, and nothing against it."""
+
+
+def test_a_pose_with_little_in_common_is_rejected_when_others_are_as_clean() -> None:
+    assert _judged(FAINT, runner_up=0.02).status is AcceptanceStatus.REJECTED
+
+
+def test_the_only_pose_that_nothing_speaks_against_is_accepted_with_little_in_common() -> None:
+    verdict = judge(FAINT, runner_up_score=0.0, supporters=3, lone_spotless=True)
+    assert verdict.status is AcceptanceStatus.ACCEPTED
+    assert "the only pose" in verdict.reasons[0]
+
+
+def test_it_is_doubtful_with_so_little_in_common_that_chance_gives_as_much() -> None:
+    verdict = judge(
+        replace(FAINT, support_share=0.05, score=0.05), runner_up_score=0.0, supporters=3, lone_spotless=True
+    )
+    assert verdict.status is AcceptanceStatus.DOUBTFUL
+    assert "by chance" in verdict.reasons[1]
+
+
+def test_what_is_contradicted_in_the_final_pose_is_not_the_only_clean_one_any_more() -> None:
+    stained = replace(FAINT, violation_share=0.005)
+    assert judge(stained, runner_up_score=0.0, supporters=30, lone_spotless=True).status is AcceptanceStatus.REJECTED
+
+
+def test_a_symmetric_alternative_makes_the_only_clean_pose_ambiguous() -> None:
+    verdict = judge(FAINT, runner_up_score=0.065, supporters=30, lone_spotless=True)
+    assert verdict.status is AcceptanceStatus.AMBIGUOUS

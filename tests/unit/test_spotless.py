@@ -1,0 +1,57 @@
+"""The only pose that hardly anything speaks against."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.matching.self_likeness import Contradiction
+from algorithms.matching.spotless import lone_spotless_pose
+from algorithms.scans.surface_index import SurfaceIndex, surface_index
+
+BEST = Contradiction(0.2, 0.05)
+"""Fits best, but much of it stands in free space."""
+
+
+def at(shift_m: float) -> RigidTransform:
+    return RigidTransform.from_translation([shift_m, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def scan() -> SurfaceIndex:
+    """A floor, seen from above: what counts here is where the instrument stood, and how far its surfaces are."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(-5.0, 5.0, 0.25), np.arange(-5.0, 5.0, 0.25)))
+    points = np.column_stack([x, y, np.full(x.size, -1.6)])
+    return surface_index(points, np.tile([0.0, 0.0, 1.0], (x.size, 1)), 0.25, np.zeros(3))
+
+
+def number(scan: SurfaceIndex, *others: tuple[float, Contradiction]) -> int | None:
+    poses = (at(0.0), *(at(shift) for shift, _ in others))
+    return lone_spotless_pose(poses, (BEST, *(each for _, each in others)), scan, scan)
+
+
+def test_it_is_found_behind_poses_that_fit_better(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.07, 0.0)), (20.0, Contradiction(0.05, 0.04))) == 1
+
+
+def test_another_clean_pose_of_like_support_leaves_it_open(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.07, 0.0)), (20.0, Contradiction(0.04, 0.01))) is None
+
+
+def test_a_clean_pose_with_far_less_support_does_not_count(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.09, 0.0)), (20.0, Contradiction(0.025, 0.0))) == 1
+
+
+def test_a_clean_pose_beside_it_does_not_count(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.07, 0.0)), (10.1, Contradiction(0.06, 0.0))) == 1
+
+
+def test_where_something_speaks_against_it_the_others_must_be_four_times_as_bad(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.09, 0.012)), (20.0, Contradiction(0.06, 0.04))) is None
+
+
+def test_it_does_not_displace_a_pose_of_many_times_its_support(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.04, 0.0))) is None
+
+
+def test_what_lays_next_to_nothing_on_each_other_is_no_pose(scan: SurfaceIndex) -> None:
+    assert number(scan, (10.0, Contradiction(0.02, 0.0))) is None
