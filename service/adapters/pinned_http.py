@@ -8,8 +8,9 @@ import asyncio
 import socket
 import ssl
 from collections.abc import AsyncIterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
-from functools import cache
+from functools import cache, partial
 
 import httpx
 
@@ -17,6 +18,7 @@ from service.adapters.address_check import PORTS, is_public
 from service.errors import AddressRefusedError
 
 RESOLVE_WITHIN_S = 10.0
+MOST_RESOLVED_AT_ONCE = 8
 MOST_ADDRESSES = 3
 """That are tried, one after the other."""
 
@@ -81,11 +83,11 @@ async def checked_destinations(url: httpx.URL, *, allow_private: bool) -> Sequen
     AddressRefusedError
         The host has no address, or one that is not public, unless that is allowed.
     """
-    loop = asyncio.get_running_loop()
-    port = url.port or PORTS[url.scheme]
+    host, port = url.raw_host.decode("ascii"), url.port or PORTS[url.scheme]
+    ask = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
     try:
         async with asyncio.timeout(RESOLVE_WITHIN_S):
-            found = await loop.getaddrinfo(url.raw_host.decode("ascii"), port, type=socket.SOCK_STREAM)
+            found = await asyncio.get_running_loop().run_in_executor(_resolvers(), ask)
     except TimeoutError:
         raise AddressRefusedError(str(url), f"its host was not found within {RESOLVE_WITHIN_S:g} s") from None
     except (OSError, UnicodeError) as error:
@@ -96,6 +98,12 @@ async def checked_destinations(url: httpx.URL, *, allow_private: bool) -> Sequen
     if not allow_private and not all(map(is_public, addresses)):
         raise AddressRefusedError(str(url), "its host is not on the public internet")
     return addresses[:MOST_ADDRESSES]
+
+
+@cache
+def _resolvers() -> ThreadPoolExecutor:
+    """Give threads for nothing else: names whose servers never answer hold up other names and no other requests."""
+    return ThreadPoolExecutor(MOST_RESOLVED_AT_ONCE, thread_name_prefix="resolver")
 
 
 @cache

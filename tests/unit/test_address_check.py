@@ -2,12 +2,14 @@
 
 import asyncio
 import socket
+import threading
 from collections.abc import Sequence
 from typing import Any
 
 import httpx
 import pytest
 
+from service.adapters import pinned_http
 from service.adapters.address_check import is_public, parsed_address
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.pinned_http import checked_destinations, pinned_request
@@ -123,6 +125,31 @@ def test_a_name_that_leads_inside_is_refused(monkeypatch: pytest.MonkeyPatch, fo
     resolves_to(monkeypatch, found)
     with pytest.raises(AddressRefusedError, match="public internet"):
         destinations("https://rebound.example/")
+
+
+def test_names_whose_servers_never_answer_hold_up_no_other_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = threading.Event()
+
+    def resolve(*_a: Any, **_k: Any) -> list[Any]:
+        answer.wait(30.0)
+        return []
+
+    monkeypatch.setattr(socket, "getaddrinfo", resolve)
+    monkeypatch.setattr(pinned_http, "RESOLVE_WITHIN_S", 0.3)
+
+    async def ask() -> None:
+        urls = [parsed_address(f"https://silent{number}.example/") for number in range(40)]
+        asked = [asyncio.create_task(checked_destinations(url, allow_private=False)) for url in urls]
+        await asyncio.sleep(0)
+        assert await asyncio.to_thread(lambda: "done") == "done"
+        for refused in await asyncio.gather(*asked, return_exceptions=True):
+            assert isinstance(refused, AddressRefusedError)
+            assert "not found within" in str(refused)
+
+    try:
+        asyncio.run(ask())
+    finally:
+        answer.set()
 
 
 def test_a_name_without_an_address_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
