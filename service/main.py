@@ -25,15 +25,18 @@ from service.adapters.database_idempotency import DatabaseIdempotencyStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
+from service.adapters.database_uploads import DatabaseUploads
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 from service.adapters.nursery_client import WarmUp
-from service.adapters.object_files import blob_store
+from service.adapters.object_files import ObjectFiles, blob_store
 from service.adapters.remote_sources import RemoteSources
+from service.adapters.shared_uploads import SharedUploads
 from service.dependencies import AccessStores, Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
+from service.ports import UploadStore
 from service.routes import (
     audit,
     files,
@@ -71,10 +74,11 @@ def app_from_environment() -> FastAPI:
     database = connect(settings)
     queue = DbosQueue(settings, DatabaseExecutors(database))
     readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
+    blobs = blob_store(settings)
     adapters = Adapters(
         jobs=DatabaseJobStore(database, queue.enqueue),
         files=DatabaseFileStore(database),
-        blobs=blob_store(settings),
+        blobs=blobs,
         queue=queue,
         steps=readers,
         log=DatabaseJobLog(database),
@@ -93,7 +97,10 @@ def app_from_environment() -> FastAPI:
         queue.close()
         database.dispose()
 
-    return create_app(settings, adapters, closing, access)
+    upload_store = None
+    if isinstance(blobs, ObjectFiles):
+        upload_store = SharedUploads(DatabaseUploads(database), blobs, settings.data_dir / "shared-uploads")
+    return create_app(settings, adapters, closing, access, upload_store)
 
 
 async def _clean_up_regularly(cleaner: Cleaner, access: AccessStores, settings: Settings) -> None:
@@ -116,6 +123,7 @@ def create_app(
     adapters: Adapters,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
     access: AccessStores | None = None,
+    upload_store: UploadStore | None = None,
 ) -> FastAPI:
     """Build the web application.
 
@@ -127,6 +135,8 @@ def create_app(
         Surrounds its run.
     access
         What is kept of clients; None: in the memory of this process, for tests.
+    upload_store
+        Resumable uploads; None: in the data directory.
     """
     stores = access or AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
     app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"), lifespan=lifespan)
@@ -134,7 +144,7 @@ def create_app(
     app.state.adapters = adapters
     app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
     app.state.access_stores = stores
-    app.state.uploads = LocalUploads(settings.data_dir / "uploads")
+    app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
     for resource in (

@@ -171,6 +171,28 @@ callbacks = sa.Table(
     sa.Column("told", UtcDateTime),
 )
 
+uploads = sa.Table(
+    "uploads",
+    metadata,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("owner", sa.String(64), nullable=False, index=True),
+    sa.Column("record", sa.JSON, nullable=False),
+    sa.Column("arrived", sa.BigInteger, nullable=False),
+    sa.Column("touched", sa.Float, nullable=False),
+    sa.Column("holder", sa.String(32), nullable=False),
+    sa.Column("held_until", sa.Float, nullable=False),
+    sa.Column("wanted", sa.Boolean, nullable=False),
+)
+
+upload_parts = sa.Table(
+    "upload_parts",
+    metadata,
+    sa.Column("upload_id", sa.String(64), sa.ForeignKey("uploads.id", ondelete="CASCADE"), primary_key=True),
+    sa.Column("start", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("bytes", sa.BigInteger, nullable=False),
+    sa.Column("holder", sa.String(32), nullable=False),
+)
+
 executors = sa.Table(
     "executors",
     metadata,

@@ -166,6 +166,10 @@ class LockedFolder:
         """Give the file with the bytes."""
         return self._folder / CONTENT
 
+    def whole(self) -> Path:
+        """Give the file with the bytes."""
+        return self.path
+
     def set_room_aside(self) -> bool:
         """Keep room on the disk for what is still to come; False when that is not possible here."""
         return self._content >= 0 and set_aside(self._content, self.state.upload.length)

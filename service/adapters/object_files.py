@@ -134,6 +134,23 @@ class ObjectFiles:
         with self._reached():
             obstore.put(self._store, checked_key(key), data, attributes={"sha256": hashlib.sha256(data).hexdigest()})
 
+    def put_stream(self, key: str, chunks: Iterator[bytes]) -> None:
+        """Store blocks of bytes as they are made, of which few are in memory."""
+        import obstore
+
+        with self._reached():
+            obstore.put(self._store, checked_key(key), chunks, chunk_size=PART_BYTES, max_concurrency=PARTS_AT_ONCE)
+
+    def append_to(self, key: str, file: IO[bytes]) -> None:
+        """Append a blob to a file. FileNotFoundError when absent."""
+        import obstore
+
+        with self._reached():
+            found = obstore.head(self._store, checked_key(key))
+            for start in range(0, found["size"], READ_BYTES):
+                end = min(start + READ_BYTES, found["size"])
+                file.write(obstore.get_range(self._store, key, start=start, end=end))
+
     def put_file(self, key: str, path: Path) -> None:
         """Move a finished local file into the store."""
         if _is_near(key):

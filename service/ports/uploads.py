@@ -52,9 +52,8 @@ class OpenUpload(Protocol):
     def state(self) -> UploadState:
         """Tell how far it is."""
 
-    @property
-    def path(self) -> Path:
-        """Give the file with the bytes."""
+    def whole(self) -> Path:
+        """Give a file with all bytes of a complete upload, which may take long."""
 
     def set_room_aside(self) -> bool:
         """Keep room on the disk for what is still to come; False when that is not possible here.
@@ -97,7 +96,7 @@ class OpenUpload(Protocol):
 
 
 class UploadStore(Protocol):
-    """Keep resumable uploads: the offset is the size of the file on disk."""
+    """Keep resumable uploads: the offset is what is there for good."""
 
     def of(self, owner: str) -> "UploadStore":
         """Give the uploads of one project: those of others do not exist there, and new ones belong to it.

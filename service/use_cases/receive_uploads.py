@@ -115,7 +115,7 @@ class UploadDesk:
         state = await self.describe(upload_id, now)
         if not state.complete:
             async with self._locked(upload_id) as opened:
-                state = opened.state
+                state = await _state_of(opened)
         _require_unrefused(state.upload)
         return state
 
@@ -135,7 +135,7 @@ class UploadDesk:
         """
         await self.describe(upload_id, now)
         async with self._locked(upload_id) as opened:
-            state = opened.state
+            state = await _state_of(opened)
             _require_unrefused(state.upload)
             if part.offset != state.offset:
                 raise UploadOffsetError(upload_id, part.offset, state.offset)
@@ -143,9 +143,9 @@ class UploadDesk:
             if part.declared_bytes is not None and part.declared_bytes > room:
                 raise UploadOverrunError(upload_id, state.offset + part.declared_bytes, state.upload.length)
             await asyncio.to_thread(self._make_room, opened, part.declared_bytes or 0)
-            await self._take(opened, part)
+            await self._take(opened, state.upload, part)
             await self._finish(opened, now)
-            return opened.state
+            return await _state_of(opened)
 
     async def finish(self, upload_id: str, now: datetime) -> None:
         """Make a file of an upload whose last byte came before a process died; nothing happens if another one does it.
@@ -160,7 +160,7 @@ class UploadDesk:
             try:
                 await self._finish(opened, now)
             finally:
-                opened.close()
+                await _undisturbed(opened.close)
 
     async def terminate(self, upload_id: str) -> None:
         """Remove an upload; a file that it has become stays.
@@ -187,7 +187,7 @@ class UploadDesk:
         try:
             yield opened
         finally:
-            opened.close()
+            await _undisturbed(opened.close)
 
     async def _taken_over(self, upload_id: str) -> OpenUpload:
         """Ask a request that has stalled to end."""
@@ -221,9 +221,9 @@ class UploadDesk:
                 total += 0 if upload.finished or upload.problem is not None else upload.length
         return total
 
-    async def _take(self, opened: OpenUpload, part: UploadPart) -> None:
-        writer = _PartWriter(opened, part, self.intake.require_room)
-        opened.touch()
+    async def _take(self, opened: OpenUpload, upload: PendingUpload, part: UploadPart) -> None:
+        writer = _PartWriter(opened, upload, part, self.intake.require_room)
+        await _undisturbed(opened.touch)
         if part.checksum is not None:
             opened.doubt()
         try:
@@ -235,12 +235,13 @@ class UploadDesk:
             raise
 
     async def _finish(self, opened: OpenUpload, now: datetime) -> None:
-        state = opened.state
+        state = await _state_of(opened)
         upload = state.upload
         if upload.finished or upload.problem is not None or not state.complete:
             return
         try:
-            await self.intake.of(upload.owner).store_finished(upload.id, upload.filename, opened.path, now)
+            path = await _undisturbed(opened.whole)
+            await self.intake.of(upload.owner).store_finished(upload.id, upload.filename, path, now)
         except (UnreadableFileError, StepFailedError) as error:  # trying again would not help
             await _undisturbed(opened.save, replace(upload, problem=to_problem(error)))
             raise
@@ -250,10 +251,13 @@ class UploadDesk:
 class _PartWriter:
     """Write one body block by block."""
 
-    def __init__(self, opened: OpenUpload, part: UploadPart, require_room: Callable[[], None]) -> None:
+    def __init__(
+        self, opened: OpenUpload, upload: PendingUpload, part: UploadPart, require_room: Callable[[], None]
+    ) -> None:
         self._opened = opened
+        self._upload = upload
         self._part = part
-        self._room = opened.state.upload.length - part.offset
+        self._room = upload.length - part.offset
         self._digest = None if part.checksum is None else hashlib.new(part.checksum.algorithm, usedforsecurity=False)
         self._require_room = require_room
         self._block = bytearray()
@@ -265,13 +269,12 @@ class _PartWriter:
         """Take a chunk; an empty one only says that time has passed."""
         self._block += chunk
         if self._written + len(self._block) > self._room:
-            upload = self._opened.state.upload
             size = self._part.offset + self._written + len(self._block)
-            raise UploadOverrunError(upload.id, size, upload.length)
+            raise UploadOverrunError(self._upload.id, size, self._upload.length)
         # what a slow client sends shows soon: the size of the file on disk is what others take for its progress
         if len(self._block) >= BLOCK_BYTES or time.monotonic() >= self._due:
             if self._opened.asked_for():
-                raise UploadLockedError(self._opened.state.upload.id)
+                raise UploadLockedError(self._upload.id)
             await self._flush()
 
     async def finish(self) -> None:
@@ -306,6 +309,11 @@ class _PartWriter:
         self._written += len(data)
         if self._digest is not None:
             self._digest.update(data)
+
+
+async def _state_of(opened: OpenUpload) -> UploadState:
+    """Read in a thread how far an upload is: that may be a question to a database."""
+    return await _undisturbed(lambda: opened.state)
 
 
 async def _undisturbed(function: Callable[..., Value], *arguments: Any) -> Value:

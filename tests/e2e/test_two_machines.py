@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 
@@ -13,6 +14,8 @@ from tests.object_server import ObjectServer
 from tests.postgres_server import PostgresServer, postgres_server
 
 pytestmark = pytest.mark.service
+
+TUS = {"Tus-Resumable": "1.0.0"}
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +75,29 @@ def test_what_one_machine_takes_the_other_gives_back(machines: Sequence[RunningS
     answers = [machine.http.get(f"/jobs/{job}/artifacts/report.html") for machine in machines]
     assert [len(each.content) for each in answers] == [report["bytes"]] * 2
     assert (there.http.delete(f"/jobs/{job}").status_code, here.http.get(f"/jobs/{job}").status_code) == (200, 404)
+
+
+def test_a_resumable_upload_goes_on_through_any_machine(
+    machines: Sequence[RunningService], scans: Sequence[Path]
+) -> None:
+    content = scans[0].read_bytes()
+    headers = {**TUS, "Upload-Length": str(len(content)), "Upload-Metadata": "filename aG91c2UuZTU3"}
+    begun = machines[0].http.post("/uploads", headers=headers)
+    path = httpx.URL(begun.headers["location"]).path
+    offset = 0
+    for number, size in enumerate((len(content) // 5, len(content) // 3, len(content) // 4, len(content))):
+        part = {**TUS, "Content-Type": "application/offset+octet-stream", "Upload-Offset": str(offset)}
+        answer = machines[number % 2].http.patch(path, headers=part, content=content[offset : offset + size])
+        assert answer.status_code == 204, answer.text
+        offset = int(machines[(number + 1) % 2].http.head(path, headers=TUS).headers["upload-offset"])
+        if number == 1:
+            machines[0].apis()[0].kill()
+            wait_until(lambda: len(machines[0].apis()) == 1 and machines[0].http.get("/healthz").is_success, 60.0)
+    assert offset == len(content)
+    file = path.rpartition("/")[2]
+    answers = [machine.http.get(f"/files/{file}/content").content for machine in machines]
+    assert answers == [content, content]
+    assert machines[0].http.delete(f"/files/{file}").status_code == 204
 
 
 def test_a_machine_goes_on_with_what_another_had_begun_when_it_died(

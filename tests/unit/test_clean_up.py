@@ -159,7 +159,7 @@ def test_finishing_an_upload_whose_file_is_entered_already_changes_nothing(house
     opened = house.uploads.lock("u1")
     assert opened is not None
     opened.write(b"123")
-    entered = asyncio.run(house.desk.intake.store_finished("u1", "a.xyz", opened.path, NOW))
+    entered = asyncio.run(house.desk.intake.store_finished("u1", "a.xyz", opened.whole(), NOW))
     opened.close()  # and here the process died
     house.clean_up()
     assert (house.files.find(10, 0), house.uploads.find("u1").upload.finished) == (([entered], 1), True)
