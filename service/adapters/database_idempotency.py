@@ -1,11 +1,11 @@
 """First answers to repeated requests in the metadata database (SQLite or PostgreSQL)."""
 
-import time
 from datetime import datetime
 from typing import Any
 
 import sqlalchemy as sa
 
+from service.adapters.database_executors import clock
 from service.adapters.database_tables import idempotency, lock_name
 from service.ports import KEPT_ANSWERS, Answer, Claim
 from service.use_cases.identifiers import new_identifier
@@ -26,8 +26,9 @@ class DatabaseIdempotencyStore:
     def claim(self, owner: str, key: str, holder: str, now: datetime, seconds: float) -> Claim:
         """Begin a request, or find out that it was begun."""
         this = sa.and_(idempotency.c.owner == owner, idempotency.c.key == key)
-        held_until = time.time() + seconds
         with self._engine.begin() as connection:
+            moment = clock(connection)
+            held_until = moment + seconds
             lock_name(connection, f"request {key} of {owner}")
             connection.execute(sa.delete(idempotency).where(this, idempotency.c.created < now - KEPT_ANSWERS))
             row = connection.execute(sa.select(idempotency).where(this)).mappings().one_or_none()
@@ -39,14 +40,16 @@ class DatabaseIdempotencyStore:
             if row["status"] is not None:
                 headers = [(name, value) for name, value in row["headers"]]
                 return Claim(False, row["seed"], row["fingerprint"], Answer(row["status"], headers, row["body"]))
-            mine = row["held_until"] < time.time()
+            mine = row["held_until"] < moment
             if mine:
                 connection.execute(sa.update(idempotency).where(this).values(holder=holder, held_until=held_until))
             return Claim(mine, row["seed"], row["fingerprint"], None)
 
     def hold(self, owner: str, key: str, holder: str, seconds: float) -> None:
         """Go on holding a request."""
-        self._change(owner, key, holder, held_until=time.time() + seconds)
+        with self._engine.begin() as connection:
+            change = sa.update(idempotency).where(_held(owner, key, holder))
+            connection.execute(change.values(held_until=clock(connection) + seconds))
 
     def note_fingerprint(self, owner: str, key: str, holder: str, fingerprint: str) -> None:
         """Keep what the content of a request was."""

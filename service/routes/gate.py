@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 import structlog
 from fastapi import Request
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import ServiceError, StorageError
@@ -64,7 +64,7 @@ class Gate:
         visit = _Visit(Request(scope))
         try:
             visit.access = await self._admitted(visit)
-        except (ServiceError, DBAPIError) as error:
+        except (ServiceError, SQLAlchemyError) as error:
             known = error if isinstance(error, ServiceError) else StorageError("the database does not answer")
             answer = error_response(known, visit.request)
             await self._note(visit, answer.status_code)
@@ -133,7 +133,7 @@ class Gate:
             return
         try:
             await asyncio.to_thread(self._audit.write, entry)
-        except DBAPIError as error:
+        except SQLAlchemyError as error:
             log.exception("the audit log cannot be written", error=str(error))
 
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from email.message import Message as HeaderMessage
 
 from fastapi import Request, Response
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import FieldFault, InvalidRequestError, ServiceError, StorageError
@@ -51,7 +51,7 @@ class RepeatedRequests:
             claim = await this.claim(datetime.now(UTC))
             attempt = _Attempt(this, claim, request, receive, send)
             answer = await (attempt.begin() if claim.answer is None else _again(request, this, claim))
-        except (ServiceError, DBAPIError) as error:
+        except (ServiceError, SQLAlchemyError) as error:
             answer = error_response(_known(error), request)
         if answer is not None:
             await answer(scope, receive, send)
@@ -189,5 +189,5 @@ def _without_length(headers: Sequence[tuple[str, str]]) -> list[tuple[str, str]]
     return [(name, value) for name, value in headers if name.lower() != "content-length"]
 
 
-def _known(error: ServiceError | DBAPIError) -> ServiceError:
+def _known(error: ServiceError | SQLAlchemyError) -> ServiceError:
     return error if isinstance(error, ServiceError) else StorageError("the database does not answer")

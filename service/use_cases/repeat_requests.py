@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.ports import Answer, Claim, IdempotencyStore
 from service.refusals import RequestDiffersError, RequestUnderWayError
@@ -74,13 +74,13 @@ class Repeatable:
 
     async def let_go(self) -> None:
         """Let it be tried again: it broke off, and may have left something behind."""
-        with suppress(DBAPIError):  # then it can be tried again when the time has passed for which it is held
+        with suppress(SQLAlchemyError):  # then it can be tried again when the time has passed for which it is held
             await asyncio.to_thread(self.answers.let_go, self.owner, self.key, self.holder)
 
     async def _hold(self) -> None:
         while True:
             await asyncio.sleep(RENEW_S)
-            with suppress(DBAPIError):
+            with suppress(SQLAlchemyError):
                 await asyncio.to_thread(self.answers.hold, self.owner, self.key, self.holder, HOLD_S)
 
 
