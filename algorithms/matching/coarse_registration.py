@@ -32,8 +32,8 @@ LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 0.005, 0.02
 """Significance with which lines refute a pose that fits the surfaces as well, or that fits them worse anyhow."""
 LEAST_SCORE_TO_DOUBT = 0.1
 """Poses with lower scores are not believed anyhow, whatever else is possible."""
-ENOUGH_SCORE = 0.4
-"""Where a pose scores so much the other shifts need not be searched."""
+ENOUGH_SCORE, ENOUGH_FEATURES = 0.4, 6
+"""Where a pose scores so much, and so many lines and planes are common, the other shifts need not be searched."""
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose, and no rival."""
 
@@ -130,7 +130,7 @@ def match_features(
         ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
     else:
         ranked = rank_with_priors(hypotheses, target.index, source.index, priors, noise_m=noise)
-    exhaustive = options.all_shifts and bool(ranked.scores.score[0] < ENOUGH_SCORE)
+    exhaustive = options.all_shifts and not _convinces(target, source, ranked)
     if exhaustive:
         tell.report(0.6, "testing all shifts")
         ranked = _with_all_shifts(ranked, target, source, options)
@@ -148,6 +148,13 @@ def match_features(
         )
     tell.report(1.0, "pose found")
     return result
+
+
+def _convinces(target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses) -> bool:
+    """Say whether the best pose needs no search of all other shifts."""
+    return bool(
+        ranked.scores.score[0] >= ENOUGH_SCORE and _supporters(target, source, ranked.poses[0]) >= ENOUGH_FEATURES
+    )
 
 
 def _with_all_shifts(
