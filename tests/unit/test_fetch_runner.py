@@ -131,8 +131,13 @@ def scene(tmp_path: Path) -> Scene:
 def test_the_file_is_entered_for_the_project_of_the_job_under_the_promised_identifier(scene: Scene) -> None:
     output = scene.run()
     assert output == {
-        "id": "f1", "name": "a.e57", "sha256": SHA256, "bytes": len(CONTENT),
-        "format": "E57", "kind": "scan", "owner": "ours",
+        "id": "f1",
+        "name": "a.e57",
+        "sha256": SHA256,
+        "bytes": len(CONTENT),
+        "format": "E57",
+        "kind": "scan",
+        "owner": "ours",
     }
     file = scene.files.of("ours").get("f1")
     assert file is not None
