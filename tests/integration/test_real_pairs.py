@@ -60,6 +60,7 @@ def _judged(target: ScanFeatures, source: ScanFeatures) -> tuple[CoarseRegistrat
         runner_up_score=coarse.runner_up_score,
         supporters=coarse.support,
         runner_up_supporters=coarse.runner_up_support,
+        lone_spotless=coarse.lone_spotless,
     )
     return coarse, verdict
 
