@@ -19,6 +19,7 @@ from settings_pages import (
     variable,
 )
 
+from service.errors import ServiceError
 from service.settings import Settings
 
 WRITE = "run: uv run --no-sync python -m tests.architecture.settings_pages"
@@ -146,6 +147,19 @@ def test_the_unit_of_systemd_names_what_exists() -> None:
     assert unit["Service"]["ExecStart"].endswith("tieline serve")
     # longer than the service takes, so that its orderly end is not cut short
     assert int(unit["Service"]["TimeoutStopSec"]) > 10
+
+
+def test_the_page_explains_every_refusal() -> None:
+    rows = PAGE.read_text().partition("what each refusal means")[2].partition("\n## ")[0]
+    explained = {
+        int(status) for row in re.findall(r"^\| ([\d, ]+) \|", rows, re.MULTILINE) for status in row.split(",")
+    }
+    assert {error.status for error in _refusals(ServiceError)} <= explained
+
+
+def _refusals(error: type[ServiceError]) -> list[type[ServiceError]]:
+    below = [each for child in error.__subclasses__() for each in _refusals(child)]
+    return below or [error]
 
 
 def test_paths_that_the_page_names_exist() -> None:
