@@ -131,6 +131,10 @@ class LocalFiles:
             raise FileNotFoundError(key)
         return path
 
+    def size(self, key: str) -> int:
+        """Give the number of bytes of a blob. FileNotFoundError when absent."""
+        return self._path(key).stat().st_size
+
     def exists(self, key: str) -> bool:
         """Tell whether the key is stored."""
         return self._path(key).is_file()

@@ -283,6 +283,12 @@ class MemoryBlobStore:
         self._files.write_bytes(key, self._blobs[key])
         return self._files.local_path(key)
 
+    def size(self, key: str) -> int:
+        """Give the number of bytes of a blob. FileNotFoundError when absent."""
+        if key not in self._blobs:
+            raise FileNotFoundError(key)
+        return len(self._blobs[key])
+
     def exists(self, key: str) -> bool:
         """Tell whether the key is stored."""
         return checked_key(key) in self._blobs

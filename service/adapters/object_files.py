@@ -201,6 +201,15 @@ class ObjectFiles:
                     return self._copy(checked_key(key))
         raise StorageError(f"'{key}' is being replaced all the time")
 
+    def size(self, key: str) -> int:
+        """Give the number of bytes of a blob. FileNotFoundError when absent."""
+        if _is_near(key):
+            return self._near.size(key)
+        found = self._found(key)
+        if found is None:
+            raise FileNotFoundError(key)
+        return int(found["size"])
+
     def exists(self, key: str) -> bool:
         """Tell whether the key is stored."""
         return self._near.exists(key) if _is_near(key) else self._found(key) is not None

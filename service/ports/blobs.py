@@ -39,6 +39,9 @@ class BlobStore(Protocol):
     def local_path(self, key: str) -> Path:
         """Give a local, readable copy of a blob (the blob itself for a local store). FileNotFoundError when absent."""
 
+    def size(self, key: str) -> int:
+        """Give the number of bytes of a blob. FileNotFoundError when absent."""
+
     def exists(self, key: str) -> bool:
         """Tell whether the key is stored."""
 

@@ -99,7 +99,7 @@ def list_artifacts(job_id: str, adapters: AdaptersDependency, url: BaseUrlDepend
         Artifact(
             name=found.name,
             type=found.media_type,
-            bytes=found.path.stat().st_size,
+            bytes=found.bytes,
             href=url(f"{here}/{quote(found.name)}"),
         )
         for found in find_artifacts(job_id, adapters.jobs, adapters.blobs)
@@ -112,7 +112,7 @@ def get_artifact(job_id: str, name: str, adapters: AdaptersDependency) -> Respon
     """Send a download, or the range of it that was asked for."""
     found = find_artifact(job_id, name, adapters.jobs, adapters.blobs)
     return Download(
-        found.path,
+        adapters.blobs.local_path(found.key),
         identity=f"{job_id}-{quote(name, safe='')}",
         modified=found.made,
         media_type=found.media_type,

@@ -26,7 +26,8 @@ class StoredArtifact:
 
     name: str
     media_type: str
-    path: Path
+    key: str
+    bytes: int
     made: datetime
 
 
@@ -114,7 +115,7 @@ def _prefix(job: Job) -> str:
 
 def _artifact(job: Job, key: str, blobs: BlobStore) -> StoredArtifact:
     made = job.finished or job.created
-    return StoredArtifact(key.removeprefix(_prefix(job)), _media_type(key), blobs.local_path(key), made)
+    return StoredArtifact(key.removeprefix(_prefix(job)), _media_type(key), key, blobs.size(key), made)
 
 
 def _media_type(key: str) -> str:

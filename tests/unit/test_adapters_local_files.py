@@ -43,6 +43,7 @@ def leftovers(directory: Path) -> list[Path]:
 def test_a_stream_is_stored_with_its_size_and_hash(blobs: BlobStore) -> None:
     size, digest = asyncio.run(blobs.write_stream("files/a", chunks(b"x" * 700_000, b"y" * 700_000), 2_000_000))
     data = blobs.local_path("files/a").read_bytes()
+    assert blobs.size("files/a") == len(data)
     assert (size, digest) == (len(data), hashlib.sha256(data).hexdigest())
 
 
@@ -79,8 +80,9 @@ def test_deleting_a_prefix_spares_its_neighbours(blobs: BlobStore) -> None:
 
 
 def test_a_missing_blob_is_not_found(blobs: BlobStore) -> None:
-    with pytest.raises(FileNotFoundError):
-        blobs.local_path("files/none")
+    for ask in (blobs.local_path, blobs.size):
+        with pytest.raises(FileNotFoundError):
+            ask("files/none")
 
 
 def test_a_finished_file_is_moved_into_the_store(blobs: BlobStore) -> None:
