@@ -36,7 +36,7 @@ LastEventId = Annotated[
         status.HTTP_200_OK: {
             "description": "Each event holds the job's status document: `status` when the status has changed, "
             "`progress` when progress or step have. The stream ends after the final status.",
-            "content": {EVENTS: {"schema": {"type": "string"}}},
+            "content": {EVENTS: {"schema": {}}},
         },
         status.HTTP_204_NO_CONTENT: {"description": "The job has ended and the client knows it: nothing will come."},
     },

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
+MOST_PARTS = 5000
+"""Of one form: 500 stations with ten photos each."""
 LARGEST_FRAME = 64_000
 """Bytes of a form that are not those of its files, taken generously."""
 
@@ -134,8 +136,12 @@ class FormReader:
         InvalidRequestError
             The form is malformed or ends too early.
         """
+        count = 0
         while (event := await self._next_event()) is not None:
             if isinstance(event, _PartStart):
+                count += 1
+                if count > MOST_PARTS:
+                    raise InvalidRequestError(f"the multipart form has more than {MOST_PARTS} parts")
                 name, filename = disposition(event.headers.get("content-disposition", ""))
                 yield FormPart(name, filename, self._content(), max(0, self._length - self._read))
 

@@ -9,6 +9,10 @@ from pydantic_core import ErrorDetails, from_json
 
 from service.errors import FieldFault, InvalidRequestError
 
+MOST_MEMBERS = 130_000
+"""Of one array or object; the longest that there is use for are all pairs of 500 stations."""
+MOST_FAULTS = 1000
+"""More are counted and not listed: each takes a hundred times the room of what is wrong."""
 ModelT = TypeVar("ModelT", bound=BaseModel)
 WRONG_FIELDS = "some fields of the request are wrong; `errors` lists each with its JSON pointer"
 
@@ -19,7 +23,7 @@ def parse_json(body: bytes, pointer: str = "") -> Any:
     Raises
     ------
     InvalidRequestError
-        It is empty or no JSON, it holds NaN or a number beyond float64; with line and column.
+        It is empty or no JSON, it holds NaN or a number beyond float64, with line and column; or a list without end.
     """
     try:
         document = from_json(body, allow_inf_nan=False)
@@ -27,6 +31,9 @@ def parse_json(body: bytes, pointer: str = "") -> Any:
     except ValueError as error:
         what = "the body is empty; a JSON object is expected" if not body.strip() else f"this is no valid JSON: {error}"
         raise InvalidRequestError(what, [FieldFault(pointer, what)]) from None
+    if len(body) > 2 * MOST_MEMBERS and _has_members(document) and (longest := _longest(document)) > MOST_MEMBERS:
+        what = f"an array or object has {longest} members, at most {MOST_MEMBERS} are read"
+        raise InvalidRequestError(what, [FieldFault(pointer, what)])
     return document
 
 
@@ -50,12 +57,31 @@ def validated(model: type[ModelT], document: Any, root: str = "") -> ModelT:
     try:
         return model.model_validate_json(json.dumps(document), strict=True)
     except ValidationError as error:
+        if error.error_count() > MOST_FAULTS:
+            what = f"{error.error_count()} fields of the request are wrong"
+            raise InvalidRequestError(what, [FieldFault(root, what)]) from None
         raise InvalidRequestError(WRONG_FIELDS, _faults(error.errors(include_url=False), document, root)) from None
 
 
 def pointer_to(*parts: str | int) -> str:
     """Build a JSON pointer (RFC 6901)."""
     return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in parts)
+
+
+def _longest(document: Any) -> int:
+    """Give the number of members of the longest array or object in a document."""
+    longest, left = 0, [document]
+    while left:
+        members = left.pop()
+        longest = max(longest, len(members))
+        if longest > MOST_MEMBERS:
+            break
+        left += [each for each in (members.values() if isinstance(members, dict) else members) if _has_members(each)]
+    return longest
+
+
+def _has_members(value: Any) -> bool:
+    return isinstance(value, list | dict)
 
 
 def _faults(errors: Sequence[ErrorDetails], document: Any, root: str) -> list[FieldFault]:
