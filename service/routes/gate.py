@@ -81,18 +81,17 @@ class Gate:
 
         try:
             await self._app(scope, watch.guarded(receive), noted)
-        except (OSError, RuntimeError):
-            if not watch.ended:
-                raise
-        except BaseException:
+        except BaseException as error:
+            if watch.ended and isinstance(error, OSError | RuntimeError):
+                return  # the framework's word for the end that was made here
             if not visit.answered:
                 await self._note(visit, 500)
             raise
 
     async def _admitted(self, visit: "_Visit") -> Access:
-        method, path = visit.request.method, visit.request.url.path
+        method, path = visit.request.method, visit.path
         if is_public(method, path):
-            return WITHOUT_KEY
+            return NOBODY
         access = await self._gatekeeper.access(visit.request.headers.get("authorization"), visit.remote)
         visit.access = access
         if access is WITHOUT_KEY:
@@ -115,7 +114,7 @@ class Gate:
             project=visit.access.owner,
             remote=visit.remote[:64],
             method=visit.request.method[:16],
-            path=visit.request.url.path[:LONGEST_PATH],
+            path=visit.path[:LONGEST_PATH].replace("\0", "\N{REPLACEMENT CHARACTER}"),  # no database takes it
             status=status,
             request_id=request_id_of(visit.request.scope),
         )
@@ -142,6 +141,8 @@ class _Visit:
 
     def __init__(self, request: Request) -> None:
         self.request = request
+        # not that of `request.url`, which strangers can change by their header Host
+        self.path: str = request.scope["path"]
         self.access = NOBODY
         self.remote = request.client.host if request.client else ""
         self.began = time.monotonic()

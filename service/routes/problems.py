@@ -49,7 +49,7 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
     """Answer with a problem document, as plain JSON for clients that accept nothing else."""
     plain = accepts_plain_json_only(request.headers.get("accept", ""))
     return JSONResponse(
-        {**problem, "instance": problem.get("instance", request.url.path)},
+        {**problem, "instance": problem.get("instance", request.scope["path"])},
         status_code=problem["status"],
         headers=headers,
         media_type="application/json" if plain else PROBLEM_JSON,
@@ -88,9 +88,10 @@ def _http_error(request: Request, error: Exception) -> Response:
     """Answer what the framework refuses: unknown paths, methods that a resource does not have."""
     http = cast("HTTPException", error)
     title = HTTPStatus(http.status_code).phrase
+    path = request.scope["path"]
     details = {
-        404: f"there is nothing at {request.url.path}; GET / lists what there is",
-        405: f"{request.url.path} does not take {request.method}",
+        404: f"there is nothing at {path}; GET / lists what there is",
+        405: f"{path} does not take {request.method}",
     }
     detail = details.get(http.status_code, str(http.detail))
     problem = {"type": "about:blank", "title": title, "status": http.status_code, "detail": detail}

@@ -143,7 +143,7 @@ class _Attempt:
 
 def _makes_something(request: Request) -> bool:
     """Tell whether a request is one that must not be done twice; what continues an upload says itself where."""
-    return request.method == "POST" and HEADER in request.headers and not request.url.path.startswith("/uploads/")
+    return request.method == "POST" and HEADER in request.headers and not request.scope["path"].startswith("/uploads/")
 
 
 def _has_body(request: Request) -> bool:
@@ -164,7 +164,8 @@ def _fingerprint(request: Request) -> Fingerprint:
     kind = HeaderMessage()
     kind["content-type"] = request.headers.get("content-type", "")
     boundary = kind.get_boundary() or "" if kind.get_content_maintype() == "multipart" else ""
-    known = (request.method, request.url.path, request.url.query, media_type(request))
+    query = request.scope["query_string"].decode("latin-1")
+    known = (request.method, request.scope["path"], query, media_type(request))
     telling = (f"{name}: {request.headers.get(name, '')}" for name in TELLING)
     return Fingerprint((*known, *telling), boundary.encode("utf-8", "replace"))
 

@@ -40,8 +40,8 @@ class Access:
 
 WITHOUT_KEY = Access("", "", EVERYTHING_BUT_KEYS)
 """Whoever comes in where no key is needed."""
-NOBODY = Access("", "", frozenset())
-"""Of whom nothing is known."""
+NOBODY = Access("(nobody)", "", frozenset())
+"""Of whom nothing is known, and who has nothing: no project can be called like that."""
 
 
 @dataclass

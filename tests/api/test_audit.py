@@ -71,9 +71,12 @@ def test_without_keys_changes_are_noted_too(client: Client, service: KeyService)
     assert [(entry.key_id, entry.path, entry.status) for entry in entries(service)] == [("", "/files", 201)]
 
 
-def test_a_fault_of_the_service_is_noted(service: KeyService, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fault", [ArithmeticError, RuntimeError, OSError])
+def test_a_fault_of_the_service_is_noted(
+    service: KeyService, monkeypatch: pytest.MonkeyPatch, fault: type[Exception]
+) -> None:
     def broken(*_: object) -> None:
-        raise ArithmeticError
+        raise fault
 
     monkeypatch.setattr(service.adapters.queue, "cancel", broken)
     alice = service.client("alice")
@@ -83,12 +86,17 @@ def test_a_fault_of_the_service_is_noted(service: KeyService, monkeypatch: pytes
     assert answer.headers["x-request-id"] == entries(service)[0].request_id
 
 
+def test_a_path_that_no_database_takes_is_noted_too(service: KeyService) -> None:
+    service.client("alice").delete("/jobs/a%00b")
+    assert [entry.path for entry in entries(service)] == ["/jobs/a\N{REPLACEMENT CHARACTER}b"]
+
+
 def test_the_admin_reads_the_audit_log(service: KeyService) -> None:
     alice, admin = service.client("alice"), service.client("admin", scopes=["admin"])
     alice.upload()
     service.stranger().get("/jobs")
     found = admin.get("/audit").json()
-    assert [(entry["project"], entry["status"]) for entry in found["entries"]] == [("default", 401), ("alice", 201)]
+    assert [(entry["project"], entry["status"]) for entry in found["entries"]] == [("(nobody)", 401), ("alice", 201)]
     of_alice = admin.get("/audit?project=alice&limit=1").json()
     assert (of_alice["numberMatched"], of_alice["entries"][0]["path"]) == (1, "/files")
     key_id = alice.secret.split("_")[1]

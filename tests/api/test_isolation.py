@@ -170,6 +170,18 @@ def test_removing_the_same_content_leaves_that_of_the_other(world: TwoProjects) 
     assert world.alice.get(f"/files/{world.file}/content").content == CONTENT_OF_ALICE
 
 
+HOSTS = ("tieline.test/healthz?", "tieline.test/processes/", "tieline.test/#", "a@b", "[::1", "tieline.test:x", "")
+"""From which a framework might put the address of the request together."""
+
+
+@pytest.mark.parametrize("host", HOSTS)
+@pytest.mark.parametrize("path", ["/jobs", "/files", "/keys", "/metrics"])
+def test_no_header_makes_a_request_look_like_one_that_needs_no_key(world: TwoProjects, host: str, path: str) -> None:
+    stranger = Client(world.app)
+    for header in ("Host", "X-Forwarded-Host", "X-Original-URL", "X-Rewrite-URL", "X-Forwarded-Path"):
+        assert stranger.get(path, headers={header: host}).status_code == 401, header
+
+
 def test_requests_at_the_same_time_do_not_mix(world: TwoProjects) -> None:
     """Each thread and task has its own project."""
     foreign = [f"/jobs/{world.finished}", f"/files/{world.file}"] * 10
