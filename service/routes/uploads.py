@@ -129,7 +129,7 @@ async def begin_upload(request: Request, desk: BeginningDeskDependency, url: Bas
     return Response(status_code=201, headers=headers)
 
 
-@router.head("/uploads/{upload_id}", summary="Where to continue (tus)")
+@router.head("/uploads/{upload_id}", summary="Where to continue (tus)", response_class=Response)
 async def look_at_upload(upload_id: str, desk: DeskDependency, url: BaseUrlDependency) -> Response:
     """Tell `Upload-Offset`; a request for the same upload that has stalled is ended, a busy one means 423."""
     state = await desk.look(upload_id, datetime.now(UTC))
