@@ -7,10 +7,11 @@ from datetime import datetime as Moment  # noqa: N812 - a query parameter is cal
 from typing import Annotated
 
 from fastapi import Depends, Query
+from pydantic import Field
 
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import JobFilter, JobStatus
-from service.routes.paging import LimitParameter, OffsetParameter, page_size
+from service.routes.paging import WHOLE, LimitParameter, OffsetParameter, page_size
 from service.use_cases.identifiers import is_identifier
 
 TYPES = ("process",)
@@ -34,13 +35,12 @@ DatetimeParameter = Annotated[
         "it open."
     ),
 ]
+Seconds = Annotated[int, Field(ge=0, le=LONGEST_S), WHOLE]
 MinDurationParameter = Annotated[
-    int | None,
-    Query(alias="minDuration", ge=0, le=LONGEST_S, description="Only jobs that have run at least so long [s]."),
+    Seconds | None, Query(alias="minDuration", description="Only jobs that have run at least so long [s].")
 ]
 MaxDurationParameter = Annotated[
-    int | None,
-    Query(alias="maxDuration", ge=0, le=LONGEST_S, description="Only jobs that have run at most so long [s]."),
+    Seconds | None, Query(alias="maxDuration", description="Only jobs that have run at most so long [s].")
 ]
 
 
