@@ -102,4 +102,4 @@ def test_options_of_a_request_reach_the_method() -> None:
 
 def test_the_process_description_lists_every_method() -> None:
     schema = str(input_descriptions(offered_process("register"))["method"].json_schema)
-    assert [m.name for m in get_args(RegistrationMethod) if f"'const': '{m.name}'" not in schema] == []
+    assert [m.name for m in get_args(RegistrationMethod) if f"'enum': ['{m.name}']" not in schema] == []
