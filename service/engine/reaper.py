@@ -42,6 +42,8 @@ class Reaper:
         """Bury the dead, and put what they worked on back on the queue."""
         executors, queue = self._tools.executors, self._tools.queue
         executors.bury_dead(self._executor_id, by_heart=self._may_judge_hearts())
+        # only now: what a database that is away refuses was not seen
+        self._seen = time.monotonic()
         if not executors.lease("reaper", self._executor_id, LEASE_S):
             return
         # the workflows first: a worker that enters in between must not count as missing
@@ -79,8 +81,7 @@ class Reaper:
         now = time.monotonic()
         if now - self._seen > 2.0 * HEARTBEAT_S:
             self._steady_since = now
-        self._seen = now
-        return now - self._steady_since > 2.0 * HEARTBEAT_S
+        return now - self._steady_since > 3.0 * HEARTBEAT_S
 
     def _unfinished(self) -> "list[Job]":
         statuses = (JobStatus.RUNNING, JobStatus.ACCEPTED)
