@@ -202,7 +202,8 @@ def _described(
     best = float(scores.score[weighed.first])
     second = next(iter([*weighed.symmetric, *weighed.rivals]), None)
     runner_up_score = 0.0 if second is None else float(scores.charitable[second])
-    close = runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
+    # what fits as well but is contradicted is no rival of the only pose that nothing speaks against
+    close = not weighed.spotless and runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
     free_space_known = target.index.knows_free_space and source.index.knows_free_space
     reasons, remarks = [], []
     if weighed.symmetric:
@@ -291,8 +292,6 @@ def _weighed(
             if found is not None:
                 refuted.append((k, *found))
                 continue
-        if spotless is not None and not possible:
-            continue
         rivals.append(k)
         if possible:
             symmetric.append(k)

@@ -30,9 +30,12 @@ def lone_spotless_pose(
 ) -> int | None:
     """Find the number of the only pose that hardly anything speaks against; None when there is none, or are several.
 
+    None also where the position of an instrument is unknown: then nothing can speak against any pose on that side.
+
     In 164 pairs of scans, real ones and simulated offices, houses, halls and squares, all shifts searched, the pose
     given was right in 113 and never wrong; but poses with nothing against them at all exist beside the right one up to
-    a support of 0.056, so that below this tells where to look first and proves nothing.
+    a support of 0.056, and of 61 pairs of scans of different places one gave such a pose, of support 0.048: so low this
+    tells where to look first and proves nothing.
 
     Parameters
     ----------
@@ -41,6 +44,8 @@ def lone_spotless_pose(
     target, source
         The two scans.
     """
+    if not (target.knows_free_space and source.knows_free_space):
+        return None
     spotless = [k for k, each in enumerate(judged) if each.support >= LEAST_SUPPORT and each.share <= SPOTLESS]
     if not spotless:
         return None

@@ -3,8 +3,8 @@
 Pairs of lines and planes propose what is likely; where two scans share little, the right pose may be none of it: a
 strip of wall seen through a door gives no plane that both scans know. But once a rotation is assumed, how much surface
 lies on surface, and how much stands where the other instrument looked through, are correlations of rasters, and Fourier
-transforms give them for all shifts. Nothing can be missed then but for the size of a cell, so that "no other place
-fits" means what it says (MATH 5.4).
+transforms give them for all shifts. Of each rotation the best peaks go on, so "no other place fits" rests on all shifts
+at the rotations tried, but for the size of a cell (MATH 5.4).
 """
 
 from collections.abc import Sequence

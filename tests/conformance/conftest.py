@@ -1,6 +1,7 @@
 """The service under test: in this process with jobs that end when asked about, and as users run it."""
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,7 +27,7 @@ class Sender(Protocol):
     def request(self, method: str, path: str, **what: Any) -> httpx.Response: ...
 
 
-class Server:
+class Server(ABC):
     """What the test suite asks for."""
 
     def __init__(self, sender: Sender) -> None:
@@ -48,9 +49,9 @@ class Server:
         assert answer.status_code == 201, answer.text
         return self.get(answer.headers["location"])
 
+    @abstractmethod
     def finished(self, body: Document) -> Document:
         """Make a job and wait for its end."""
-        raise NotImplementedError
 
 
 class InProcess(Server):

@@ -55,3 +55,10 @@ def test_it_does_not_displace_a_pose_of_many_times_its_support(scan: SurfaceInde
 
 def test_what_lays_next_to_nothing_on_each_other_is_no_pose(scan: SurfaceIndex) -> None:
     assert number(scan, (10.0, Contradiction(0.02, 0.0))) is None
+
+
+def test_where_an_instrument_is_unknown_no_pose_is_spotless(scan: SurfaceIndex) -> None:
+    blind = surface_index(scan.points, scan.normals, 0.25, None)
+    judged = (BEST, Contradiction(0.2, 0.0))
+    assert lone_spotless_pose((at(0.0), at(10.0)), judged, scan, blind) is None
+    assert lone_spotless_pose((at(0.0), at(10.0)), judged, scan, scan) == 1

@@ -179,6 +179,12 @@ def test_what_is_contradicted_in_the_final_pose_is_not_the_only_clean_one_any_mo
     assert judge(stained, runner_up_score=0.0, supporters=30, lone_spotless=True).status is AcceptanceStatus.REJECTED
 
 
-def test_a_symmetric_alternative_makes_the_only_clean_pose_ambiguous() -> None:
-    verdict = judge(FAINT, runner_up_score=0.065, supporters=30, lone_spotless=True)
-    assert verdict.status is AcceptanceStatus.AMBIGUOUS
+def test_a_contradicted_pose_that_fits_as_well_is_no_rival_of_the_only_clean_one() -> None:
+    verdict = judge(FAINT, runner_up_score=0.2, supporters=3, lone_spotless=True)
+    assert verdict.status is AcceptanceStatus.ACCEPTED
+    assert "scores 0.20" in verdict.reasons[0]
+
+
+def test_where_an_instrument_is_unknown_nothing_is_clean() -> None:
+    blind = replace(FAINT, free_space_known=False)
+    assert judge(blind, runner_up_score=0.0, supporters=30, lone_spotless=True).status is AcceptanceStatus.REJECTED
