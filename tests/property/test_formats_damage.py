@@ -3,57 +3,18 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import laspy
 import numpy as np
 import pytest
 
-from algorithms.scans.scan import Scan, ScanGrid
 from service.errors import FileTooLargeError, UnreadableFileError
 from service.formats import ReadLimits, inspect_file
 from service.formats.e57_writer import write_e57
 from service.formats.ply_writer import write_ply
 from service.formats.ptx_writer import write_ptx
+from tests.hostile_seeds import COLUMNS, COUNT, some_scan, write_las, write_pcd
 
 LIMITS = ReadLimits(max_points=100_000)
 TRIES = 40
-ROWS, COLUMNS = 12, 20
-COUNT = ROWS * COLUMNS
-
-
-def some_scan() -> Scan:
-    rng = np.random.default_rng(20)
-    return Scan(
-        points=rng.uniform(-20.0, 20.0, (COUNT, 3)),
-        origin_m=np.zeros(3),
-        grid=ScanGrid(index=np.arange(COUNT, dtype=np.int32).reshape(ROWS, COLUMNS)),
-        intensity=rng.random(COUNT).astype(np.float32),
-        color=rng.integers(0, 256, (COUNT, 3)).astype(np.uint8),
-    )
-
-
-def write_las(path: Path) -> None:
-    # Point format 3: the layers of formats 6 and later make lazrs allocate up to 4 GB for a damaged length, which
-    # it survives here, but which the limits of the reading process are there for.
-    data = laspy.LasData(laspy.LasHeader(point_format=3, version="1.4"))
-    data.x, data.y, data.z = some_scan().points.T
-    data.write(path)
-
-
-def write_pcd(path: Path, encoding: str) -> None:
-    points = some_scan().points.astype("<f4")
-    header = (
-        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-        f"WIDTH {COLUMNS}\nHEIGHT {ROWS}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {COUNT}\nDATA {encoding}\n"
-    )
-    if encoding == "ascii":
-        body = "\n".join(" ".join(map(str, point)) for point in points.tolist()).encode()
-    elif encoding == "binary":
-        body = points.tobytes()
-    else:
-        plain = points.T.tobytes()
-        packed = b"".join(bytes([len(plain[i : i + 32]) - 1]) + plain[i : i + 32] for i in range(0, len(plain), 32))
-        body = len(packed).to_bytes(4, "little") + len(plain).to_bytes(4, "little") + packed
-    path.write_bytes(header.encode() + body)
 
 
 def write_csv(path: Path) -> None:
@@ -72,8 +33,9 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "a.ply": lambda path: write_ply(path, some_scan()),
     "ascii.ply": write_ascii_ply,
     "a.ptx": lambda path: write_ptx(path, [some_scan(), some_scan()]),
-    "a.las": write_las,
-    "a.laz": write_las,
+    "a.las": lambda path: write_las(path, 3),
+    # layers, of formats 6 and later, are damaged in test_formats_hostile
+    "a.laz": lambda path: write_las(path, 3),
     "a.pcd": lambda path: write_pcd(path, "binary"),
     "ascii.pcd": lambda path: write_pcd(path, "ascii"),
     "compressed.pcd": lambda path: write_pcd(path, "binary_compressed"),
