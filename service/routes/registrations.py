@@ -8,11 +8,19 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from schemas.jobs import StatusInfo
-from service.dependencies import AdaptersDependency, BaseUrlDependency, OriginDependency, SettingsDependency
+from schemas.subscriber import Subscriber
+from service.dependencies import (
+    AdaptersDependency,
+    BaseUrlDependency,
+    CallbacksDependency,
+    OriginDependency,
+    SettingsDependency,
+)
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
+from service.ports import Subscription
 from service.routes.files import file_intake
 from service.routes.problems import PROBLEM_RESPONSES
-from service.routes.processes import created_job
+from service.routes.processes import CALLBACKS, created_job
 from service.routes.request_bodies import (
     FormReader,
     content_length,
@@ -21,6 +29,8 @@ from service.routes.request_bodies import (
     read_within,
     require_filename,
 )
+from service.use_cases.check_subscriber import checked_subscription
+from service.use_cases.describe_processes import inlined
 from service.use_cases.register_uploads import FormContents, register_uploads
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.validate_request import parse_json, pointer_to
@@ -37,8 +47,11 @@ OPTIONS = (
     "scan whose name it bears (S1, S2, … in the order of the form) or of the next scan; a photo without `file` is the "
     "next photo. A station without `photos` has those that its E57 file stores with camera and pose (up to 200); an "
     "empty list leaves them out. Scans not listed become stations of their own, after the listed ones; the first "
-    "station gives the common frame."
+    "station gives the common frame. The options may also be a whole request for the execution of `register`: "
+    '`{"inputs": …, "outputs": …, "subscriber": …}`.'
 )
+SUBSCRIBER = "Whom the job tells how it goes, as in a request for an execution: addresses, and a secret if wanted."
+ONCE = ("options", "subscriber")
 
 router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
 
@@ -72,38 +85,51 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
                                 "contentMediaType": "application/json",
                                 "description": OPTIONS,
                             },
+                            "subscriber": {
+                                "type": "string",
+                                "contentMediaType": "application/json",
+                                "contentSchema": inlined(Subscriber.model_json_schema()),
+                                "description": SUBSCRIBER,
+                            },
                         },
                     }
                 }
             },
-        }
+        },
+        "callbacks": CALLBACKS,
     },
 )
 async def register(
     request: Request,
     adapters: AdaptersDependency,
     settings: SettingsDependency,
+    callbacks: CallbacksDependency,
     origin: OriginDependency,
     url: BaseUrlDependency,
 ) -> Response:
     """Store scans and photos (all or none) and start the process `register`."""
+
+    async def subscribe(subscriber: Subscriber) -> Subscription:
+        return await checked_subscription(subscriber, callbacks, url.url)
+
     if media_type(request) != "multipart/form-data":
         raise UnsupportedMediaTypeError(
-            "send multipart/form-data with fields `scan` and, if wanted, `photo`, `options`"
+            "send multipart/form-data with fields `scan` and, if wanted, `photo`, `options`, `subscriber`"
         )
     intake = file_intake(adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
-    job = await register_uploads(intake, adapters.jobs, form.files(), form.contents, datetime.now(UTC), origin)
+    now = datetime.now(UTC)
+    job = await register_uploads(intake, adapters.jobs, form.files(), form.contents, subscribe, now, origin)
     return created_job(job, url)
 
 
 class _RegistrationForm:
-    """Hand out the files as they arrive and keep the options, wherever in the form they stand."""
+    """Hand out the files as they arrive and keep the other fields, wherever in the form they stand."""
 
     def __init__(self, request: Request, intake: FileIntake) -> None:
         self._request = request
         self._intake = intake
-        self._options: bytes | None = None
+        self._said: dict[str, bytes] = {}
         self._are_photos: list[bool] = []
 
     async def files(self) -> AsyncIterator[Upload]:
@@ -114,18 +140,18 @@ class _RegistrationForm:
             if part.name in {"scan", "photo"}:
                 self._are_photos.append(part.name == "photo")
                 yield Upload(require_filename(part.name, part.filename), part.chunks, part.at_most)
-            elif part.name == "options" and self._options is None:
-                self._options = await read_within("the field `options`", part.chunks, MAX_OPTIONS_BYTES)
+            elif part.name in ONCE and part.name not in self._said:
+                self._said[part.name] = await read_within(f"the field `{part.name}`", part.chunks, MAX_OPTIONS_BYTES)
             else:
                 raise _refused(part.name)
 
     def contents(self) -> FormContents:
-        options: Any = {} if self._options is None else parse_json(self._options, "/options")
-        return FormContents(options, self._are_photos)
+        said: dict[str, Any] = {name: parse_json(text, f"/{name}") for name, text in self._said.items()}
+        return FormContents(said.get("options", {}), said.get("subscriber"), self._are_photos)
 
 
 def _refused(name: str) -> InvalidRequestError:
-    detail = "unknown field; the form takes `scan` (several), `photo` (several) and `options`"
-    if name == "options":
-        detail = "the field `options` may stand in the form only once"
+    detail = "unknown field; the form takes `scan` (several), `photo` (several), `options` and `subscriber`"
+    if name in ONCE:
+        detail = f"the field `{name}` may stand in the form only once"
     return InvalidRequestError(detail, [FieldFault(pointer_to(name), detail)])

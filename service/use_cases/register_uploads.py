@@ -1,16 +1,18 @@
 """Store uploaded scans and photos and register them: one request for `curl`."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import Job, JobStore, StoredFile
+from service.ports import Job, JobStore, StoredFile, Subscription
 from service.use_cases.describe_processes import offered_process
 from service.use_cases.store_files import FileIntake, Upload
-from service.use_cases.submit_job import ANY_REQUEST, Origin, check_execution, submit_job
+from service.use_cases.submit_job import ANY_REQUEST, Execution, Origin, check_execution, submit_job
 from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
 
 
@@ -19,7 +21,9 @@ class FormContents:
     """What is known of a form when all of it has arrived."""
 
     options: Any
-    """The other inputs of `register` (or ``{"inputs": …}``), parsed JSON."""
+    """The other inputs of `register`, or a whole request for its execution (``{"inputs": …}``), parsed JSON."""
+    subscriber: Any
+    """Who is to be told how the job goes, parsed JSON; None: as the options say."""
     are_photos: Sequence[bool]
     """Of each file, in the order of the form, whether it came as a photo."""
 
@@ -29,6 +33,7 @@ async def register_uploads(
     jobs: JobStore,
     uploads: AsyncIterator[Upload],
     contents: Callable[[], FormContents],
+    subscribe: Callable[[Subscriber], Awaitable[Subscription]],
     now: datetime,
     origin: Origin = ANY_REQUEST,
 ) -> Job:
@@ -42,6 +47,8 @@ async def register_uploads(
         The files on their way in.
     contents
         Gives the rest of the form once all uploads have arrived.
+    subscribe
+        Checks whom the job is to tell how it goes.
     now
         Time of the request.
     origin
@@ -54,20 +61,20 @@ async def register_uploads(
     """
     files = await intake.store(uploads, now)
     try:
-        return await asyncio.to_thread(_submit, intake, jobs, files, contents(), now, origin)
+        form = contents()
+        execution = await asyncio.to_thread(_execution, intake, files, form)
+        subscription = None
+        if execution.subscriber is not None:
+            with _pointing_into(form):
+                subscription = await subscribe(execution.subscriber)
+        return await asyncio.to_thread(submit_job, execution, jobs, intake.settings, now, subscription, origin)
     except BaseException:
         intake.discard(files)
         raise
 
 
-def _submit(
-    intake: FileIntake,
-    jobs: JobStore,
-    files: Sequence[StoredFile],
-    contents: FormContents,
-    now: datetime,
-    origin: Origin,
-) -> Job:
+def _execution(intake: FileIntake, files: Sequence[StoredFile], contents: FormContents) -> Execution:
+    """Check what the form asks for, as if its files had been uploaded before."""
     came = [UploadedFile(file.id, file.name, file.scans, file.photos) for file in files]
     photos = [file for file, is_photo in zip(came, contents.are_photos, strict=True) if is_photo]
     scans = [file for file, is_photo in zip(came, contents.are_photos, strict=True) if not is_photo]
@@ -75,27 +82,31 @@ def _submit(
     if count < 2:
         detail = f"a registration needs at least two scans, {count} came"
         raise InvalidRequestError(detail, [FieldFault("/scan", detail)])
-    inputs = _inputs(contents.options)
+    request = _request(contents)
+    inputs = request["inputs"]
     listed = inputs.get("stations")
     try:
         stations = stations_of_uploads(listed, scans, photos, [f"S{number}" for number in range(1, count + 1)])
     except InvalidRequestError as error:
         raise InvalidRequestError(str(error), [_in_options(fault) for fault in error.faults]) from None
-    body = {"inputs": {**inputs, "stations": stations}}
-    try:
-        execution = check_execution(offered_process("register"), body, intake.files, intake.settings)
-    except InvalidRequestError as error:
-        told = len(listed or [])
-        raise InvalidRequestError(str(error), [_in_form(fault, told) for fault in error.faults]) from None
-    return submit_job(execution, jobs, intake.settings, now, origin=origin)
+    body = {**request, "inputs": {**inputs, "stations": stations}}
+    with _pointing_into(contents, len(listed or [])):
+        return check_execution(offered_process("register"), body, intake.files, intake.settings)
 
 
-def _inputs(options: Any) -> Mapping[str, Any]:
-    inputs = options["inputs"] if isinstance(options, dict) and options.keys() == {"inputs"} else options
-    if not isinstance(inputs, dict):
+def _request(contents: FormContents) -> dict[str, Any]:
+    """Give the request for an execution that the form is; what it says of stations is not read yet."""
+    options = contents.options
+    request = options if isinstance(options, dict) and "inputs" in options else {"inputs": options}
+    if not isinstance(request["inputs"], dict):
         detail = "the options are a JSON object"
         raise InvalidRequestError(detail, [FieldFault("/options", detail)])
-    return inputs
+    if contents.subscriber is None:
+        return request
+    if "subscriber" in request:
+        detail = "the options name a subscriber already"
+        raise InvalidRequestError(detail, [FieldFault("/subscriber", detail)])
+    return {**request, "subscriber": contents.subscriber}
 
 
 def _in_options(fault: FieldFault) -> FieldFault:
@@ -104,9 +115,20 @@ def _in_options(fault: FieldFault) -> FieldFault:
     return FieldFault("/options" + fault.pointer, fault.detail) if in_list else fault
 
 
-def _in_form(fault: FieldFault, told: int) -> FieldFault:
+@contextmanager
+def _pointing_into(contents: FormContents, told: int = 0) -> Iterator[None]:
     """Point into the form instead of the body of an execution request; `told` stations stand in the options."""
-    path = fault.pointer.removeprefix("/inputs")
-    _, first, *rest = path.split("/")
-    made = first == "stations" and int(rest[0] if rest else 0) >= told
-    return FieldFault("/scan" if made else "/options" + path, fault.detail)
+    try:
+        yield
+    except InvalidRequestError as error:
+        faults = [FieldFault(_place(contents, fault.pointer, told), fault.detail) for fault in error.faults]
+        raise InvalidRequestError(str(error), faults) from None
+
+
+def _place(contents: FormContents, pointer: str, told: int) -> str:
+    first, *rest = pointer.split("/")[1:] or [""]
+    if first == "subscriber" and contents.subscriber is not None:
+        return pointer
+    if first == "inputs" and rest[:1] == ["stations"] and int(rest[1] if len(rest) > 1 else 0) >= told:
+        return "/scan"
+    return "/options" + pointer.removeprefix("/inputs")

@@ -8,14 +8,24 @@ import httpx
 import pytest
 
 from service.dependencies import Adapters
+from service.main import create_app
+from service.ports import CallbackEvent, Subscription
+from service.settings import Settings
 from tests.api.conftest import Client
 
 Pointers = Callable[[httpx.Response], list[str]]
 TWO = [("scan", ("a.xyz", b"1 2 3")), ("scan", ("b.xyz", b"4 5 6"))]
 
 
+HEARING = {"successUri": "http://127.0.0.1:8080/told", "secret": "sixteen letters or more"}
+
+
 def with_options(options: Any) -> list[tuple[str, Any]]:
     return [*TWO, ("options", (None, json.dumps(options)))]
+
+
+def with_subscriber(subscriber: Any) -> list[tuple[str, Any]]:
+    return [*TWO, ("subscriber", (None, json.dumps(subscriber)))]
 
 
 def test_two_scans_become_a_job_of_two_stations(client: Client, adapters: Adapters) -> None:
@@ -65,6 +75,18 @@ def test_options_may_stand_anywhere_and_be_wrapped(
         (with_options({"method": {"method": "magic"}}), "/options/method/method"),
         (with_options({"pairs": [["S1", "S9"]]}), "/options/pairs/0/1"),
         (with_options({"speed": 1}), "/options/speed"),
+        (with_options({"inputs": {}, "speed": 1}), "/options/speed"),
+        (with_options({"inputs": []}), "/options"),
+        (with_options({"inputs": {"fix": 1}}), "/options/fix"),
+        (with_options({"inputs": {}, "outputs": {"colour": {}}}), "/options/outputs/colour"),
+        (with_options({"inputs": {}, "subscriber": {"failedUri": "ftp://a"}}), "/options/subscriber/failedUri"),
+        (with_subscriber({"failedUri": "http://10.0.0.1/"}), "/subscriber/failedUri"),
+        (with_subscriber({"everyUri": "http://10.0.0.1/"}), "/subscriber/everyUri"),
+        (with_subscriber([]), "/subscriber"),
+        ([*TWO, ("subscriber", (None, "{"))], "/subscriber"),
+        ([*with_subscriber({}), ("subscriber", (None, "{}"))], "/subscriber"),
+        ([*with_subscriber({}), *with_options({"inputs": {}, "subscriber": {}})[2:]], "/subscriber"),
+        (with_options({"stations": [{f"{number}": 0 for number in range(1100)}]}), "/options"),
     ],
 )
 def test_a_bad_form_is_pointed_at_and_leaves_nothing_behind(
@@ -80,6 +102,26 @@ def test_a_bad_form_is_pointed_at_and_leaves_nothing_behind(
     assert not adapters.blobs.keys("")
     assert client.get("/files").json()["files"] == []
     assert client.get("/jobs").json()["jobs"] == []
+
+
+@pytest.mark.parametrize(
+    "form", [with_subscriber(HEARING), with_options({"inputs": {}, "subscriber": HEARING})], ids=["field", "options"]
+)
+def test_the_job_tells_the_subscriber_of_the_form(settings: Settings, adapters: Adapters, form: list[Any]) -> None:
+    client = Client(create_app(settings.model_copy(update={"allow_private_callbacks": True}), adapters))
+    job = adapters.jobs.get(client.post("/registrations", files=form).json()["jobID"])
+    assert job is not None
+    assert job.subscriber is not None
+    subscription = Subscription.from_json(job.subscriber)
+    assert subscription.uris == {CallbackEvent.SUCCESS: HEARING["successUri"]}
+    assert (subscription.secret, subscription.base_url) == (HEARING["secret"], "http://tieline.test")
+
+
+def test_options_may_ask_for_some_outputs(client: Client, adapters: Adapters) -> None:
+    form = with_options({"inputs": {}, "outputs": {"pairs": {}}, "response": "raw"})
+    job = adapters.jobs.get(client.post("/registrations", files=form).json()["jobID"])
+    assert job is not None
+    assert job.wanted == {"outputs": ["pairs"], "raw": True}
 
 
 def test_an_unreadable_scan_leaves_nothing_behind(client: Client, adapters: Adapters) -> None:
