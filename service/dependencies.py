@@ -82,10 +82,21 @@ Priority = Annotated[
 
 # coroutines, though they wait for nothing: the framework would run functions in a thread each, for every request
 
-
-async def _adapters(request: Request) -> Adapters:
+def adapters_of(request: Request) -> Adapters:
     """Give the adapters of who asks; a request that did not pass the gate has no `access` and fails here."""
     return cast("Adapters", request.app.state.adapters_of(request.state.access.owner))
+
+
+def base_url_of(request: Request) -> BaseUrl:
+    """Give the beginning of all links of the answer to a request."""
+    public = cast("Settings", request.app.state.settings).public_url
+    return BaseUrl((public or str(request.base_url)).rstrip("/"))
+
+
+
+
+async def _adapters(request: Request) -> Adapters:
+    return adapters_of(request)
 
 
 async def _whole_service(request: Request) -> Adapters:
@@ -126,8 +137,7 @@ async def _settings(request: Request) -> Settings:
 
 
 async def _base_url(request: Request) -> BaseUrl:
-    public = cast("Settings", request.app.state.settings).public_url
-    return BaseUrl((public or str(request.base_url)).rstrip("/"))
+    return base_url_of(request)
 
 
 AdaptersDependency = Annotated[Adapters, Depends(_adapters)]

@@ -146,6 +146,7 @@ def create_app(
     app.state.access_stores = stores
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
+    app.include_router(jobs.status_router)
     app.state.callbacks = HttpCallbacks(settings)
     for resource in (
         landing,

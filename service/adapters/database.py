@@ -10,8 +10,9 @@ import sqlalchemy as sa
 
 from service.adapters.database_callbacks import note_change
 from service.adapters.database_job_filter import condition_of
+from service.adapters.database_job_states import DatabaseJobStates
 from service.adapters.database_tables import connect, job_files, job_steps, jobs, lock_name
-from service.ports import Job, JobFilter, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
+from service.ports import Job, JobFilter, JobState, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
@@ -60,17 +61,22 @@ class DatabaseJobStore:
         Puts a job on the queue within the transaction of the given connection.
     owner
         Project whose jobs these are; None: those of all.
+    states
+        Of the same database; None: made anew.
     """
 
-    def __init__(self, engine: sa.Engine, enqueue: Enqueue, owner: str | None = None) -> None:
+    def __init__(
+        self, engine: sa.Engine, enqueue: Enqueue, owner: str | None = None, states: DatabaseJobStates | None = None
+    ) -> None:
         self._engine = engine
+        self._states = states or DatabaseJobStates(engine)
         self._enqueue = enqueue
         self._owner = owner
         self._mine = sa.true() if owner is None else jobs.c.owner == owner
 
     def of(self, owner: str) -> "DatabaseJobStore":
         """Give the jobs of one project."""
-        return DatabaseJobStore(self._engine, self._enqueue, narrowed(self._owner, owner))
+        return DatabaseJobStore(self._engine, self._enqueue, narrowed(self._owner, owner), self._states)
 
     def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
         """Insert the job and put it on the queue in one transaction, in which `admit` is asked: both or neither."""
@@ -94,6 +100,10 @@ class DatabaseJobStore:
         """Fetch a job."""
         with _reading(self._engine) as connection:
             return self._job(connection, job_id)
+
+    async def look(self, job_id: str) -> JobState | None:
+        """Tell where a job stands."""
+        return await self._states.look(job_id, self._owner)
 
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""

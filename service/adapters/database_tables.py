@@ -246,3 +246,23 @@ def connect(settings: Settings) -> sa.Engine:
         connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
     return engine
+
+
+def connect_reader(engine: sa.Engine) -> sa.Engine:
+    """Make a second engine of the same embedded database, for single reads outside transactions that wait for no lock.
+
+    It is disposed of with the first one.
+    """
+    reader = sa.create_engine(engine.url)
+
+    @sa.event.listens_for(reader, "connect")
+    def _configure(connection: Any, _record: Any) -> None:
+        connection.isolation_level = None
+        for pragma in ("busy_timeout=0", "query_only=ON"):
+            connection.execute(f"PRAGMA {pragma}").close()
+
+    @sa.event.listens_for(engine, "engine_disposed")
+    def _dispose(_engine: sa.Engine) -> None:
+        reader.dispose()
+
+    return reader

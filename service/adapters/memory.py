@@ -7,7 +7,7 @@ import threading
 import weakref
 from collections.abc import AsyncIterator, Callable, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from service.errors import FileTooLargeError
 from service.ports import (
     Job,
     JobFilter,
+    JobState,
     JobStatus,
     Json,
     LogLine,
@@ -66,6 +67,11 @@ class MemoryJobStore:
         return job if job is not None and self._owner in {None, job.owner} else None
 
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
+    async def look(self, job_id: str) -> JobState | None:
+        """Tell where a job stands."""
+        job = self.get(job_id)
+        return None if job is None else JobState(**{each.name: getattr(job, each.name) for each in fields(JobState)})
+
         """List jobs, newest first, and the number of all that match."""
         with self._lock:
             found = [job for job in self._jobs.values() if self._owner in {None, job.owner} and which.admits(job)]

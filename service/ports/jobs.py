@@ -64,6 +64,22 @@ class Job:
 
 
 @dataclass(frozen=True)
+class JobState:
+    """Where a job stands, which clients ask again and again; the fields are those of `Job`."""
+
+    id: str
+    process_id: str
+    status: JobStatus
+    created: datetime
+    started: datetime | None
+    finished: datetime | None
+    updated: datetime | None
+    progress: int
+    message: str
+    attempts: int
+
+
+@dataclass(frozen=True)
 class JobFilter:
     """Which jobs to list."""
 
@@ -139,6 +155,9 @@ class JobStore(Protocol):
 
     def get(self, job_id: str) -> Job | None:
         """Fetch a job."""
+
+    async def look(self, job_id: str) -> JobState | None:
+        """Tell where a job stands, as quickly as possible; the event loop is not held up by a store that is slow."""
 
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""

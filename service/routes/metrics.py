@@ -8,11 +8,11 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.metrics_core import GaugeMetricFamily, Metric
 from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
-from prometheus_fastapi_instrumentator import Instrumentator
 
 from service.dependencies import Adapters, WholeServiceDependency
 from service.ports import JobFilter, JobStatus
 from service.routes.readable_router import ReadableRouter
+from service.routes.request_counts import RequestCounts, RequestFigures
 
 router = ReadableRouter(tags=["health"])
 
@@ -45,15 +45,10 @@ class JobFigures(Collector):
 
 
 def count_requests(app: FastAPI) -> None:
-    """Count requests and how long they take, by route and status; files and events last as long as they last."""
+    """Count requests and how long they take, by route and status; files and events last until they begin to come."""
     registry = CollectorRegistry()
     app.state.metrics = registry
-    Instrumentator(
-        registry=registry,
-        should_group_status_codes=False,
-        should_exclude_streaming_duration=True,
-        excluded_handlers=["/healthz", "/readyz", "/metrics"],
-    ).instrument(app)
+    app.add_middleware(RequestCounts, figures=RequestFigures(registry))
 
 
 @router.get("/metrics", summary="Figures for Prometheus", response_class=Response)

@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 from schemas.jobs import StatusInfo
 from schemas.links import Link
-from service.ports import Job, JobStatus
+from service.ports import Job, JobState, JobStatus
 
 RESULTS = "http://www.opengis.net/def/rel/ogc/1.0/results"
 
 
-def status_info(job: Job, url: Callable[[str], str]) -> StatusInfo:
+def status_info(job: Job | JobState, url: Callable[[str], str]) -> StatusInfo:
     """Describe where a job stands.
 
     Parameters

@@ -14,7 +14,7 @@ from service.errors import (
     ResultNotReadyError,
     StorageError,
 )
-from service.ports import BlobStore, Job, JobStatus, JobStore, Json
+from service.ports import BlobStore, Job, JobState, JobStatus, JobStore, Json
 from service.use_cases.identifiers import is_identifier
 
 MEDIA_TYPES = {".e57": "model/e57", ".ply": "application/octet-stream", ".dxf": "image/vnd.dxf"}
@@ -43,6 +43,20 @@ def find_job(job_id: str, jobs: JobStore) -> Job:
     if job is None:
         raise NoSuchJobError(job_id)
     return job
+
+
+async def look_at_job(job_id: str, jobs: JobStore) -> JobState:
+    """Tell where a job stands.
+
+    Raises
+    ------
+    NoSuchJobError
+        There is no such job.
+    """
+    state = await jobs.look(job_id) if is_identifier(job_id) else None
+    if state is None:
+        raise NoSuchJobError(job_id)
+    return state
 
 
 def find_result(job_id: str, jobs: JobStore, blobs: BlobStore) -> Path | Problem:

@@ -4,20 +4,20 @@ import asyncio
 from collections.abc import AsyncIterator
 
 from service.errors import NoSuchJobError
-from service.ports import Job, JobStore
-from service.use_cases.find_job import find_job
+from service.ports import Job, JobState, JobStore
+from service.use_cases.find_job import look_at_job
 
 LOOK_S = 0.3
 """How often a followed job is looked at."""
 
 
-def state_of(job: Job) -> str:
+def state_of(job: Job | JobState) -> str:
     """Name the state a job is in; another name whenever anything about it has changed."""
     changed = job.updated or job.created
     return f"{changed.timestamp():.6f}-{job.status.value}"
 
 
-async def watched(job_id: str, known: str | None, jobs: JobStore) -> AsyncIterator[Job | None]:
+async def watched(job_id: str, known: str | None, jobs: JobStore) -> AsyncIterator[JobState | None]:
     """Give a job whenever it has changed, and None at every look in between, until it has ended or is removed.
 
     Parameters
@@ -31,7 +31,7 @@ async def watched(job_id: str, known: str | None, jobs: JobStore) -> AsyncIterat
     """
     while True:
         try:
-            job = await asyncio.to_thread(find_job, job_id, jobs)
+            job = await look_at_job(job_id, jobs)
         except NoSuchJobError:
             return
         state = state_of(job)
