@@ -12,9 +12,11 @@ PROGRAM = """
 import os
 from pathlib import Path
 from service.adapters.process_limits import let_others_first
-before = os.nice(0)
 let_others_first()
-print(os.nice(0) - before, Path("/proc/self/autogroup").read_text() if Path("/proc/self/autogroup").exists() else "")
+let_others_first()
+session = Path("/proc/self/autogroup")
+batch = os.sched_getscheduler(0) == os.SCHED_BATCH
+print(os.getpriority(os.PRIO_PROCESS, 0), batch, session.read_text() if session.exists() else "")
 """
 
 
@@ -27,8 +29,13 @@ def said() -> str:
     return done.stdout
 
 
-def test_a_computation_is_nicer_than_what_started_it(said: str) -> None:
+def test_a_computation_is_nicer_than_others_and_no_nicer_when_it_is_told_twice(said: str) -> None:
     assert int(said.split(maxsplit=1)[0]) == NICENESS
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux knows batch processes")
+def test_a_computation_that_wakes_up_pushes_nothing_aside(said: str) -> None:
+    assert said.split()[1] == "True"
 
 
 @pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="sessions have no share of their own here")
