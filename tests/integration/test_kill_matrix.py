@@ -62,11 +62,8 @@ def test_whatever_is_killed_wherever_the_job_ends_right_and_no_finished_step_is_
     service: AttackedService,
 ) -> None:
     faults: list[str] = []
-    jobs = []
     for victim, step in cells(service):
-        job = service.register()
-        jobs.append(job)
-        service.reach(job, step)
+        job = service.register_up_to(step)
         begin = time.monotonic()
         service.attack(victim)
         found = service.faults_of(job)
