@@ -21,6 +21,7 @@ from service.ports import (
 )
 from service.settings import Settings
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
+from service.use_cases.quotas import Belongings
 from service.use_cases.submit_job import Origin
 from service.use_cases.urgency import urgency_of
 
@@ -80,7 +81,6 @@ Priority = Annotated[
     ),
 ]
 
-# coroutines, though they wait for nothing: the framework would run functions in a thread each, for every request
 
 def adapters_of(request: Request) -> Adapters:
     """Give the adapters of who asks; a request that did not pass the gate has no `access` and fails here."""
@@ -93,6 +93,7 @@ def base_url_of(request: Request) -> BaseUrl:
     return BaseUrl((public or str(request.base_url)).rstrip("/"))
 
 
+# coroutines, though they wait for nothing: the framework would run functions in a thread each, for every request
 
 
 async def _adapters(request: Request) -> Adapters:
@@ -107,6 +108,13 @@ async def _whole_service(request: Request) -> Adapters:
 async def _uploads(request: Request) -> UploadStore:
     """Give the uploads of who asks."""
     return cast("UploadStore", request.app.state.uploads).of(request.state.access.owner)
+
+
+async def _belongings(
+    adapters: Annotated[Adapters, Depends(_adapters)], uploads: Annotated[UploadStore, Depends(_uploads)]
+) -> Belongings:
+    """Give what who asks has stored."""
+    return Belongings(adapters.files, adapters.jobs, uploads)
 
 
 async def _access_stores(request: Request) -> AccessStores:
@@ -145,6 +153,7 @@ WholeServiceDependency = Annotated[Adapters, Depends(_whole_service)]
 AccessStoresDependency = Annotated[AccessStores, Depends(_access_stores)]
 IdentifiersDependency = Annotated[MakeIdentifier, Depends(_identifiers)]
 OriginDependency = Annotated[Origin, Depends(_origin)]
+BelongingsDependency = Annotated[Belongings, Depends(_belongings)]
 UploadsDependency = Annotated[UploadStore, Depends(_uploads)]
 SourcesDependency = Annotated[Sources, Depends(_sources)]
 CallbacksDependency = Annotated[CallbackSender, Depends(_callbacks)]

@@ -25,14 +25,13 @@ from service.adapters.database_idempotency import DatabaseIdempotencyStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
-from service.adapters.database_uploads import DatabaseUploads
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 from service.adapters.nursery_client import WarmUp
-from service.adapters.object_files import ObjectFiles, blob_store
+from service.adapters.object_files import blob_store
 from service.adapters.remote_sources import RemoteSources
-from service.adapters.shared_uploads import SharedUploads
+from service.adapters.shared_uploads import upload_store_of
 from service.dependencies import AccessStores, Adapters
 from service.engine import DbosQueue
 from service.errors import ServiceError
@@ -61,6 +60,7 @@ from service.use_cases.check_access import Gatekeeper
 from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.forget_old import forget_old
+from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk
 
 THREADS = 16
@@ -75,6 +75,7 @@ def app_from_environment() -> FastAPI:
     queue = DbosQueue(settings, DatabaseExecutors(database))
     readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
     blobs = blob_store(settings)
+    upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
         jobs=DatabaseJobStore(database, queue.enqueue),
         files=DatabaseFileStore(database),
@@ -87,9 +88,10 @@ def app_from_environment() -> FastAPI:
     access = AccessStores(DatabaseKeyStore(database), DatabaseAuditLog(database), DatabaseIdempotencyStore(database))
 
     @asynccontextmanager
-    async def closing(app: FastAPI) -> AsyncIterator[None]:
+    async def closing(_app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
-        desk = UploadDesk(app.state.uploads, files.file_intake(adapters, settings))
+        belongings = Belongings(adapters.files, adapters.jobs, upload_store)
+        desk = UploadDesk(upload_store, files.file_intake(belongings, adapters, settings))
         cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings))
         yield
         cleaning.cancel()
@@ -97,9 +99,6 @@ def app_from_environment() -> FastAPI:
         queue.close()
         database.dispose()
 
-    upload_store = None
-    if isinstance(blobs, ObjectFiles):
-        upload_store = SharedUploads(DatabaseUploads(database), blobs, settings.data_dir / "shared-uploads")
     return create_app(settings, adapters, closing, access, upload_store)
 
 
@@ -146,8 +145,8 @@ def create_app(
     app.state.access_stores = stores
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
-    app.include_router(jobs.status_router)
     app.state.callbacks = HttpCallbacks(settings)
+    app.include_router(jobs.status_router)
     for resource in (
         landing,
         openapi_30,

@@ -86,8 +86,8 @@ class QuotaFullError(ServiceError):
 
     def __init__(self, what: str, amount: int, limit: int) -> None:
         super().__init__(
-            f"this project would have {amount} {what}, its limit is {limit}; DELETE /files/{{id}} removes what is not "
-            "needed any more"
+            f"this project would have {amount} {what}, its limit is {limit}; DELETE /files/{{id}} and /jobs/{{id}} "
+            "remove what is not needed any more"
         )
 
 

@@ -65,8 +65,8 @@ class Settings(BaseSettings):
     max_project_files: int = Field(default=100_000, ge=1)
     """Most files that one project may have."""
     max_project_bytes: int = Field(default=1000 * GIGABYTE, ge=1)
-    """Most bytes that the files of one project may have, those on their way included; content that is stored once for
-    several files counts for each."""
+    """Most bytes that one project may store: files, uploads on their way, results and downloads of jobs; content that
+    is stored once for several files counts for each. A project with more begins no upload and no job."""
     auth: Literal["auto", "required", "off"] = "auto"
     """Whether requests need a key: `auto`, as soon as one was made (and then for ever, also when all are revoked);
     `required`, always; `off`, never, on any address."""

@@ -25,6 +25,7 @@ from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp
 from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.shared_uploads import upload_store_of
 from service.engine import DbosQueue, Engine, Tools
 from service.engine.patience import patiently
 from service.errors import ServiceError
@@ -33,6 +34,7 @@ from service.settings import Settings
 from service.use_cases.clean_up import remove_half_made
 from service.use_cases.deliver_callbacks import CallbackDelivery
 from service.use_cases.fetch_runner import FetchingRunner
+from service.use_cases.quotas import Belongings, count_results
 from service.use_cases.store_files import FileIntake
 
 log = structlog.get_logger()
@@ -65,7 +67,8 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     module, _, attribute = plans.partition(":")
     files, blobs = DatabaseFileStore(database), blob_store(settings)
     _remove_half_made(blobs, settings)
-    intake = FileIntake(files, blobs, runner, settings)
+    belongings = Belongings(files, jobs, upload_store_of(settings, database, blobs))
+    intake = FileIntake(belongings, blobs, runner, settings)
     tools = Tools(
         settings=settings,
         jobs=jobs,
@@ -76,6 +79,7 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         runner=FetchingRunner(runner, intake, jobs, partial(patiently, settings.step_timeout_s)),
         plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
         queue=queue,
+        count_results=partial(count_results, jobs=jobs, blobs=blobs),
     )
     engine = Engine(tools, slot)
     callbacks = CallbackThread(

@@ -149,6 +149,22 @@ class DatabaseJobStore:
         with self._engine.begin() as connection:
             connection.execute(sa.delete(jobs).where(jobs.c.id == job_id, jobs.c.status.not_in(UNFINISHED), self._mine))
 
+    def note_results(self, job_id: str, size: int) -> None:
+        """Note how many bytes are stored of a job."""
+        with self._engine.begin() as connection:
+            connection.execute(sa.update(jobs).where(jobs.c.id == job_id, self._mine).values(result_bytes=size))
+
+    def results_bytes(self) -> int:
+        """Sum up what was noted."""
+        with _reading(self._engine) as connection:
+            return int(connection.execute(sa.select(sa.func.sum(jobs.c.result_bytes)).where(self._mine)).scalar() or 0)
+
+    def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
+        """List jobs that ended before a moment and of whose results nothing was noted."""
+        ended = sa.and_(jobs.c.result_bytes.is_(None), jobs.c.finished < before, self._mine)
+        with _reading(self._engine) as connection:
+            return list(connection.execute(sa.select(jobs.c.id).where(ended).limit(limit)).scalars())
+
     def unfinished_using(self, file_id: str) -> Job | None:
         """Find an unfinished job that reads a file."""
         query = (

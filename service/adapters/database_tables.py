@@ -63,7 +63,11 @@ jobs = sa.Table(
     sa.Column("owner", sa.String(64), nullable=False, server_default=""),
     sa.Column("urgency", sa.Integer, nullable=False, server_default="3"),
     sa.Column("request_id", sa.String(128), nullable=False, server_default=""),
+    # null: not counted yet
+    sa.Column("result_bytes", sa.BigInteger),
     sa.Index("ix_jobs_owner_created", "owner", "created"),
+    sa.Index("ix_jobs_owner_result_bytes", "owner", "result_bytes"),
+    sa.Index("ix_jobs_result_bytes", "result_bytes"),
 )
 
 job_files = sa.Table(

@@ -61,6 +61,13 @@ class DatabaseUploads:
         with self._engine.execution_options(reads_only=True).begin() as connection:
             return list(connection.execute(sa.select(uploads.c.id).where(mine).order_by(uploads.c.id)).scalars())
 
+    def promised_bytes(self, owner: str | None) -> int:
+        """Sum up what the uploads of a project, or all, that are neither finished nor refused will have."""
+        mine = sa.true() if owner is None else uploads.c.owner == owner
+        with self._engine.execution_options(reads_only=True).begin() as connection:
+            records = connection.execute(sa.select(uploads.c.record).where(mine)).scalars()
+            return sum(each["length"] for each in records if not each["finished"] and each["problem"] is None)
+
     def parts(self, upload_id: str) -> Sequence[UploadPart]:
         """List the parts of an upload in their order."""
         columns = (upload_parts.c.start, upload_parts.c.bytes, upload_parts.c.holder)

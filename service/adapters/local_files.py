@@ -147,6 +147,14 @@ class LocalFiles:
         found = (path.relative_to(self._blobs).as_posix() for path in folder.rglob("*") if path.is_file())
         return sorted(key for key in found if key.startswith(prefix))
 
+    def total(self, prefix: str) -> int:
+        """Sum up the bytes of all blobs under a prefix."""
+        size = 0
+        for key in self.keys(prefix):
+            with suppress(FileNotFoundError):
+                size += self.size(key)
+        return size
+
     def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
         """List the keys under a prefix that were last written before a moment."""
         return [key for key in self.keys(prefix) if _is_older(self._blobs / key, moment)]

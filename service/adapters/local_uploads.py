@@ -107,6 +107,16 @@ class LocalUploads:
             return []
         return sorted(path.name for path in self._directory.iterdir() if self._has(path.name))
 
+    def promised_bytes(self) -> int:
+        """Sum up what the uploads that are neither finished nor refused will have."""
+        promised = 0
+        for folder in self._directory.iterdir() if self._directory.is_dir() else ():
+            with suppress(NoSuchUploadError):
+                if (folder / CONTENT).exists():  # those that are done have none any more
+                    upload = self.find(folder.name).upload
+                    promised += 0 if upload.finished or upload.problem is not None else upload.length
+        return promised
+
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove what killed processes left half-made before a moment; give the number."""
         removed = 0

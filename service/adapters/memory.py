@@ -41,6 +41,7 @@ class MemoryJobStore:
 
     def __init__(self, enqueue: Callable[[Job], None] = lambda _job: None) -> None:
         self._jobs: dict[str, Job] = {}
+        self._results: dict[str, int] = {}
         self._enqueue = enqueue
         self._lock = threading.RLock()
         self._owner: str | None = None
@@ -66,12 +67,12 @@ class MemoryJobStore:
         job = self._jobs.get(job_id)
         return job if job is not None and self._owner in {None, job.owner} else None
 
-    def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
     async def look(self, job_id: str) -> JobState | None:
         """Tell where a job stands."""
         job = self.get(job_id)
         return None if job is None else JobState(**{each.name: getattr(job, each.name) for each in fields(JobState)})
 
+    def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""
         with self._lock:
             found = [job for job in self._jobs.values() if self._owner in {None, job.owner} and which.admits(job)]
@@ -118,6 +119,22 @@ class MemoryJobStore:
             job = self.get(job_id)
             if job is not None and job.status.finished:
                 del self._jobs[job_id]
+
+    def note_results(self, job_id: str, size: int) -> None:
+        """Note how many bytes are stored of a job."""
+        if self.get(job_id) is not None:
+            self._results[job_id] = size
+
+    def results_bytes(self) -> int:
+        """Sum up what was noted."""
+        with self._lock:
+            return sum(size for job_id, size in self._results.items() if self.get(job_id) is not None)
+
+    def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
+        """List jobs that ended before a moment and of whose results nothing was noted."""
+        with self._lock:
+            ended = [job.id for job in self._jobs.values() if job.finished is not None and job.finished < before]
+        return [job_id for job_id in ended if job_id not in self._results and self.get(job_id) is not None][:limit]
 
     def unfinished_using(self, file_id: str) -> Job | None:
         """Find an unfinished job that reads a file."""
@@ -302,6 +319,10 @@ class MemoryBlobStore:
     def keys(self, prefix: str) -> Sequence[str]:
         """List the keys under a prefix."""
         return sorted(key for key in self._blobs if key.startswith(prefix))
+
+    def total(self, prefix: str) -> int:
+        """Sum up the bytes of all blobs under a prefix."""
+        return sum(len(self._blobs[key]) for key in self.keys(prefix))
 
     def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
         """List the keys under a prefix that were last written before a moment."""

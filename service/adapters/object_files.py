@@ -219,6 +219,10 @@ class ObjectFiles:
         near = (key for key in self._near.keys(INCOMING) if key.startswith(prefix))
         return sorted({*near, *(each["path"] for each in self._listed(prefix))})
 
+    def total(self, prefix: str) -> int:
+        """Sum up the bytes of all blobs under a prefix."""
+        return sum(each["size"] for each in self._listed(prefix))
+
     def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
         """List the keys under a prefix that were last written before a moment."""
         near = (key for key in self._near.unchanged_since(INCOMING, moment) if key.startswith(prefix))

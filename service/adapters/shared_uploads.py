@@ -16,14 +16,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO
 
+import sqlalchemy as sa
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.adapters.database_uploads import DatabaseUploads, UploadPart
 from service.adapters.disk_space import FULL, set_aside
+from service.adapters.local_uploads import LocalUploads
 from service.adapters.object_files import ObjectFiles
 from service.errors import InsufficientStorageError, NoSuchUploadError, StorageError, UploadLockedError
-from service.ports import PendingUpload, UploadState, narrowed
+from service.ports import BlobStore, PendingUpload, UploadState, UploadStore, narrowed
+from service.settings import Settings
 from service.use_cases.identifiers import is_identifier
 
 UPLOADS = "uploads/"
@@ -87,6 +90,10 @@ class SharedUploads:
         """List all uploads."""
         return self._rows.ids(self._owner)
 
+    def promised_bytes(self) -> int:
+        """Sum up what the uploads that are neither finished nor refused will have."""
+        return self._rows.promised_bytes(self._owner)
+
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove files of this machine, and parts, that nobody has written to since a moment; give the number."""
         removed = 0
@@ -102,6 +109,13 @@ class SharedUploads:
             self._blobs.delete_prefix(f"{UPLOADS}{upload_id}/")
             removed += 1
         return removed
+
+
+def upload_store_of(settings: Settings, database: sa.Engine, blobs: BlobStore) -> UploadStore:
+    """Give the store of uploads that belongs to a store of blobs."""
+    if isinstance(blobs, ObjectFiles):
+        return SharedUploads(DatabaseUploads(database), blobs, settings.data_dir / "shared-uploads")
+    return LocalUploads(settings.data_dir / "uploads")
 
 
 class HeldUpload:

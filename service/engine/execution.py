@@ -20,7 +20,7 @@ from service.engine.patience import Parameters, Value, patiently
 from service.engine.queue import APPLICATION_NAME, APPLICATION_VERSION, COMPUTE, PROJECT, JsonSerializer, priority_of
 from service.engine.reaper import HEARTBEAT_S, Reaper
 from service.engine.tools import Tools
-from service.errors import ComputationFailedError, QueueError, to_problem
+from service.errors import ComputationFailedError, QueueError, StorageError, to_problem
 from service.ports import Job, Json, LogLine, StepCall, StepFailedError
 
 RESULT_POLLING_S = 0.1
@@ -160,7 +160,15 @@ class Engine:
             if results is None:
                 return
             outputs.append(results)
+        await self._count(job_id)
         await self._kept(tools.jobs.succeed, job_id, _now())
+
+    async def _count(self, job_id: str) -> None:
+        """Count what a job has stored, now that nothing more comes; of those that end otherwise, cleaning up does."""
+        try:
+            await self._kept(self._tools.count_results, job_id)
+        except (StorageError, OSError) as error:  # then it is counted when the service cleans up
+            log.warning("what a job has stored was not counted", job=job_id, error=str(error))
 
     async def _run_stage(self, job: Job, stage: int, calls: Sequence[StepCall]) -> Sequence[Json] | None:
         """Run the steps of a stage side by side; None when one of them ended the job."""

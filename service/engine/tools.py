@@ -1,6 +1,6 @@
 """What the engine works with."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from service.engine.queue import DbosQueue
@@ -21,3 +21,5 @@ class Tools:
     runner: StepRunner
     plans: Mapping[str, Plan]
     queue: DbosQueue
+    count_results: Callable[[str], None]
+    """Notes how much a job has stored."""

@@ -48,6 +48,9 @@ class BlobStore(Protocol):
     def keys(self, prefix: str) -> Sequence[str]:
         """List the keys under a prefix."""
 
+    def total(self, prefix: str) -> int:
+        """Sum up the bytes of all blobs under a prefix."""
+
     def unchanged_since(self, prefix: str, moment: datetime) -> Sequence[str]:
         """List the keys under a prefix that were last written before a moment."""
 

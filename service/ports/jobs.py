@@ -180,6 +180,15 @@ class JobStore(Protocol):
     def delete(self, job_id: str) -> None:
         """Forget a finished job."""
 
+    def note_results(self, job_id: str, size: int) -> None:
+        """Note how many bytes are stored of a job: its result, downloads and what lies between."""
+
+    def results_bytes(self) -> int:
+        """Sum up what was noted."""
+
+    def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
+        """List jobs that ended before a moment and of whose results nothing was noted."""
+
     def unfinished_using(self, file_id: str) -> Job | None:
         """Find an unfinished job that reads a file."""
 

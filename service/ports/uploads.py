@@ -119,5 +119,8 @@ class UploadStore(Protocol):
     def ids(self) -> Sequence[str]:
         """List all uploads."""
 
+    def promised_bytes(self) -> int:
+        """Sum up what the uploads that are neither finished nor refused will have."""
+
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove what killed processes left half-made before a moment; give the number."""

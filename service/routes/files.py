@@ -12,6 +12,7 @@ from service.dependencies import (
     Adapters,
     AdaptersDependency,
     BaseUrlDependency,
+    BelongingsDependency,
     IdentifiersDependency,
     SettingsDependency,
 )
@@ -39,6 +40,7 @@ from service.routes.request_bodies import (
 from service.settings import Settings
 from service.use_cases.content_keys import content_key
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
+from service.use_cases.quotas import Belongings
 from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
 from service.use_cases.validate_request import pointer_to
 
@@ -66,9 +68,11 @@ UPLOAD_BODY = {
 }
 
 
-def file_intake(adapters: Adapters, settings: Settings, make_id: MakeIdentifier = new_identifier) -> FileIntake:
+def file_intake(
+    belongings: Belongings, adapters: Adapters, settings: Settings, make_id: MakeIdentifier = new_identifier
+) -> FileIntake:
     """Give the place where uploads go."""
-    return FileIntake(adapters.files, adapters.blobs, adapters.steps, settings, make_id)
+    return FileIntake(belongings, adapters.blobs, adapters.steps, settings, make_id)
 
 
 @router.post(
@@ -82,11 +86,12 @@ async def upload_files(
     request: Request,
     adapters: AdaptersDependency,
     settings: SettingsDependency,
+    belongings: BelongingsDependency,
     make_id: IdentifiersDependency,
     url: BaseUrlDependency,
 ) -> Response:
     """Store one file or several (all or none): multipart fields `file`, or a raw body with Content-Disposition."""
-    intake = file_intake(adapters, settings, make_id)
+    intake = file_intake(belongings, adapters, settings, make_id)
     stored = await intake.store(_uploads(request, intake), datetime.now(UTC))
     documents = [file_document(file, url) for file in stored]
     if len(documents) == 1:

@@ -14,6 +14,7 @@ from service.dependencies import (
     AdaptersDependency,
     BaseUrl,
     BaseUrlDependency,
+    BelongingsDependency,
     CallbacksDependency,
     OriginDependency,
     SettingsDependency,
@@ -102,6 +103,7 @@ async def execute(
     request: Request,
     adapters: AdaptersDependency,
     settings: SettingsDependency,
+    belongings: BelongingsDependency,
     sources: SourcesDependency,
     callbacks: CallbacksDependency,
     origin: OriginDependency,
@@ -121,7 +123,7 @@ async def execute(
         await asyncio.sleep(execution.inputs.get("pause") or 0)
         outputs = answer_at_once(execution)
         return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
-    job = await asyncio.to_thread(submit_job, execution, adapters.jobs, settings, now, subscription, origin)
+    job = await asyncio.to_thread(submit_job, execution, belongings, settings, now, subscription, origin)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 
 

@@ -12,6 +12,7 @@ from schemas.subscriber import Subscriber
 from service.dependencies import (
     AdaptersDependency,
     BaseUrlDependency,
+    BelongingsDependency,
     CallbacksDependency,
     OriginDependency,
     SettingsDependency,
@@ -103,6 +104,7 @@ async def register(
     request: Request,
     adapters: AdaptersDependency,
     settings: SettingsDependency,
+    belongings: BelongingsDependency,
     callbacks: CallbacksDependency,
     origin: OriginDependency,
     url: BaseUrlDependency,
@@ -116,10 +118,10 @@ async def register(
         raise UnsupportedMediaTypeError(
             "send multipart/form-data with fields `scan` and, if wanted, `photo`, `options`, `subscriber`"
         )
-    intake = file_intake(adapters, settings, origin.make_id)
+    intake = file_intake(belongings, adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
     now = datetime.now(UTC)
-    job = await register_uploads(intake, adapters.jobs, form.files(), form.contents, subscribe, now, origin)
+    job = await register_uploads(intake, form.files(), form.contents, subscribe, now, origin)
     return created_job(job, url)
 
 

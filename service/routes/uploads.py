@@ -18,9 +18,9 @@ from service.dependencies import (
     AdaptersDependency,
     BaseUrl,
     BaseUrlDependency,
+    BelongingsDependency,
     IdentifiersDependency,
     SettingsDependency,
-    UploadsDependency,
 )
 from service.errors import InvalidRequestError, ServiceError, to_problem
 from service.ports import UploadState
@@ -74,8 +74,10 @@ class TusRoute(APIRoute):
 router = ReadableRouter(tags=["uploads"], responses=PROBLEM_RESPONSES, route_class=TusRoute)
 
 
-async def _desk(uploads: UploadsDependency, adapters: AdaptersDependency, settings: SettingsDependency) -> UploadDesk:
-    return UploadDesk(uploads, file_intake(adapters, settings))
+async def _desk(
+    belongings: BelongingsDependency, adapters: AdaptersDependency, settings: SettingsDependency
+) -> UploadDesk:
+    return UploadDesk(belongings.uploads, file_intake(belongings, adapters, settings))
 
 
 DeskDependency = Annotated[UploadDesk, Depends(_desk)]

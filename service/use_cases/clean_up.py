@@ -10,12 +10,16 @@ from service.ports import BlobStore, FileStore, JobFilter, JobStore, UploadState
 from service.use_cases.check_readiness import PROBES
 from service.use_cases.content_keys import FILES, INCOMING, content_key, is_content
 from service.use_cases.feature_keys import FEATURES
+from service.use_cases.quotas import count_results
 from service.use_cases.receive_uploads import UploadDesk
 from service.use_cases.store_files import release_content
 
 JOBS = "jobs/"
 ROOM_KEPT_FOR = timedelta(hours=1)
 """Since the last byte of an unfinished upload."""
+SETTLED_AFTER = timedelta(minutes=1)
+"""Computations of a job that was dismissed have stopped by then."""
+COUNTED_AT_ONCE = 1000
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,8 @@ class CleanUp:
     """Files whose content is gone."""
     jobs_removed: int = 0
     """Results and downloads of jobs that nobody knows."""
+    jobs_counted: int = 0
+    """Jobs that failed or were dismissed: what they left counts from now on for what their project stores."""
 
     @property
     def nothing(self) -> bool:
@@ -71,7 +77,8 @@ class Cleaner:
         half_made = await asyncio.to_thread(self._remove_half_made, moment)
         contents, files = await asyncio.to_thread(self._match_contents)
         jobs = await asyncio.to_thread(self._remove_unknown_jobs, moment)
-        return CleanUp(finished, expired, half_made, contents, files, jobs)
+        counted = await asyncio.to_thread(self._count_results, now - SETTLED_AFTER)
+        return CleanUp(finished, expired, half_made, contents, files, jobs, counted)
 
     @property
     def _files(self) -> FileStore:
@@ -129,6 +136,12 @@ class Cleaner:
         for job_id in unknown:
             self._blobs.delete_prefix(f"{JOBS}{job_id}/")
         return len(unknown)
+
+    def _count_results(self, before: datetime) -> int:
+        uncounted = self.jobs.uncounted(before, COUNTED_AT_ONCE)
+        for job_id in uncounted:
+            count_results(job_id, self.jobs, self._blobs)
+        return len(uncounted)
 
 
 def remove_half_made(blobs: BlobStore, moment: datetime) -> int:

@@ -1,11 +1,46 @@
 """How much one project may have."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from service.errors import QuotaExceededError
-from service.ports import StoredAmount, UnfinishedJobs
+from service.ports import BlobStore, FileStore, JobStore, StoredAmount, UnfinishedJobs, UploadStore
 from service.refusals import QuotaFullError
 from service.settings import Settings
+
+
+@dataclass(frozen=True)
+class Belongings:
+    """What a project stores."""
+
+    files: FileStore
+    jobs: JobStore
+    uploads: UploadStore
+
+    def of(self, owner: str) -> "Belongings":
+        """Give those of one project."""
+        return Belongings(self.files.of(owner), self.jobs.of(owner), self.uploads.of(owner))
+
+    def besides_files(self) -> int:
+        """Sum up the bytes of results, and those that uploads on their way will have."""
+        return self.jobs.results_bytes() + self.uploads.promised_bytes()
+
+    def require_within(self, settings: Settings) -> None:
+        """Refuse when the project has stored too much already.
+
+        Raises
+        ------
+        QuotaFullError
+            Its jobs left more results than there was room for.
+        """
+        total = self.files.amount().bytes + self.besides_files()
+        if total > settings.max_project_bytes:
+            raise QuotaFullError("bytes", total, settings.max_project_bytes)
+
+
+def count_results(job_id: str, jobs: JobStore, blobs: BlobStore) -> None:
+    """Note how many bytes a job has stored."""
+    jobs.note_results(job_id, blobs.total(f"jobs/{job_id}/"))
 
 
 def admit_job(settings: Settings) -> Callable[[UnfinishedJobs], None]:
@@ -28,17 +63,17 @@ def admit_job(settings: Settings) -> Callable[[UnfinishedJobs], None]:
     return admit
 
 
-def admit_file(settings: Settings, size: int, under_way: int = 0) -> Callable[[StoredAmount], None]:
+def admit_file(settings: Settings, size: int, besides: int = 0) -> Callable[[StoredAmount], None]:
     """Give what lets one more file in.
 
     It raises `QuotaFullError` when the project would have too many files, or too many bytes with this one and with
-    those `under_way`.
+    those that it has `besides` files.
     """
 
     def admit(stored: StoredAmount) -> None:
         if stored.files + 1 > settings.max_project_files:
             raise QuotaFullError("files", stored.files + 1, settings.max_project_files)
-        total = stored.bytes + under_way + size
+        total = stored.bytes + besides + size
         if total > settings.max_project_bytes:
             raise QuotaFullError("bytes", total, settings.max_project_bytes)
 

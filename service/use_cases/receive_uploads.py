@@ -77,10 +77,10 @@ class UploadDesk:
         if length == 0:
             raise UnreadableFileError(filename, "the file is empty", "byte 0")
         await asyncio.to_thread(self.intake.require_room, length)
-        await asyncio.to_thread(lambda: self.intake.require_quota(length, self._under_way()))
         upload = PendingUpload(self.intake.make_id(), filename, length, metadata, now)
         with suppress(NoSuchUploadError):  # begun by a request that broke off and is tried again
             await self.terminate(upload.id)
+        await asyncio.to_thread(self.intake.require_quota, length)
         await asyncio.to_thread(self.uploads.create, upload)
         try:
             await asyncio.to_thread(self.intake.require_room)
@@ -211,15 +211,6 @@ class UploadDesk:
         except InsufficientStorageError:
             opened.give_room_back()
             raise
-
-    def _under_way(self) -> int:
-        """Sum up what the uploads that are not finished will have."""
-        total = 0
-        for upload_id in self.uploads.ids():
-            with suppress(NoSuchUploadError):
-                upload = self.uploads.find(upload_id).upload
-                total += 0 if upload.finished or upload.problem is not None else upload.length
-        return total
 
     async def _take(self, opened: OpenUpload, upload: PendingUpload, part: UploadPart) -> None:
         writer = _PartWriter(opened, upload, part, self.intake.require_room)

@@ -9,7 +9,7 @@ from typing import Any
 
 from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import Job, JobStore, StoredFile, Subscription
+from service.ports import Job, StoredFile, Subscription
 from service.use_cases.describe_processes import offered_process
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.submit_job import ANY_REQUEST, Execution, Origin, check_execution, submit_job
@@ -30,7 +30,6 @@ class FormContents:
 
 async def register_uploads(
     intake: FileIntake,
-    jobs: JobStore,
     uploads: AsyncIterator[Upload],
     contents: Callable[[], FormContents],
     subscribe: Callable[[Subscriber], Awaitable[Subscription]],
@@ -41,8 +40,8 @@ async def register_uploads(
 
     Parameters
     ----------
-    intake, jobs
-        Where files and jobs go.
+    intake
+        Where files go, and beside them the job.
     uploads
         The files on their way in.
     contents
@@ -67,7 +66,9 @@ async def register_uploads(
         if execution.subscriber is not None:
             with _pointing_into(form):
                 subscription = await subscribe(execution.subscriber)
-        return await asyncio.to_thread(submit_job, execution, jobs, intake.settings, now, subscription, origin)
+        return await asyncio.to_thread(
+            submit_job, execution, intake.belongings, intake.settings, now, subscription, origin
+        )
     except BaseException:
         intake.discard(files)
         raise

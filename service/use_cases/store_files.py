@@ -19,7 +19,7 @@ from service.use_cases.content_keys import content_key, incoming_key
 from service.use_cases.feature_keys import features_of_content
 from service.use_cases.free_space import BYTES_BETWEEN_CHECKS, require_free_space
 from service.use_cases.identifiers import MakeIdentifier, is_identifier, new_identifier
-from service.use_cases.quotas import admit_file
+from service.use_cases.quotas import Belongings, admit_file
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,20 @@ class Upload:
 class FileIntake:
     """Where uploaded files go."""
 
-    files: FileStore
+    belongings: Belongings
     blobs: BlobStore
     steps: StepRunner
     settings: Settings
     make_id: MakeIdentifier = new_identifier
 
+    @property
+    def files(self) -> FileStore:
+        """Give the files among which they go."""
+        return self.belongings.files
+
     def of(self, owner: str) -> "FileIntake":
         """Give the place where the uploads of one project go."""
-        return replace(self, files=self.files.of(owner))
+        return replace(self, belongings=self.belongings.of(owner))
 
     async def store(self, uploads: AsyncIterator[Upload], now: datetime) -> Sequence[StoredFile]:
         """Write each stream to the store, have it inspected in a process of its own, then enter all of them.
@@ -91,7 +96,7 @@ class FileIntake:
         try:
             await asyncio.to_thread(self.blobs.put_copy, incoming_key(file_id), path)
             file = await self.inspected(received, now)
-            return await asyncio.to_thread(self.enter, file)
+            return await asyncio.to_thread(lambda: self.enter(file, promised=True))
         except BaseException:
             self.drop(received)
             raise
@@ -118,7 +123,7 @@ class FileIntake:
         """
         require_free_space(self.settings.data_dir, self.settings.min_free_bytes, coming_bytes)
 
-    def require_quota(self, coming_bytes: int = 0, under_way: int = 0) -> None:
+    def require_quota(self, coming_bytes: int = 0) -> None:
         """Refuse what the project has no room for, before it comes; it is counted again when it is entered.
 
         Raises
@@ -126,7 +131,7 @@ class FileIntake:
         QuotaFullError
             The project has too much.
         """
-        admit_file(self.settings, coming_bytes, under_way)(self.files.amount())
+        admit_file(self.settings, coming_bytes, self.belongings.besides_files())(self.files.amount())
 
     def room(self) -> int:
         """Give the most bytes that one more file of the project may have.
@@ -136,18 +141,29 @@ class FileIntake:
         QuotaFullError
             The project has too much.
         """
-        self.require_quota()
-        return min(self.settings.max_file_bytes, self.settings.max_project_bytes - self.files.amount().bytes)
+        stored, besides = self.files.amount(), self.belongings.besides_files()
+        admit_file(self.settings, 0, besides)(stored)
+        return min(self.settings.max_file_bytes, self.settings.max_project_bytes - stored.bytes - besides)
 
-    def enter(self, file: StoredFile) -> StoredFile:
-        """Give the file its place; where its content is stored already, that of the new one takes its place."""
+    def enter(self, file: StoredFile, *, promised: bool = False) -> StoredFile:
+        """Give the file its place; where its content is stored already, that of the new one takes its place.
+
+        Parameters
+        ----------
+        file
+            What has arrived.
+        promised
+            There was room for it when its upload began: what jobs have stored since then does not take it away.
+        """
         here, there = incoming_key(file.id), content_key(file.sha256)
         made_before = self.files.get(file.id)
         if made_before is not None:  # by a request that broke off and is tried again
             self.blobs.delete_prefix(here)
             return made_before
         self.blobs.prepare_move(here, there)
-        return self.files.add(file, lambda: self.blobs.move(here, there), admit_file(self.settings, file.bytes))
+        besides = 0 if promised else self.belongings.besides_files()
+        admit = admit_file(self.settings, file.bytes, besides)
+        return self.files.add(file, lambda: self.blobs.move(here, there), admit)
 
     async def _receive(self, upload: Upload, received: "Received") -> None:
         received.bytes, received.sha256 = await self.blobs.write_stream(

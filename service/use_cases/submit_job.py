@@ -12,14 +12,14 @@ from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.register_inputs import RegisterInputs, Station
 from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import USUAL_URGENCY, FileStore, Job, JobStatus, JobStore, Json, Subscription
+from service.ports import USUAL_URGENCY, FileStore, Job, JobStatus, Json, Subscription
 from service.settings import Settings
 from service.use_cases.check_photos import check_photo
 from service.use_cases.check_stations import check_register_inputs, check_station
 from service.use_cases.describe_processes import OfferedProcess
 from service.use_cases.fetch_files import Fetch, without_absence
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
-from service.use_cases.quotas import admit_job
+from service.use_cases.quotas import Belongings, admit_job
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to, validated
 
 
@@ -99,7 +99,7 @@ ANY_REQUEST = Origin()
 
 def submit_job(
     execution: Execution,
-    jobs: JobStore,
+    belongings: Belongings,
     settings: Settings,
     now: datetime,
     subscription: Subscription | None = None,
@@ -111,8 +111,8 @@ def submit_job(
     ----------
     execution
         What is to be run.
-    jobs, settings
-        Where to, and how many there may be.
+    belongings, settings
+        Where to, what there is, and how much there may be.
     now
         Time of the request.
     subscription
@@ -124,6 +124,8 @@ def submit_job(
     ------
     QuotaExceededError
         Too many jobs wait already.
+    QuotaFullError
+        The project has stored too much already.
     """
     job = Job(
         id=origin.make_id(),
@@ -140,9 +142,10 @@ def submit_job(
         urgency=origin.urgency,
         request_id=origin.request_id,
     )
-    made_before = jobs.get(job.id)
+    made_before = belongings.jobs.get(job.id)
     if made_before is None:
-        jobs.create_and_enqueue(job, admit_job(settings))
+        belongings.require_within(settings)
+        belongings.jobs.create_and_enqueue(job, admit_job(settings))
     return made_before or job
 
 

@@ -1,13 +1,18 @@
 """How much one project may have, and how urgent its jobs are."""
 
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
 
 from service.dependencies import Adapters
 from service.settings import Settings
+from service.use_cases.quotas import count_results
 from service.use_cases.urgency import urgency_of
-from tests.api.key_service import KeyService
+from tests.api.key_service import KeyedClient, KeyService
+
+NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
 TUS = {"Tus-Resumable": "1.0.0", "Upload-Metadata": "filename YS54eXo="}
 ECHO = {"json": {"inputs": {"stringInput": "a"}}, "headers": {"Prefer": "respond-async"}}
@@ -102,6 +107,83 @@ def test_uploads_under_way_count(settings: Settings, adapters: Adapters) -> None
     assert alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 201
 
 
+def test_uploads_under_way_count_for_what_comes_otherwise_and_not_twice(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_bytes=12).client("alice")
+    begun = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).headers["location"]
+    alice.upload()
+    assert alice.post("/files", files={"file": ("b.xyz", b"1")}).status_code == 413
+    headers = {**TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+    assert alice.request("PATCH", begun, headers=headers, content=b"1 2 3\n").status_code == 204
+    assert alice.get("/files").json()["numberMatched"] == 2
+
+
+@dataclass
+class Full:
+    """A project of which a job has left more results than there is room for."""
+
+    client: KeyedClient
+    service: KeyService
+    job: str
+
+    @classmethod
+    def of(cls, settings: Settings, adapters: Adapters, results: int) -> "Full":
+        service = made(settings, adapters, max_project_bytes=20)
+        alice = service.client("alice")
+        job = alice.post("/processes/echo/execution", **ECHO).json()["jobID"]
+        adapters.blobs.write_bytes(f"jobs/{job}/artifacts/lines.csv", b"1" * results)
+        count_results(job, adapters.jobs, adapters.blobs)
+        adapters.jobs.succeed(job, NOW)
+        return cls(alice, service, job)
+
+
+SCANS = [("scan", ("a.xyz", b"1 2 3\n")), ("scan", ("b.xyz", b"4 5 6\n"))]
+MORE: dict[str, tuple[str, dict[str, Any]]] = {
+    "a file": ("/files", {"files": {"file": ("a.xyz", b"1 2 3\n")}}),
+    "an upload": ("/uploads", {"headers": {**TUS, "Upload-Length": "6"}}),
+    "a registration": ("/registrations", {"files": SCANS}),
+    "a job": ("/processes/echo/execution", ECHO),
+}
+
+
+@pytest.mark.parametrize("what", MORE)
+def test_results_of_jobs_count(settings: Settings, adapters: Adapters, what: str) -> None:
+    full = Full.of(settings, adapters, results=21)
+    path, sent = MORE[what]
+    refused = full.client.post(path, **sent)
+    assert (refused.status_code, refused.json()["title"]) == (413, "Quota exceeded")
+    assert "/jobs/{id}" in refused.json()["detail"]
+    assert full.client.get("/files").json()["numberMatched"] == 0
+    assert full.client.get("/jobs").json()["numberMatched"] == 1
+    assert full.service.client("bob").post(path, **sent).status_code == 201
+    full.client.delete(f"/jobs/{full.job}")
+    assert full.client.post(path, **sent).status_code == 201
+
+
+def test_a_project_that_is_just_full_takes_jobs_and_no_files(settings: Settings, adapters: Adapters) -> None:
+    full = Full.of(settings, adapters, results=20)
+    assert full.client.post("/processes/echo/execution", **ECHO).status_code == 201
+    assert full.client.post("/files", files={"file": ("b.xyz", b"1")}).status_code == 413
+
+
+def test_an_upload_that_was_let_in_comes_to_its_end(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_bytes=20).client("alice")
+    begun = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).headers["location"]
+    job = alice.post("/processes/echo/execution", **ECHO).json()["jobID"]
+    adapters.jobs.note_results(job, 20)
+    headers = {**TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+    assert alice.request("PATCH", begun, headers=headers, content=b"1 2 3\n").status_code == 204
+    assert alice.get("/files").json()["numberMatched"] == 1
+
+
+def test_a_job_of_a_full_project_may_be_asked_for_again(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_bytes=20).client("alice")
+    keyed = {**ECHO, "headers": {**ECHO["headers"], "Idempotency-Key": "k"}}
+    first = alice.post("/processes/echo/execution", **keyed)
+    adapters.jobs.note_results(first.json()["jobID"], 21)
+    again = alice.post("/processes/echo/execution", **keyed)
+    assert (again.status_code, again.json()["jobID"]) == (201, first.json()["jobID"])
+
+
 def test_an_upload_becomes_a_file_of_its_project(settings: Settings, adapters: Adapters) -> None:
     service = made(settings, adapters)
     alice = service.client("alice")
@@ -134,8 +216,7 @@ def test_the_priority_of_a_request_is_read_as_rfc_9218_says(priority: str | None
 
 @pytest.mark.parametrize("path", ["/processes/echo/execution", "/registrations"])
 def test_a_job_is_as_urgent_as_its_request(settings: Settings, adapters: Adapters, path: str) -> None:
-    scans = [("scan", ("a.xyz", b"1 2 3\n")), ("scan", ("b.xyz", b"4 5 6\n"))]
-    what = {"files": scans} if path == "/registrations" else {"json": ECHO["json"]}
+    what = {"files": SCANS} if path == "/registrations" else {"json": ECHO["json"]}
     headers = {"Prefer": "respond-async", "Priority": "u=1"}
     answer = made(settings, adapters).stranger().post(path, headers=headers, **what)
     job = adapters.jobs.get(answer.json()["jobID"])

@@ -27,6 +27,7 @@ from service.adapters.memory import MemoryJobStore
 from service.settings import Settings
 from service.use_cases.clean_up import Cleaner
 from service.use_cases.content_keys import content_key
+from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import Checksum, UploadDesk, UploadPart
 from service.use_cases.store_files import FileIntake, Upload, delete_file
 
@@ -58,7 +59,9 @@ class Service:
         self.files = DatabaseFileStore(self.engine)
         self.blobs = LocalFiles(directory)
         self.uploads = LocalUploads(directory / "uploads")
-        self.intake = FileIntake(self.files, self.blobs, Readers(), settings)
+        self.intake = FileIntake(
+            Belongings(self.files, MemoryJobStore(), self.uploads), self.blobs, Readers(), settings
+        )
         self.desk = UploadDesk(self.uploads, self.intake)
 
     async def store(self, content: bytes) -> str:

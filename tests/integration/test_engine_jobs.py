@@ -59,6 +59,11 @@ def test_a_stage_begins_after_the_one_before(service: Harness) -> None:
     assert float(service.events("end", "before")[0][3]) < float(service.events("start", "after")[0][3])
 
 
+def test_what_a_job_has_stored_is_counted_when_it_succeeds(service: Harness) -> None:
+    job = service.finished(service.submit([{"step": "store", "name": "stored", "bytes": 1000}]))
+    assert (job.status, service.jobs.results_bytes()) == (JobStatus.SUCCESSFUL, 1000)
+
+
 def test_an_error_that_a_step_reports_fails_the_job_at_once_with_the_same_problem(service: Harness) -> None:
     job = service.finished(service.submit([{"step": "refuse", "name": "refused"}]))
     assert (job.status, len(service.events("start", "refused"))) == (JobStatus.FAILED, 1)

@@ -69,6 +69,7 @@ def test_keys_are_listed_by_prefix(blobs: BlobStore) -> None:
     for key in ("jobs/1/result.json", "jobs/1/lines.ply", "jobs/12/result.json"):
         blobs.write_bytes(key, b"{}")
     assert blobs.keys("jobs/1/") == ["jobs/1/lines.ply", "jobs/1/result.json"]
+    assert (blobs.total("jobs/1/"), blobs.total("jobs/3/")) == (4, 0)
 
 
 def test_deleting_a_prefix_spares_its_neighbours(blobs: BlobStore) -> None:

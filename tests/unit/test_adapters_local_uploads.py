@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -118,6 +119,18 @@ def test_the_bytes_of_a_finished_upload_go_and_its_offset_stays(uploads: LocalUp
     held.save(PendingUpload("u1", "a.e57", 100, "", NOW, finished=True))
     assert not held.path.exists()
     assert (uploads.find("u1").offset, uploads.find("u1").upload.finished) == (100, True)
+
+
+def test_uploads_promise_bytes_until_they_are_finished_or_refused(uploads: LocalUploads) -> None:
+    for upload_id in ("u2", "u3"):
+        uploads.create(replace(UPLOAD, id=upload_id))
+    refused = uploads.lock("u3")
+    assert refused is not None
+    refused.save(replace(UPLOAD, id="u3", problem={"title": "no scan"}))
+    refused.close()
+    assert uploads.promised_bytes() == 2 * UPLOAD.length
+    opened(uploads).save(replace(UPLOAD, finished=True))
+    assert (uploads.promised_bytes(), uploads.of("others").promised_bytes()) == (UPLOAD.length, 0)
 
 
 def test_folders_that_a_killed_process_left_half_made_are_removed(uploads: LocalUploads, tmp_path: Path) -> None:

@@ -177,11 +177,13 @@ def test_nothing_remains_of_the_bytes_of_an_upload_that_has_ended(machine: Machi
     assert store._blobs.keys("") == []
     assert [path for path in (tmp_path / "here" / "shared-uploads").rglob("*") if path.is_file()] == []
     assert store.ids() == ([ID] if end == "finished" else [])
+    assert store.promised_bytes() == 0
 
 
 def test_uploads_of_other_projects_do_not_exist(machine: Machine) -> None:
     theirs = machine("here").of("tunnel")
-    assert theirs.ids() == []
+    assert (theirs.ids(), theirs.promised_bytes()) == ([], 0)
+    assert machine("here").promised_bytes() == len(CONTENT)
     with pytest.raises(NoSuchUploadError):
         theirs.find(ID)
     with pytest.raises(NoSuchUploadError):

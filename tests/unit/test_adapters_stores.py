@@ -262,3 +262,28 @@ def test_the_log_goes_with_its_job_and_what_comes_later_is_lost(engine: sa.Engin
     jobs.delete("j1")
     log.write("j1", [LogLine(NOW, "info", "b")])
     assert log.read("j1", 10) == []
+
+
+def test_results_count_for_their_project_as_long_as_there_is_the_job(jobs: JobStore) -> None:
+    for job_id, owner, size in (("j1", "a", 6_000_000_000), ("j2", "a", 5), ("j3", "b", 70)):
+        jobs.of(owner).create_and_enqueue(replace(JOB, id=job_id))
+        jobs.note_results(job_id, size)
+    jobs.of("b").note_results("j2", 1_000)
+    assert [jobs.results_bytes(), jobs.of("a").results_bytes(), jobs.of("c").results_bytes()] == [
+        6_000_000_075,
+        6_000_000_005,
+        0,
+    ]
+    jobs.fail("j1", {"title": "no"}, NOW)
+    jobs.delete("j1")
+    assert jobs.of("a").results_bytes() == 5
+
+
+def test_jobs_whose_results_were_not_counted_are_found_when_they_have_ended(jobs: JobStore) -> None:
+    for number in range(5):
+        jobs.create_and_enqueue(replace(JOB, id=f"j{number}"))
+    for number in range(4):
+        jobs.dismiss(f"j{number}", NOW + timedelta(seconds=number))
+    jobs.note_results("j1", 0)
+    assert sorted(jobs.uncounted(NOW + timedelta(seconds=3), 10)) == ["j0", "j2"]
+    assert len(jobs.uncounted(NOW + timedelta(seconds=9), 2)) == 2

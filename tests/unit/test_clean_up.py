@@ -17,6 +17,7 @@ from service.settings import Settings
 from service.use_cases.adopt_files import adopt_files
 from service.use_cases.clean_up import Cleaner, CleanUp
 from service.use_cases.content_keys import content_key
+from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk
 from service.use_cases.store_files import FileIntake
 
@@ -48,7 +49,8 @@ class House:
         self.jobs = MemoryJobStore()
         self.uploads = LocalUploads(directory / "uploads")
         settings = Settings(data_dir=directory, min_free_bytes=0)
-        self.desk = UploadDesk(self.uploads, FileIntake(self.files, self.blobs, Readers(), settings))
+        belongings = Belongings(self.files, self.jobs, self.uploads)
+        self.desk = UploadDesk(self.uploads, FileIntake(belongings, self.blobs, Readers(), settings))
 
     def enter(self, file_id: str, sha256: str) -> None:
         self.files.add(StoredFile(file_id, "a.xyz", 1, sha256, "XYZ", "scan", NOW))
@@ -118,6 +120,16 @@ def test_results_of_unknown_jobs_go_after_a_while(house: House) -> None:
     assert house.clean_up().nothing
     assert house.clean_up(after=timedelta(days=2)) == CleanUp(jobs_removed=1)
     assert house.blobs.keys("") == ["jobs/j1/result.json"]
+
+
+def test_what_a_job_has_stored_that_was_dismissed_is_counted_when_its_computations_have_stopped(house: House) -> None:
+    house.jobs.create_and_enqueue(Job("j1", "echo", {}, JobStatus.ACCEPTED, NOW))
+    house.blobs.write_bytes("jobs/j1/artifacts/pair.json", b"123")
+    house.jobs.dismiss("j1", NOW)
+    assert house.clean_up(after=timedelta(seconds=30)).nothing
+    assert house.clean_up(after=timedelta(minutes=2)) == CleanUp(jobs_counted=1)
+    assert house.jobs.results_bytes() == 3
+    assert house.clean_up(after=timedelta(minutes=2)).nothing
 
 
 def test_an_unfinished_upload_expires(house: House) -> None:

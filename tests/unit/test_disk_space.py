@@ -13,9 +13,10 @@ import pytest
 from service.adapters.disk_space import set_aside
 from service.adapters.local_files import LocalFiles
 from service.adapters.local_uploads import LocalUploads
-from service.adapters.memory import MemoryFileStore
+from service.adapters.memory import MemoryFileStore, MemoryJobStore
 from service.errors import InsufficientStorageError
 from service.settings import Settings
+from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk, UploadPart
 from service.use_cases.store_files import FileIntake, Upload
 
@@ -47,8 +48,9 @@ def desk(directory: Path, room: float) -> UploadDesk:
     """Give a desk with room for so many large uploads."""
     least = shutil.disk_usage(directory).free - int(room * LARGE)
     settings = Settings(data_dir=directory, min_free_bytes=least)
-    intake = FileIntake(MemoryFileStore(), LocalFiles(directory), Readers(), settings)
-    return UploadDesk(LocalUploads(directory / "uploads"), intake)
+    uploads = LocalUploads(directory / "uploads")
+    belongings = Belongings(MemoryFileStore(), MemoryJobStore(), uploads)
+    return UploadDesk(uploads, FileIntake(belongings, LocalFiles(directory), Readers(), settings))
 
 
 def free(directory: Path) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobStore
 from service.errors import (
     AddressRefusedError,
@@ -25,6 +26,7 @@ from service.settings import Settings
 from service.use_cases.fetch_files import Fetch
 from service.use_cases.fetch_runner import FetchingRunner
 from service.use_cases.plans import PLANS
+from service.use_cases.quotas import Belongings
 from service.use_cases.run_fetch import fetch_file
 from service.use_cases.store_files import FileIntake
 
@@ -105,8 +107,9 @@ class Scene:
         self.blobs, self.files, self.jobs = MemoryBlobStore(), MemoryFileStore(), MemoryJobStore()
         self.processes = Processes(self.blobs, elsewhere or Elsewhere(CONTENT[:3000], CONTENT[3000:]))
         made = Settings(data_dir=directory, min_free_bytes=0, **settings)
+        belongings = Belongings(self.files, self.jobs, LocalUploads(directory / "uploads"))
         self.runner = FetchingRunner(
-            self.processes, FileIntake(self.files, self.blobs, self.processes, made), self.jobs
+            self.processes, FileIntake(belongings, self.blobs, self.processes, made), self.jobs
         )
         self.jobs.create_and_enqueue(JOB)
 
@@ -186,6 +189,12 @@ def test_what_the_project_has_no_room_for_is_not_fetched_to_its_end(tmp_path: Pa
     scene = Scene(tmp_path, max_project_bytes=4_999)
     assert scene.problem()["status"] == 413
     assert scene.is_empty()
+
+
+def test_results_leave_less_room_for_what_is_fetched(tmp_path: Path) -> None:
+    scene = Scene(tmp_path, max_project_bytes=5_100)
+    scene.jobs.note_results(JOB.id, 101)
+    assert scene.problem()["status"] == 413
 
 
 @pytest.mark.parametrize(

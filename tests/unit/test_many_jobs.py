@@ -47,6 +47,8 @@ QUESTIONS: dict[str, Asked] = {
     "a page": lambda store: store.find(JobFilter(limit=100)),
     "a late page": lambda store: store.find(JobFilter(limit=100, offset=MANY - 100)),
     "a page of one project": lambda store: store.of("a").find(JobFilter(limit=100)),
+    "results of one project": lambda store: store.of("a").results_bytes(),
+    "results not counted": lambda store: store.uncounted(BEGIN, 10),
     "waiting jobs": lambda store: store.find(JobFilter(statuses=(JobStatus.ACCEPTED,), limit=1)),
 }
 
