@@ -171,12 +171,14 @@ class FileTooLargeError(ServiceError):
 
 
 class RequestTimeoutError(ServiceError):
-    """Say that a client fell silent in the middle of a request."""
+    """Say that a client fell silent in the middle of a request, or as good as that."""
 
     status, title = 408, "Request timeout"
 
     def __init__(self, seconds: float) -> None:
-        super().__init__(f"nothing of the request's body came for {seconds:g} s, so the service stopped waiting")
+        super().__init__(
+            f"nothing of the request's body came for {seconds:g} s, or next to nothing, so the service stopped waiting"
+        )
 
 
 class NoSuchUploadError(ServiceError):

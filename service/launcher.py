@@ -28,6 +28,7 @@ from service.adapters.child_process import remove_left_scratch
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
+from service.adapters.impatient_server import ImpatientConnection, allow_many_files
 from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
@@ -238,7 +239,17 @@ def _run_api(descriptor: int, app: str) -> None:
     """Serve the web application on a socket that the launcher has bound."""
     configure_log()
     sys.setswitchinterval(THREAD_SWITCH_S)
-    uvicorn.run(app, factory=True, fd=descriptor, log_config=None, access_log=False, timeout_graceful_shutdown=5)
+    allow_many_files()
+    settings = Settings()
+    uvicorn.run(
+        app,
+        factory=True,
+        fd=descriptor,
+        http=ImpatientConnection.with_limits(settings.header_timeout_s, settings.body_timeout_s),
+        log_config=None,
+        access_log=False,
+        timeout_graceful_shutdown=5,
+    )
 
 
 if __name__ == "__main__":

@@ -99,8 +99,11 @@ class Settings(BaseSettings):
     """Pause after the first failed try of a callback; doubled after each further one, up to an hour."""
     callback_interval_s: float = Field(default=10.0, gt=0.0)
     """Shortest time between two callbacks that tell how far a job is."""
+    header_timeout_s: int = Field(default=20, ge=1)
+    """Longest time from the first byte of a request, or from the connection, to the end of its headers."""
     body_timeout_s: int = Field(default=60, ge=1)
-    """Longest silence of a client in the middle of a request."""
+    """Longest silence of a client in the middle of a request, or in reading its answer; a body that brings less than
+    500 bytes per second over so long is given up as well."""
     upload_expiry_s: int = Field(default=86_400, ge=60)
     """How long an unfinished upload waits to be continued, and anything half-done to be finished, before removal."""
     clean_up_interval_s: int = Field(default=600, ge=1)

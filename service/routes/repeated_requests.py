@@ -1,9 +1,12 @@
 """`Idempotency-Key` on every request that makes something: the first answer is given again."""
 
+import asyncio
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from email.message import Message as HeaderMessage
+from typing import cast
 
 from fastapi import Request, Response
 from sqlalchemy.exc import SQLAlchemyError
@@ -13,6 +16,7 @@ from service.errors import FieldFault, InvalidRequestError, ServiceError, Storag
 from service.ports import Answer, Claim, IdempotencyStore
 from service.routes.problems import error_response
 from service.routes.request_bodies import body_of, media_type
+from service.settings import Settings
 from service.use_cases.identifiers import identifiers_from, new_identifier
 from service.use_cases.repeat_requests import Fingerprint, Repeatable
 from service.use_cases.validate_request import pointer_to
@@ -125,6 +129,14 @@ class _Attempt:
         await self._send(start)
         await self._send({**message, "body": bytes(self._body)})
 
+    async def _read_unwanted(self) -> None:
+        """Read a body that nobody has read; when it does not come, requests with the same key need not be the same."""
+        timeout_s = cast("Settings", self._request.app.state.settings).body_timeout_s
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                while not self._read and (await self._receive_watched())["type"] == "http.request":
+                    pass
+
     async def _settle(self, start: Message) -> None:
         status = start["status"]
         if self._differs or status >= 500:
@@ -132,9 +144,7 @@ class _Attempt:
         elif not 200 <= status < 300 or len(self._body) > LARGEST_ANSWER:
             await self._this.forget()
         else:
-            while not self._read:  # a body that nobody wanted
-                if (await self._receive_watched())["type"] != "http.request":
-                    break
+            await self._read_unwanted()
             headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in start["headers"]]
             # what must not be kept is told once
             body = self._request.scope["state"].get("body_to_keep", bytes(self._body))

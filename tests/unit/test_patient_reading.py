@@ -38,7 +38,24 @@ def test_silence_that_lasts_too_long_is_an_error() -> None:
 
 
 def test_the_time_counts_from_the_last_chunk() -> None:
-    assert collected(timely(chunks(*[0.03] * 5), 0.1)) == [b"x"] * 5
+    stream = timely((chunk * 100 async for chunk in chunks(*[0.03] * 5)), 0.1)
+    assert collected(stream) == [b"x" * 100] * 5
+
+
+def test_a_stream_that_only_trickles_is_an_error() -> None:
+    with pytest.raises(RequestTimeoutError):
+        collected(timely(chunks(*[0.02] * 100), 0.1))
+
+
+def test_time_in_which_nobody_waits_for_the_stream_is_not_its_fault() -> None:
+    async def slowly() -> int:
+        count = 0
+        async for _ in timely(chunks(*[0.0] * 5), 0.05):
+            count += 1
+            await asyncio.sleep(0.03)
+        return count
+
+    assert asyncio.run(slowly()) == 5
 
 
 def test_an_error_of_the_stream_passes() -> None:
