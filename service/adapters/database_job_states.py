@@ -44,7 +44,7 @@ class DatabaseJobStates:
         if self._at_once is not None:
             try:
                 return self._at_once.row(job_id)
-            except sqlite3.Error:
+            except (sqlite3.Error, sa.exc.DBAPIError):
                 pass  # locked, full or damaged: who waits for it, and says what is wrong, waits in a thread
         return await asyncio.to_thread(self._patiently, job_id)
 
@@ -75,7 +75,7 @@ class EmbeddedReader:
 
         Raises
         ------
-        sqlite3.Error
+        sqlite3.Error, sqlalchemy.exc.DBAPIError
             It cannot be read at once.
         """
         connection = self._reader.raw_connection()

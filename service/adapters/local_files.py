@@ -1,6 +1,5 @@
 """Blobs in a local directory: whole or not at all, in constant memory."""
 
-import asyncio
 import hashlib
 import os
 import re
@@ -14,6 +13,7 @@ from uuid import uuid4
 
 from service.adapters.disk_space import set_aside
 from service.errors import FileTooLargeError, StorageError
+from service.use_cases.upload_threads import undisturbed
 
 KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*/?")
 BLOCK_BYTES = 1 << 20
@@ -63,17 +63,17 @@ class LocalFiles:
         partial = _PartialFile(self._partial)
         block = bytearray()
         try:
-            await asyncio.to_thread(partial.set_aside, min(expected_bytes, max_bytes))
+            await undisturbed(partial.set_aside, min(expected_bytes, max_bytes))
             async for chunk in chunks:
                 block += chunk
                 if partial.size + len(block) > max_bytes:
                     raise FileTooLargeError("the upload", partial.size + len(block), max_bytes)
                 if len(block) >= BLOCK_BYTES:
                     # disk and hash keep their hands off the event loop
-                    await asyncio.to_thread(partial.write, bytes(block))
+                    await undisturbed(partial.write, bytes(block))
                     block.clear()
-            await asyncio.to_thread(partial.write, bytes(block))
-            await asyncio.to_thread(partial.finish, self._path(key))
+            await undisturbed(partial.write, bytes(block))
+            await undisturbed(partial.finish, self._path(key))
         finally:
             partial.discard()
         return partial.size, partial.digest.hexdigest()

@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from typing import Any, TypeVar
 
 from service.errors import (
     ChecksumMismatchError,
@@ -25,6 +24,7 @@ from service.ports import OpenUpload, PendingUpload, StepFailedError, UploadStat
 from service.use_cases.free_space import BYTES_BETWEEN_CHECKS
 from service.use_cases.patient_reading import timely
 from service.use_cases.store_files import FileIntake
+from service.use_cases.upload_threads import undisturbed
 
 CHECKSUMS = ("sha1", "sha256")
 BLOCK_BYTES = 1 << 20
@@ -32,7 +32,6 @@ TICK_S = 0.25
 STALE_AFTER_S = 1.0
 """A request that has sent nothing for so long may be ended by a new one for the same upload."""
 TAKE_OVER_WITHIN_S = 5.0
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ class UploadDesk:
             try:
                 await self._finish(opened, now)
             finally:
-                await _undisturbed(opened.close)
+                await undisturbed(opened.close)
 
     async def terminate(self, upload_id: str) -> None:
         """Remove an upload; a file that it has become stays.
@@ -173,7 +172,7 @@ class UploadDesk:
             There is none.
         """
         async with self._locked(upload_id) as opened:
-            await _undisturbed(opened.remove)
+            await undisturbed(opened.remove)
 
     def expires(self, state: UploadState) -> datetime:
         """Tell when an upload is removed unless it goes on."""
@@ -187,7 +186,7 @@ class UploadDesk:
         try:
             yield opened
         finally:
-            await _undisturbed(opened.close)
+            await undisturbed(opened.close)
 
     async def _taken_over(self, upload_id: str) -> OpenUpload:
         """Ask a request that has stalled to end."""
@@ -214,7 +213,7 @@ class UploadDesk:
 
     async def _take(self, opened: OpenUpload, upload: PendingUpload, part: UploadPart) -> None:
         writer = _PartWriter(opened, upload, part, self.intake.require_room)
-        await _undisturbed(opened.touch)
+        await undisturbed(opened.touch)
         if part.checksum is not None:
             opened.doubt()
         try:
@@ -231,12 +230,12 @@ class UploadDesk:
         if upload.finished or upload.problem is not None or not state.complete:
             return
         try:
-            path = await _undisturbed(opened.whole)
+            path = await undisturbed(opened.whole)
             await self.intake.of(upload.owner).store_finished(upload.id, upload.filename, path, now)
         except (UnreadableFileError, StepFailedError) as error:  # trying again would not help
-            await _undisturbed(opened.save, replace(upload, problem=to_problem(error)))
+            await undisturbed(opened.save, replace(upload, problem=to_problem(error)))
             raise
-        await _undisturbed(opened.save, replace(upload, finished=True))
+        await undisturbed(opened.save, replace(upload, finished=True))
 
 
 class _PartWriter:
@@ -271,16 +270,16 @@ class _PartWriter:
     async def finish(self) -> None:
         """Write the rest and compare the checksum."""
         await self._flush()
-        await _undisturbed(self._opened.sync)
+        await undisturbed(self._opened.sync)
         if self._digest is not None and self._part.checksum is not None:
             if self._digest.digest() != self._part.checksum.digest:
                 raise ChecksumMismatchError(self._part.checksum.algorithm, self._part.offset)
-            await _undisturbed(self._opened.trust)
+            await undisturbed(self._opened.trust)
 
     async def give_up(self) -> None:
         """Keep what has come, if it counts without being complete."""
         if self._digest is not None:
-            await _undisturbed(self._opened.cut)
+            await undisturbed(self._opened.cut)
         elif self._written + len(self._block) <= self._room:
             await self._flush()
 
@@ -289,7 +288,7 @@ class _PartWriter:
         self._block.clear()  # never written again, even if the disk is full in the middle
         self._due = time.monotonic() + TICK_S
         if data:
-            await _undisturbed(self._write, data)
+            await undisturbed(self._write, data)
 
     def _write(self, data: bytes) -> None:
         self._unchecked += len(data)
@@ -304,17 +303,7 @@ class _PartWriter:
 
 async def _state_of(opened: OpenUpload) -> UploadState:
     """Read in a thread how far an upload is: that may be a question to a database."""
-    return await _undisturbed(lambda: opened.state)
-
-
-async def _undisturbed(function: Callable[..., Value], *arguments: Any) -> Value:
-    """Run in a thread and wait for its end even when cancelled: the file must not be closed under it."""
-    task = asyncio.ensure_future(asyncio.to_thread(function, *arguments))
-    try:
-        return await asyncio.shield(task)
-    except asyncio.CancelledError:
-        await asyncio.wait({task})
-        raise
+    return await undisturbed(lambda: opened.state)
 
 
 def _require_unrefused(upload: PendingUpload) -> None:

@@ -13,6 +13,7 @@ from service.ports import Job, StoredFile, Subscription
 from service.use_cases.describe_processes import offered_process
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.submit_job import ANY_REQUEST, Execution, Origin, check_execution, submit_job
+from service.use_cases.upload_threads import undisturbed
 from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
 
 
@@ -70,7 +71,7 @@ async def register_uploads(
             submit_job, execution, intake.belongings, intake.settings, now, subscription, origin
         )
     except BaseException:
-        intake.discard(files)
+        await undisturbed(intake.discard, files)
         raise
 
 

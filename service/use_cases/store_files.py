@@ -20,6 +20,7 @@ from service.use_cases.feature_keys import features_of_content
 from service.use_cases.free_space import BYTES_BETWEEN_CHECKS, require_free_space
 from service.use_cases.identifiers import MakeIdentifier, is_identifier, new_identifier
 from service.use_cases.quotas import Belongings, admit_file
+from service.use_cases.upload_threads import undisturbed
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,9 @@ class FileIntake:
             inspected = [await self.inspected(each, now) for each in received]
             for file in inspected:
                 entered.append(file)
-                entered[-1] = await asyncio.to_thread(self.enter, file)
+                entered[-1] = await undisturbed(self.enter, file)
         except BaseException:  # also when the client leaves or the service stops: nothing may stay behind
-            for each in received:
-                self.blobs.delete_prefix(incoming_key(each.id))
-            self.discard(entered)
+            await undisturbed(self._take_back, received, entered)
             raise
         return entered
 
@@ -90,15 +89,15 @@ class FileIntake:
         if known is not None:
             return known
         received = Received(file_id, filename)
-        received.bytes, received.sha256 = await asyncio.to_thread(_size_and_hash, path)
+        received.bytes, received.sha256 = await undisturbed(_size_and_hash, path)
         if received.bytes == 0:
             raise UnreadableFileError(filename, "the file is empty", "byte 0")
         try:
-            await asyncio.to_thread(self.blobs.put_copy, incoming_key(file_id), path)
+            await undisturbed(self.blobs.put_copy, incoming_key(file_id), path)
             file = await self.inspected(received, now)
-            return await asyncio.to_thread(lambda: self.enter(file, promised=True))
+            return await undisturbed(lambda: self.enter(file, promised=True))
         except BaseException:
-            self.drop(received)
+            await undisturbed(self.drop, received)
             raise
 
     def drop(self, received: "Received") -> None:
@@ -112,6 +111,11 @@ class FileIntake:
         for file in files:
             self.files.delete(file.id)
             release_content(file.sha256, self.files, self.blobs)
+
+    def _take_back(self, received: Sequence["Received"], entered: Sequence[StoredFile]) -> None:
+        for each in received:
+            self.blobs.delete_prefix(incoming_key(each.id))
+        self.discard(entered)
 
     def require_room(self, coming_bytes: int = 0) -> None:
         """Refuse when the disk would be (nearly) full.

@@ -39,3 +39,21 @@ def test_requests_are_counted_by_route_not_by_address(client: Client) -> None:
 def test_looking_at_the_figures_is_not_counted(client: Client) -> None:
     figures(client)
     assert not [name for name in figures(client) if "/metrics" in name]
+
+
+def test_what_is_refused_before_a_route_is_looked_for_counts_for_that_route(client: Client) -> None:
+    client.get("/keys")
+    client.post("/jobs/one")
+    client.get("/nowhere")
+    found = figures(client)
+    assert found["http_requests_total", "/keys", "GET", "403"] == 1
+    assert found["http_requests_total", "/jobs/{job_id}", "POST", "405"] == 1
+    assert found["http_requests_total", "none", "GET", "404"] == 1
+
+
+def test_sizes_and_times_are_counted_by_route(client: Client) -> None:
+    client.get("/jobs/one")
+    found = figures(client)
+    assert found["http_request_duration_seconds_count", "/jobs/{job_id}", "GET"] == 1
+    assert found["http_request_duration_highr_seconds_count",] >= 1
+    assert found["http_response_size_bytes_sum", "/jobs/{job_id}"] > 0

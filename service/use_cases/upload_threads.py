@@ -1,0 +1,24 @@
+"""Threads of their own for what is written and hashed of uploads: nothing that is answered at once waits for them."""
+
+import asyncio
+import contextvars
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, TypeVar
+
+THREADS = 4
+"""Hashing keeps a core busy each, and others wait for the disk; what is not written yet is not read from its client."""
+_threads = ThreadPoolExecutor(THREADS, "upload")
+Value = TypeVar("Value")
+
+
+async def undisturbed(function: Callable[..., Value], *arguments: Any) -> Value:
+    """Run in a thread and wait for its end even when cancelled: a file must not be closed while it is written."""
+    call = partial(contextvars.copy_context().run, function, *arguments)
+    task = asyncio.ensure_future(asyncio.get_running_loop().run_in_executor(_threads, call))
+    try:
+        return await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait({task})
+        raise
