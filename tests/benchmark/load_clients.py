@@ -1,8 +1,13 @@
 """Clients that keep a service busy, in a process of their own: `python -m tests.benchmark.load_clients URL`.
 
-Reads one JSON document from standard input: ``jobs`` (ids to ask for), ``pollers`` and their ``think_s``, ``uploads``
+Reads one JSON document from standard input: ``jobs`` (ids to ask for), ``pollers`` and their ``every_s``, ``uploads``
 (pairs of a manner and a path), ``bytes_per_s`` of each uploader, ``seconds``. Prints what they saw as JSON. Pollers
 speak HTTP over plain streams, because a client library would take more processor time than the service.
+
+A poller's requests are due at fixed times. One that is late because the answer before it was slow is sent at once, and
+none is left out: a service that stands still for a second is seen by ten requests of each client, not by one. For each
+request there are two times: from when it was sent, and from when it was due, in which the slowness of the answers
+before it and of this process is contained.
 """
 
 import asyncio
@@ -27,26 +32,30 @@ Seen = dict[str, Any]
 
 
 class Poller:
-    """One client that asks where a job stands, thinks, and asks again, over one connection."""
+    """One client that asks where a job stands, again and again at fixed times, over one connection."""
 
-    def __init__(self, address: tuple[str, int], jobs: Sequence[str], think_s: float) -> None:
-        self._address, self._jobs, self._think_s = address, jobs, think_s
-        self.latencies_s: list[float] = []
+    def __init__(self, address: tuple[str, int], jobs: Sequence[str], every_s: float) -> None:
+        self._address, self._jobs, self._every_s = address, jobs, every_s
+        self.since_sent_s: list[float] = []
+        self.since_due_s: list[float] = []
         self.errors: Counter[str] = Counter()
 
     async def run(self, until: float, phase: float) -> None:
-        await asyncio.sleep(phase * self._think_s)
+        due = time.perf_counter() + phase * self._every_s
         reader, writer = await asyncio.open_connection(*self._address)
         number = int(phase * len(self._jobs))
-        while time.perf_counter() < until:
+        while due < until:
+            await asyncio.sleep(max(0.0, due - time.perf_counter()))
             job = self._jobs[number % len(self._jobs)]
             number += 1
             begin = time.perf_counter()
             status, body = await self._asked(reader, writer, f"/jobs/{job}")
-            self.latencies_s.append(time.perf_counter() - begin)
+            end = time.perf_counter()
+            self.since_sent_s.append(end - begin)
+            self.since_due_s.append(end - due)
             if status != 200 or json.loads(body)["jobID"] != job:
                 self.errors[f"{status} {body[:200]!r}"] += 1
-            await asyncio.sleep(self._think_s)
+            due += self._every_s
         writer.close()
         await writer.wait_closed()
 
@@ -60,12 +69,16 @@ class Poller:
 
 
 async def poll(address: tuple[str, int], order: Seen) -> Seen:
-    """Let all pollers run; their connections begin spread over one time of thinking."""
+    """Let all pollers run, their requests spread evenly over time."""
     until = time.perf_counter() + order["seconds"]
-    pollers = [Poller(address, order["jobs"], order["think_s"]) for _ in range(order["pollers"])]
+    pollers = [Poller(address, order["jobs"], order["every_s"]) for _ in range(order["pollers"])]
     await asyncio.gather(*(each.run(until, i / len(pollers)) for i, each in enumerate(pollers)))
     errors: Counter[str] = sum((each.errors for each in pollers), Counter())
-    return {"latencies_s": [s for each in pollers for s in each.latencies_s], "errors": dict(errors)}
+    return {
+        "since_sent_s": [s for each in pollers for s in each.since_sent_s],
+        "since_due_s": [s for each in pollers for s in each.since_due_s],
+        "errors": dict(errors),
+    }
 
 
 class Uploader:

@@ -3,11 +3,12 @@
     uv run pytest -n0 -s -m benchmark tests/benchmark/test_load.py
 
 Takes five minutes, three of them for the 2000 jobs, and prints one table. Clients ask for the status of a job every
-`THINK_S`, one request at a time, each over one connection (several hundred requests a second); uploaders send 16 MB
-again and again as raw body, form and by tus, together as fast as a line of one gigabit a second. The computations are
-registrations of two virtual stations, put on the queue so that both workers always have one. All run on the machine of
-the service, so that the clients' own processor time counts too. TIELINE_LOAD_S is the length of one phase,
-TIELINE_LOAD_API the number of API processes (2; the service's own default is 1), TIELINE_LOAD_JOBS that of jobs.
+`EVERY_S`, each over one connection (500 requests a second); uploaders send 16 MB again and again as raw body, form and
+by tus, together as fast as a line of one gigabit a second. The computations are registrations of two virtual stations,
+put on the queue so that both workers always have one. All run on the machine of the service, so that the clients' own
+processor time counts too. Times are from when a request was sent; `due p99` is from when it was due, so that requests
+that wait for the answer before them are not forgotten. TIELINE_LOAD_S is the length of one phase, TIELINE_LOAD_API the
+number of API processes (2; the service's own default is 1), TIELINE_LOAD_JOBS that of jobs.
 """
 
 import json
@@ -37,7 +38,7 @@ from tests.e2e.virtual_scans import write_scans
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]
 
 PHASE_S = float(os.environ.get("TIELINE_LOAD_S", "20"))
-POLLERS, THINK_S = 50, float(os.environ.get("TIELINE_LOAD_THINK_S", "0.1"))
+POLLERS, EVERY_S = 50, float(os.environ.get("TIELINE_LOAD_EVERY_S", "0.1"))
 UPLOADS = ("raw", "multipart", "tus", "raw", "multipart", "tus", "raw", "tus")
 UPLOAD_BYTES, LINE_BYTES_PER_S = 16 << 20, 125e6
 """Of each file, and of all uploads together."""
@@ -46,9 +47,9 @@ API_PROCESSES = os.environ.get("TIELINE_LOAD_API", "2")
 """As `docker/compose.yaml` has."""
 ECHOES = int(os.environ.get("TIELINE_LOAD_JOBS", "2000"))
 HEAD = (
-    f"{'':26} {'requests/s':>10} {'p50':>6} {'p95':>6} {'p99':>6} {'max ms':>6} {'errors':>6} {'API ms*':>7}"
-    f" {'API MB':>6} {'computing':>9} {'clients':>7} {'uploads':>7} {'MB/s':>5}   (* of processor for each request;"
-    " computing and clients: processors)"
+    f"{'':26} {'requests/s':>10} {'p50':>6} {'p95':>6} {'p99':>6} {'max ms':>6} {'due p99':>7} {'errors':>6}"
+    f" {'API ms*':>7} {'API MB':>6} {'computing':>9} {'clients':>7} {'uploads':>7} {'MB/s':>5}"
+    "   (* of processor for each request; computing and clients: processors)"
 )
 ROOT = Path(__file__).parents[2]
 SCANNER = VirtualScanner(rows=300, columns=720)
@@ -117,7 +118,7 @@ def clients(service: RunningService, **order: Any) -> "subprocess.Popen[str]":
         text=True,
     )
     assert started.stdin is not None
-    started.stdin.write(json.dumps({"pollers": 0, "think_s": THINK_S, "uploads": [], "jobs": [], **order}))
+    started.stdin.write(json.dumps({"pollers": 0, "every_s": EVERY_S, "uploads": [], "jobs": [], **order}))
     started.stdin.close()
     return started
 
@@ -161,20 +162,22 @@ def loaded(service: RunningService, table: list[str], what: str, uploads: Sequen
     took_s = time.perf_counter() - begin
     api_s, computing_s = processor_s(apis) - before[0], processor_s(computing_processes(service)) - before[1]
     memory = max(api.memory_info().rss for api in apis)
-    latencies_ms = 1e3 * np.array(seen["latencies_s"])
+    latencies_ms = 1e3 * np.array(seen["since_sent_s"])
     p50, p95, p99 = np.percentile(latencies_ms, [50, 95, 99])
+    due_p99 = np.percentile(1e3 * np.array(seen["since_due_s"]), 99)
     errors = sum(seen["errors"].values()) + sum(sent["upload_errors"].values())
     uploads = len(sent["uploads_s"])
     clients_s = seen["processor_s"] + sent["processor_s"]
     table.append(
         f"{what:26} {len(latencies_ms) / PHASE_S:10.0f} {p50:6.1f} {p95:6.1f} {p99:6.1f} {latencies_ms.max():6.0f}"
-        f" {errors:6} {1e3 * api_s / len(latencies_ms):7.2f} {memory / 1e6:6.0f} {computing_s / took_s:9.2f}"
-        f" {clients_s / took_s:7.2f} {uploads:7} {uploads * UPLOAD_BYTES / took_s / 1e6:5.0f}"
+        f" {due_p99:7.1f} {errors:6} {1e3 * api_s / len(latencies_ms):7.2f} {memory / 1e6:6.0f}"
+        f" {computing_s / took_s:9.2f} {clients_s / took_s:7.2f} {uploads:7}"
+        f" {uploads * UPLOAD_BYTES / took_s / 1e6:5.0f}"
     )
     print(f"\n{HEAD}\n{table[-1]}")
     assert seen["errors"] == {}
     assert sent["upload_errors"] == {}
-    assert p99 <= 1e3 * WANTED_P99_S
+    assert max(p99, due_p99) <= 1e3 * WANTED_P99_S
 
 
 def some_jobs(service: RunningService) -> None:
