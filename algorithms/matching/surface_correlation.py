@@ -32,8 +32,11 @@ MARGIN_M, MARGIN_RELATIVE = 0.4, 0.03
 FREE_SHARE, PENALTY = 0.03, 10.0
 """Share of what can be judged that may stand in free space, and what each further percent costs in percent of the
 support; the cells are coarse, so this is gentler than the final score."""
-LEAST_SUPPORT, LEAST_SCORE = 0.002, 0.002
-"""Added to the support of each direction, lest one that a scan hardly sees rules all out; and the least score."""
+DIRECTION_CREDIT = 0.1
+"""Share of the mean support that each direction is credited with, as the final score does: ground and one facade may be
+all that two scans share."""
+LEAST_SCORE = 0.002
+"""Shifts of a lower score are none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +157,7 @@ def _correlated(
     against += ours.facing.sum(axis=0) * theirs.free.conj() / max(ours.counts.sum(), 1.0)
     score = np.empty(shape, dtype=np.float32)
     kernels.weigh(
-        supports.reshape(3, -1), fft.irfftn(0.5 * against, shape).reshape(-1), FREE_SHARE, PENALTY, LEAST_SUPPORT,
+        supports.reshape(3, -1), fft.irfftn(0.5 * against, shape).reshape(-1), FREE_SHARE, PENALTY, DIRECTION_CREDIT,
         LEAST_SCORE, score.reshape(-1),
     )  # fmt: skip
     found = kernels.peaks(score, LEAST_SCORE)

@@ -70,18 +70,21 @@ def mark_free(
 
 @njit(cache=True, nogil=True)
 def weigh(
-    supports: Array, violation: Array, floor: float, penalty: float, least: float, least_score: float, out: Array
+    supports: Array, violation: Array, floor: float, penalty: float, credit: float, least_score: float, out: Array
 ) -> Any:  # pragma: no cover - compiled
-    """Score every shift: geometric mean of three supports, less for what stands in free space; 0 where it is low."""
-    lowest = (least + least_score) ** 3
+    """Score every shift: geometric mean of three supports, less for what stands in free space; 0 where it is low.
+
+    Each support is credited with a share of their mean, lest one direction that hardly occurs rules all out.
+    """
+    lowest = (least_score * (1.0 + credit)) ** 3
     for k in range(out.size):
-        product = 1.0
-        for a in range(3):
-            product *= max(supports[a, k], 0.0) + least
+        first, second, third = max(supports[0, k], 0.0), max(supports[1, k], 0.0), max(supports[2, k], 0.0)
+        more = credit * (first + second + third) / 3.0
+        product = (first + more) * (second + more) * (third + more)
         if product < lowest:
             out[k] = 0.0
             continue
-        support = product ** (1.0 / 3.0) - least
+        support = product ** (1.0 / 3.0) / (1.0 + credit)
         against = max(violation[k], 0.0)
         share = against / (support + against + 1e-6)
         out[k] = support * math.exp(-penalty * max(share - floor, 0.0))

@@ -166,6 +166,9 @@ def _attempts(
         except TooFewCorrespondencesError as error:
             remarks.append(f"{label}: {error}")
             continue
+        if surfaces is not None and not fine.adjustment.converged:
+            remarks.append(f"{label}: the adjustment does not settle")
+            continue
         tried.append(_Attempt(label, fine, None if surfaces is None else compared(fine, surfaces)))
         if not tried[-1].contradicts:
             break

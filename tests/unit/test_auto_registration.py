@@ -185,6 +185,20 @@ def test_without_lines_and_planes_the_surfaces_give_the_pose_and_the_result_says
     assert "found 0 corresponding lines and planes" in document(result).reasons[0]
 
 
+def test_an_adjustment_that_does_not_settle_leaves_the_pose_to_the_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    adjusted = auto_registration.adjusted_features
+
+    def unsettled(*arguments: Any) -> Any:
+        fine = adjusted(*arguments)
+        return replace(fine, adjustment=replace(fine.adjustment, converged=False))
+
+    monkeypatch.setattr(auto_registration, "adjusted_features", unsettled)
+    result = pair()
+    assert estimator(result) == "surfaces"
+    assert error_m(result) < 0.001
+    assert "the adjustment does not settle" in document(result).reasons[0]
+
+
 def test_planes_that_contradict_the_surfaces_they_stand_for_are_not_believed() -> None:
     seen = {"walls": WALLS + "P", "planes": "xyzX"}
     source = scan(POSE, 2, **seen)

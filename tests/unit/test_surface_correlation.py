@@ -104,3 +104,17 @@ def test_a_scan_whose_instrument_is_unknown_is_laid_surface_on_surface():
     target = surface_index(points, normals, 0.1, None)
     found = correlated_motions([votes()], target, target)
     assert np.abs(found.translations_m[np.argmax(found.votes)]).max() <= 0.75 * LEAST_CELL_M
+
+
+def test_a_direction_in_which_nothing_is_common_does_not_rule_a_place_out():
+    ground, long_wall = ((0, 0, 0), (12.0, 0, 0), (0, 6.0, 0)), ((0, 6.0, 0), (12.0, 0, 0), (0, 0, 3.0))
+    steps = [((x, 5.5, 0), (0.5, 0, 0), (0, 0, 1.0 + 0.5 * k)) for k, x in enumerate((3.0, 5.0, 8.5))]
+    own = ((0.5, 0, 0), (0, 4.0, 0), (0, 0, 3.0)), ((11.5, 0, 0), (0, 0, 3.0), (0, 4.0, 0))
+    shift = np.array([4.0, -3.0, 0.2])
+    first = walls(ground, long_wall, *steps, own[0])
+    points, normals = walls(ground, long_wall, *steps, own[1])
+    target = index(*first, (4.0, 2.0, 1.5))
+    source = index(points - shift, normals, np.array([8.0, 2.0, 1.5]) - shift)
+    found = correlated_motions([votes()], target, source)
+    right = np.abs(found.translations_m - shift).max(axis=1) <= 0.75 * LEAST_CELL_M
+    assert found.votes[right].max(initial=0.0) > 0.2
