@@ -45,6 +45,8 @@ class RunningService:
     """Environment variables without their prefix."""
     environment: Mapping[str, str] = field(default_factory=dict)
     """Further environment variables."""
+    program: Sequence[str] = ("service", "serve", "--port", "0")
+    """Module that runs it, and its arguments."""
     url: str = ""
     http: httpx.Client = field(init=False)
     _launcher: subprocess.Popen[bytes] = field(init=False)
@@ -67,7 +69,7 @@ class RunningService:
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TIELINE_")}
         with (self.home / "service.log").open("ab") as log:
             self._launcher = subprocess.Popen(
-                [sys.executable, "-m", "service", "serve", "--port", "0", "--data-dir", str(self.data)],
+                [sys.executable, "-m", *self.program, "--data-dir", str(self.data)],
                 env={
                     **environment,
                     **self.environment,
