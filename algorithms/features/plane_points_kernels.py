@@ -42,6 +42,15 @@ def _add(out: Array, p: int, sums: tuple[float, ...]) -> None:
         out[p, k] += sums[k]
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _widen(extents: Array, p: int, u_min: float, v_min: float, u_max: float, v_max: float) -> None:
+    """Widen the bounding rectangle in row p."""
+    extents[p, 0] = min(extents[p, 0], u_min)
+    extents[p, 1] = min(extents[p, 1], v_min)
+    extents[p, 2] = max(extents[p, 2], u_max)
+    extents[p, 3] = max(extents[p, 3], v_max)
+
+
 @njit(cache=True, nogil=True)
 def sum_planes(
     points: Array, cell_of_point: Array, plane_of_cell: Array, several: Array, frames: Array, start: int, end: int
@@ -94,7 +103,7 @@ def sum_planes(
 
 
 @njit(cache=True, nogil=True)
-def label_points(
+def label_points(  # noqa: PLR0915 - one compiled loop
     points: Array,
     cell_of_point: Array,
     plane_of_cell: Array,
@@ -116,36 +125,66 @@ def label_points(
     extents = np.empty((k, 4))
     extents[:, :2] = np.inf
     extents[:, 2:] = -np.inf
+    plane = -1  # as in `sum_planes`
+    count = 0
+    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    nx = ny = nz = cx = cy = cz = ex = ey = ez = fx = fy = fz = tolerance = 0.0
+    u_min = v_min = np.inf
+    u_max = v_max = -np.inf
     for i in range(start, end):
         cell = cell_of_point[i]
         p = -1 if cell < 0 else plane_of_cell[cell]
         hits = 1
         if p < -1:
             p, hits = _nearest(points, i, several[-2 - p], frames)
-        elif p >= 0:
-            gap = (
-                (points[i, 0] - frames[p, 3]) * frames[p, 0]
-                + (points[i, 1] - frames[p, 4]) * frames[p, 1]
-                + (points[i, 2] - frames[p, 5]) * frames[p, 2]
-            )
-            if abs(gap) > frames[p, 12]:
-                p = -1
-        labels[i] = p
         shared[i] = hits > 1
         if p < 0:
+            labels[i] = -1
             continue
-        counts[p] += 1
-        x = points[i, 0] - frames[p, 3]
-        y = points[i, 1] - frames[p, 4]
-        z = points[i, 2] - frames[p, 5]
+        if p != plane:
+            if plane >= 0:
+                _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
+                counts[plane] += count
+                _widen(extents, plane, u_min, v_min, u_max, v_max)
+            plane = p
+            count = 0
+            n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+            u_min = v_min = np.inf
+            u_max = v_max = -np.inf
+            nx, ny, nz = frames[p, 0], frames[p, 1], frames[p, 2]
+            cx, cy, cz = frames[p, 3], frames[p, 4], frames[p, 5]
+            ex, ey, ez = frames[p, 6], frames[p, 7], frames[p, 8]
+            fx, fy, fz = frames[p, 9], frames[p, 10], frames[p, 11]
+            tolerance = frames[p, 12]
+        x = points[i, 0] - cx
+        y = points[i, 1] - cy
+        z = points[i, 2] - cz
+        if abs(x * nx + y * ny + z * nz) > tolerance:
+            labels[i] = -1
+            continue
+        labels[i] = p
+        count += 1
+        u = x * ex + y * ey + z * ez
+        v = x * fx + y * fy + z * fz
+        u_min = min(u_min, u)
+        v_min = min(v_min, v)
+        u_max = max(u_max, u)
+        v_max = max(v_max, v)
         if hits == 1:
-            _add(out, p, (1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z))
-        u = x * frames[p, 6] + y * frames[p, 7] + z * frames[p, 8]
-        v = x * frames[p, 9] + y * frames[p, 10] + z * frames[p, 11]
-        extents[p, 0] = min(extents[p, 0], u)
-        extents[p, 1] = min(extents[p, 1], v)
-        extents[p, 2] = max(extents[p, 2], u)
-        extents[p, 3] = max(extents[p, 3], v)
+            n += 1.0
+            sx += x
+            sy += y
+            sz += z
+            xx += x * x
+            xy += x * y
+            xz += x * z
+            yy += y * y
+            yz += y * z
+            zz += z * z
+    if plane >= 0:
+        _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
+        counts[plane] += count
+        _widen(extents, plane, u_min, v_min, u_max, v_max)
     return out, counts, extents
 
 
