@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 
 from service.adapters.disk_space import FULL, set_aside
@@ -110,11 +111,12 @@ class LocalUploads:
     def promised_bytes(self) -> int:
         """Sum up what the uploads that are neither finished nor refused will have."""
         promised = 0
-        for folder in self._directory.iterdir() if self._directory.is_dir() else ():
-            with suppress(NoSuchUploadError):
-                if (folder / CONTENT).exists():  # those that are done have none any more
-                    upload = self.find(folder.name).upload
-                    promised += 0 if upload.finished or upload.problem is not None else upload.length
+        for upload_id in os.listdir(self._directory) if self._directory.is_dir() else ():  # noqa: PTH208 - the quickest
+            # those that are done have no bytes any more
+            if is_identifier(upload_id) and (self._directory / upload_id / CONTENT).exists():
+                with suppress(NoSuchUploadError):
+                    owner, length = _promise(self._directory / upload_id)
+                    promised += length if self._owner in {None, owner} else 0
         return promised
 
     def remove_abandoned(self, moment: datetime) -> int:
@@ -269,6 +271,13 @@ def _state(folder: Path, upload_id: str) -> UploadState:
         with suppress(FileNotFoundError):
             offset = int((folder / VERIFIED).read_text())
     return UploadState(upload, offset, datetime.fromtimestamp(touched, UTC))
+
+
+@lru_cache(maxsize=10_000)
+def _promise(folder: Path) -> tuple[str, int]:
+    """Tell whose an upload is, and how long; neither ever changes."""
+    upload = _state(folder, folder.name).upload
+    return upload.owner, upload.length
 
 
 def _save(folder: Path, upload: PendingUpload) -> None:

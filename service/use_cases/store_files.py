@@ -69,9 +69,10 @@ class FileIntake:
                 received.append(Received(self.make_id(), upload.filename))
                 await self._receive(upload, received[-1])
             inspected = [await self.inspected(each, now) for each in received]
+            besides = await asyncio.to_thread(self.belongings.besides_files)
             for file in inspected:
                 entered.append(file)
-                entered[-1] = await undisturbed(self.enter, file)
+                entered[-1] = await undisturbed(self.enter, file, besides)
         except BaseException:  # also when the client leaves or the service stops: nothing may stay behind
             await undisturbed(self._take_back, received, entered)
             raise
@@ -95,7 +96,8 @@ class FileIntake:
         try:
             await undisturbed(self.blobs.put_copy, incoming_key(file_id), path)
             file = await self.inspected(received, now)
-            return await undisturbed(lambda: self.enter(file, promised=True))
+            # there was room for it when its upload began: what jobs have stored since then does not take it away
+            return await undisturbed(self.enter, file, 0)
         except BaseException:
             await undisturbed(self.drop, received)
             raise
@@ -149,15 +151,15 @@ class FileIntake:
         admit_file(self.settings, 0, besides)(stored)
         return min(self.settings.max_file_bytes, self.settings.max_project_bytes - stored.bytes - besides)
 
-    def enter(self, file: StoredFile, *, promised: bool = False) -> StoredFile:
+    def enter(self, file: StoredFile, besides: int | None = None) -> StoredFile:
         """Give the file its place; where its content is stored already, that of the new one takes its place.
 
         Parameters
         ----------
         file
             What has arrived.
-        promised
-            There was room for it when its upload began: what jobs have stored since then does not take it away.
+        besides
+            Bytes that the project has and that are not of files; None: counted now.
         """
         here, there = incoming_key(file.id), content_key(file.sha256)
         made_before = self.files.get(file.id)
@@ -165,7 +167,7 @@ class FileIntake:
             self.blobs.delete_prefix(here)
             return made_before
         self.blobs.prepare_move(here, there)
-        besides = 0 if promised else self.belongings.besides_files()
+        besides = self.belongings.besides_files() if besides is None else besides
         admit = admit_file(self.settings, file.bytes, besides)
         return self.files.add(file, lambda: self.blobs.move(here, there), admit)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from service.adapters.local_uploads import LocalUploads
 from service.dependencies import Adapters
 from service.settings import Settings
 from service.use_cases.quotas import count_results
@@ -115,6 +116,22 @@ def test_uploads_under_way_count_for_what_comes_otherwise_and_not_twice(settings
     headers = {**TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
     assert alice.request("PATCH", begun, headers=headers, content=b"1 2 3\n").status_code == 204
     assert alice.get("/files").json()["numberMatched"] == 2
+
+
+def test_uploads_under_way_are_counted_as_often_for_many_files_of_a_form_as_for_one(
+    settings: Settings, adapters: Adapters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted: list[int] = []
+    count = LocalUploads.promised_bytes
+    monkeypatch.setattr(LocalUploads, "promised_bytes", lambda self: counted.append(1) or count(self))
+    alice = made(settings, adapters).client("alice")
+    often = []
+    for number in (1, 5):
+        counted.clear()
+        form = [("file", (f"{k}.xyz", b"1 2 3\n")) for k in range(number)]
+        assert alice.post("/files", files=form).status_code == 201
+        often.append(len(counted))
+    assert often[0] == often[1] <= 2
 
 
 @dataclass
