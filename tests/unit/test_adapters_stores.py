@@ -1,10 +1,12 @@
 """Jobs and files: the memory and the database adapters keep the same promises."""
 
+import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
@@ -14,7 +16,7 @@ from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_tables import connect, metadata
 from service.adapters.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore
-from service.ports import FileStore, Job, JobFilter, JobLog, JobStatus, JobStore, LogLine, StoredFile
+from service.ports import FileStore, Job, JobFilter, JobLog, JobState, JobStatus, JobStore, LogLine, StoredFile
 from service.settings import Settings
 from tests.databases import DATABASES, NewDatabase, databases_of
 
@@ -67,6 +69,26 @@ def files(request: pytest.FixtureRequest, make_engine: MakeEngine) -> FileStore:
 def test_a_job_comes_back_as_it_was_stored(jobs: JobStore) -> None:
     jobs.create_and_enqueue(JOB)
     assert jobs.get("j1") == JOB
+
+
+def state(job: Job | JobState | None) -> dict[str, Any]:
+    return {each.name: getattr(job, each.name) for each in fields(JobState)}
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_look_at_a_job_tells_what_is_known_of_it(jobs: JobStore, begun: bool) -> None:
+    jobs.create_and_enqueue(JOB)
+    if begun:
+        jobs.start("j1", NOW)
+        jobs.report("j1", 40, "half", NOW + timedelta(seconds=1.25))
+    assert state(asyncio.run(jobs.look("j1"))) == state(jobs.get("j1"))
+
+
+def test_a_look_tells_nothing_of_jobs_of_others_or_of_none(jobs: JobStore) -> None:
+    jobs.of("bridge").create_and_enqueue(JOB)
+    assert asyncio.run(jobs.of("bridge").look("j1")) is not None
+    assert asyncio.run(jobs.of("tower").look("j1")) is None
+    assert asyncio.run(jobs.look("j2")) is None
 
 
 def test_a_job_that_cannot_be_enqueued_is_not_kept(make_jobs: MakeJobs) -> None:

@@ -4,7 +4,6 @@ import asyncio
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import sqlalchemy as sa
 from sqlalchemy.exc import OperationalError
 
 from service.adapters.database import DatabaseJobStore, migrate
+from service.adapters.database_job_states import PatientReader
 from service.adapters.database_tables import connect
 from service.ports import Job, JobState, JobStatus
 from service.settings import Settings
@@ -46,27 +46,6 @@ def look(jobs: DatabaseJobStore, job_id: str) -> JobState | None:
     return asyncio.run(jobs.look(job_id))
 
 
-def known(job: Job | JobState | None) -> dict[str, Any]:
-    return {each.name: getattr(job, each.name) for each in fields(JobState)}
-
-
-@pytest.mark.parametrize("begun", [False, True])
-def test_a_state_says_what_the_job_says(jobs: DatabaseJobStore, begun: bool) -> None:
-    if begun:
-        jobs.start("a", NOW)
-        jobs.report("a", 40, "matching", NOW)
-    assert known(look(jobs, "a")) == known(jobs.get("a"))
-
-
-def test_nothing_is_told_of_a_job_that_there_is_not(jobs: DatabaseJobStore) -> None:
-    assert look(jobs, "b") is None
-
-
-def test_nothing_is_told_of_a_job_of_others(jobs: DatabaseJobStore) -> None:
-    assert look(jobs.of("tower"), "a") is None
-    assert look(jobs.of("bridge"), "a") is not None
-
-
 def test_a_locked_database_is_waited_for_without_holding_others_up(
     jobs: DatabaseJobStore, engine: sa.Engine, settings: Settings
 ) -> None:
@@ -90,3 +69,34 @@ def test_a_damaged_database_is_an_error_that_is_answered(jobs: DatabaseJobStore,
         connection.exec_driver_sql("DROP TABLE jobs")
     with pytest.raises(OperationalError):
         look(jobs, "a")
+
+
+def test_what_is_asked_for_while_a_slow_database_answers_is_read_together(
+    jobs: DatabaseJobStore, engine: sa.Engine
+) -> None:
+    for number in range(20):
+        jobs.create_and_enqueue(Job(f"n{number}", "register", {}, JobStatus.ACCEPTED, created=NOW))
+    statements: list[str] = []
+    sa.event.listen(engine, "before_cursor_execute", lambda *said: statements.append(said[2]))
+
+    async def asked() -> list[Any]:
+        reader = PatientReader(engine)
+        asking = [asyncio.create_task(reader.row("a"))]
+        await asyncio.sleep(0)  # the first reading has begun
+        asking += [asyncio.create_task(reader.row(f"n{number}")) for number in range(21)]
+        return [row and row[0] for row in await asyncio.gather(*asking)]
+
+    assert asyncio.run(asked()) == ["a", *(f"n{number}" for number in range(20)), None]
+    assert len([each for each in statements if each.startswith("SELECT")]) == 2
+
+
+def test_all_who_wait_hear_that_the_database_does_not_answer(jobs: DatabaseJobStore, engine: sa.Engine) -> None:
+    del jobs
+    with engine.begin() as connection:
+        connection.exec_driver_sql("DROP TABLE jobs")
+
+    async def asked() -> list[Any]:
+        reader = PatientReader(engine)
+        return await asyncio.gather(*(reader.row(f"n{number}") for number in range(5)), return_exceptions=True)
+
+    assert [type(each) for each in asyncio.run(asked())] == 5 * [OperationalError]
