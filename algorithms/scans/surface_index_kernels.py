@@ -8,6 +8,9 @@ from numba import njit
 
 from algorithms.arrays import Array
 
+FLATTEST = 0.1
+"""Cosine of incidence below which surface may send nothing back (84 degrees; scanners lose it from 80 to 87 on): that
+an instrument looked past its rim and did not see it says nothing against it."""
 LEAST_VIOLATIONS = 10.0
 """Sifting gives no pose up before so much weight stands in free space."""
 
@@ -165,9 +168,9 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
                 + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * y
                 + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * z
             )
-            cosine = max(cosine / distance, 1e-3)
-            span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / cosine
-            if distance < seen - span - margin - relative * seen:
+            cosine /= distance
+            span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, FLATTEST)
+            if cosine >= FLATTEST and distance < seen - span - margin - relative * seen:
                 free += weights[k]
                 if sifting and free > LEAST_VIOLATIONS + 2.0 * fits:
                     break

@@ -30,21 +30,32 @@ def seen(points) -> SphericalRangeImage:
     return spherical_range_image(points, SENSOR_M, np.radians(0.5))
 
 
-def _in_the_slit() -> SurfaceIndex:
-    """A board three metres behind the slit, where the instrument looked through."""
+def _in_the_slit(incidence_deg: float = 0.0) -> SurfaceIndex:
+    """A board three metres behind the slit, where the instrument looked through; turned away by an angle."""
     y, z = np.meshgrid(np.linspace(-0.1, 0.1, 5), np.linspace(-0.5, 0.5, 20))
     board = np.column_stack([np.full(y.size, WALL_M + 3.0), y.ravel(), z.ravel()])
-    return surface_index(board, _facing(board), 0.1, SENSOR_M)
+    turned = np.radians(incidence_deg)
+    return surface_index(board, np.tile([-np.cos(turned), np.sin(turned), 0.0], (len(board), 1)), 0.1, SENSOR_M)
 
 
-def _violation(fixed: SurfaceIndex) -> float:
-    found = evidence_of(np.eye(3)[None], np.zeros((1, 3)), _in_the_slit(), fixed, points=1000, limits=LIMITS)
+def _violation(fixed: SurfaceIndex, incidence_deg: float = 0.0) -> float:
+    board = _in_the_slit(incidence_deg)
+    found = evidence_of(np.eye(3)[None], np.zeros((1, 3)), board, fixed, points=1000, limits=LIMITS)
     return float(found.violation[0])
 
 
 def test_what_stands_behind_a_slit_contradicts_what_all_points_saw(points, seen):
     thinned = points[::20]
     assert _violation(surface_index(thinned, _facing(thinned), 0.1, SENSOR_M, seen=seen)) > 0.9
+
+
+@pytest.mark.parametrize(("incidence_deg", "contradicted"), [(75.0, True), (87.0, False)])
+def test_what_is_met_so_flatly_that_it_sends_nothing_back_contradicts_nothing(
+    points, seen, incidence_deg, contradicted
+):
+    thinned = points[::20]
+    fixed = surface_index(thinned, _facing(thinned), 0.1, SENSOR_M, seen=seen)
+    assert (_violation(fixed, incidence_deg) > 0.9) == contradicted
 
 
 def test_the_thinned_surface_alone_cannot_tell_a_slit(points):
