@@ -1,8 +1,7 @@
 """A process with the libraries loaded, of which each computation is a copy: `python -m service.child --channel`.
 
 Loading the libraries takes seconds, copying a process milliseconds. It only forks, reaps and kills, so it has one
-thread and little that could break. Each copy is a process group of its own, limited, and ends after one step; all are
-of one session, whose share of the processors is small.
+thread and little that could break. Each copy is a session of its own, limited, and ends after one step.
 A worker sends orders over a socket: ``{"number", "step"}`` with three descriptors (request, reports, output) starts a
 computation, ``{"kill": number}`` ends one with all that it started. Answers: ``{"ready"}`` once, ``{"number", "code"}``
 when a computation has ended.
@@ -137,7 +136,7 @@ class Nursery:
             signal.set_wakeup_fd(-1)
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
             signal.signal(signal.SIGINT, signal.default_int_handler)
-            os.setpgid(0, 0)
+            os.setsid()
             die_with_parent(parent)
             self._channel.close()
             os.close(self._woken)
