@@ -48,8 +48,8 @@ STEADY_AFTER_S = 10.0
 THREAD_SWITCH_S = 0.0005
 """How long a thread of an API process may keep the others waiting: with the usual 5 ms a request that needs two threads
 takes ten times as long where others are answered."""
-ARENAS = {"MALLOC_ARENA_MAX": "2"}
-"""Else each of some dozens of threads keeps memory for itself."""
+ARENAS = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "1000000"}
+"""Else each of some dozens of threads keeps memory for itself, and large blocks that are free stay with the process."""
 log = structlog.get_logger()
 
 

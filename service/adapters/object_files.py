@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from obstore import ObjectMeta
     from obstore.store import S3Store
 
-PART_BYTES, PARTS_AT_ONCE = 8 << 20, 3
+PART_BYTES, PARTS_AT_ONCE = 5 << 20, 2
+"""The least that S3 takes; one more than are sent at once is in memory."""
 MOST_PARTS = 9_000
 """S3 takes 10 000 parts of one upload."""
-READ_BYTES = 16 << 20
+READ_BYTES = 4 << 20
 AGAIN_WHEN_REPLACED = 3
 OPTIONS = {"endpoint", "region", "addressing"}
 

@@ -31,7 +31,7 @@ from service.use_cases.identifiers import is_identifier
 
 UPLOADS = "uploads/"
 PART_BYTES = 64 << 20
-BLOCK_BYTES = 8 << 20
+BLOCK_BYTES = 1 << 20
 RENEW_S = 0.5
 log = structlog.get_logger()
 
