@@ -20,9 +20,10 @@ CLEAR_SCORE, CLEAR_RATIO = 0.25, 0.7
 """A score that no wrong pose reached, with a runner-up that is clearly worse."""
 LONE_SCORE, LONE_RATIO = 0.2, 0.5
 """A lower score (small overlap, an uncertain instrument position) is enough when nothing else comes near."""
-FEATURE_SCORE, FEATURE_RATIO, FEATURE_SUPPORTERS, FEATURE_FACTOR = 0.12, 0.3, 30, 4
-"""A still lower score is enough when dozens of whole lines and planes lie on each other and hardly any in the other
-pose: an uncertain instrument position lowers the score, never the number of common features."""
+FEATURE_RATIO, FEATURE_SUPPORTERS, FEATURE_FACTOR = 0.3, 30, 4
+"""Any credible score is enough when dozens of whole lines and planes lie on each other and hardly any in the other
+pose: an uncertain instrument position lowers the score, never the number of common features. No pose of chance
+had more than 17."""
 CONTRADICTED_SHARE, CONTRADICTED_RATIO = 0.03, 0.3
 """Where more than this share of what can be judged stands in free space, no other pose may come near: in a building the
 right pose shows a tenth of that, among trees and with an estimated instrument position more, but nothing else fits
@@ -154,16 +155,15 @@ def _doubts(verification: Verification, ratio: float, supporters: int, runner_up
         or (score >= CLEAR_SCORE and ratio <= CLEAR_RATIO)
         or (score >= LONE_SCORE and ratio <= LONE_RATIO)
         or (
-            score >= FEATURE_SCORE
-            and ratio <= FEATURE_RATIO
+            ratio <= FEATURE_RATIO
             and runner_up_supporters is not None
             and supporters >= max(FEATURE_SUPPORTERS, FEATURE_FACTOR * runner_up_supporters)
         )
     ):
         doubts.append(
             f"the score is not clear: {STRONG_SCORE:.2f}, {CLEAR_SCORE:.2f} with a runner-up below {CLEAR_RATIO:.0%} "
-            f"of it, or {LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed ({FEATURE_SCORE:.2f} if "
-            f"{FEATURE_SUPPORTERS} lines and planes agree)"
+            f"of it, or {LONE_SCORE:.2f} with one below {LONE_RATIO:.0%}, would be needed, or "
+            f"{FEATURE_SUPPORTERS} lines and planes that agree"
         )
     judged = verification.support_share + verification.violation_share
     if verification.violation_share > CONTRADICTED_SHARE * judged and ratio > CONTRADICTED_RATIO:
