@@ -32,6 +32,7 @@ from service.adapters.impatient_server import ImpatientConnection, allow_many_fi
 from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.shared_listener import SharedListener
 from service.errors import StorageError
 from service.refusals import OpenToAllError
 from service.settings import Settings
@@ -241,15 +242,18 @@ def _run_api(descriptor: int, app: str) -> None:
     sys.setswitchinterval(THREAD_SWITCH_S)
     allow_many_files()
     settings = Settings()
-    uvicorn.run(
+    config = uvicorn.Config(
         app,
         factory=True,
-        fd=descriptor,
         http=ImpatientConnection.with_limits(settings.header_timeout_s, settings.body_timeout_s),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=5,
     )
+    server = uvicorn.Server(config)
+    server.run([SharedListener(descriptor, lambda: len(server.server_state.connections))])
+    if not server.started:
+        raise SystemExit(1)
 
 
 if __name__ == "__main__":

@@ -2,14 +2,26 @@
 
 import asyncio
 import contextvars
+import os
+import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, TypeVar
 
-THREADS = 4
-"""Hashing keeps a core busy each, and others wait for the disk; what is not written yet is not read from its client."""
-_threads = ThreadPoolExecutor(THREADS, "upload")
+THREADS, NICENESS = 2, 10
+"""Hashing keeps a core busy each, and others wait for the disk; what is not written yet is not read from its client.
+Where every thread has a priority of its own, the event loop goes before them."""
+
+
+def _step_back() -> None:
+    if sys.platform == "linux":
+        thread = threading.get_native_id()
+        os.setpriority(os.PRIO_PROCESS, thread, max(NICENESS, os.getpriority(os.PRIO_PROCESS, thread)))
+
+
+_threads = ThreadPoolExecutor(THREADS, "upload", _step_back)
 Value = TypeVar("Value")
 
 
