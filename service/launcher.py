@@ -32,7 +32,6 @@ from service.adapters.impatient_server import ImpatientConnection, allow_many_fi
 from service.adapters.local_files import LocalFiles
 from service.adapters.log_output import configure_log
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
-from service.adapters.shared_listener import SharedListener
 from service.errors import StorageError
 from service.refusals import OpenToAllError
 from service.settings import Settings
@@ -49,8 +48,8 @@ STEADY_AFTER_S = 10.0
 THREAD_SWITCH_S = 0.0005
 """How long a thread of an API process may keep the others waiting: with the usual 5 ms a request that needs two threads
 takes ten times as long where others are answered."""
-ARENAS = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "1000000"}
-"""Else each of some dozens of threads keeps memory for itself, and large blocks that are free stay with the process."""
+ARENAS = {"MALLOC_ARENA_MAX": "2"}
+"""Else each of some dozens of threads keeps memory for itself."""
 log = structlog.get_logger()
 
 
@@ -242,18 +241,15 @@ def _run_api(descriptor: int, app: str) -> None:
     sys.setswitchinterval(THREAD_SWITCH_S)
     allow_many_files()
     settings = Settings()
-    config = uvicorn.Config(
+    uvicorn.run(
         app,
         factory=True,
+        fd=descriptor,
         http=ImpatientConnection.with_limits(settings.header_timeout_s, settings.body_timeout_s),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=5,
     )
-    server = uvicorn.Server(config)
-    server.run([SharedListener(descriptor, lambda: len(server.server_state.connections))])
-    if not server.started:
-        raise SystemExit(1)
 
 
 if __name__ == "__main__":
