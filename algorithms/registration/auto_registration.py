@@ -5,7 +5,8 @@ agree, both make the pose together. Where they contradict each other, correspond
 pose, then planes alone are tried. Where that does not help either, the very surfaces of the matched planes are asked:
 they are all that the features know. Where these, laid on each other place by place from the features' pose on, do not
 stay there but come to where the other surfaces, which are independent data, have the scan, the features err (planes
-that are not plane, wrong partners) and the surfaces stand alone. Else the contradiction makes the pose doubtful.
+that are not plane, wrong partners) and the surfaces stand alone. Else the contradiction makes the pose doubtful. Where
+there are surfaces, an adjustment of features that does not settle is left out, and the reason says so.
 """
 
 from dataclasses import dataclass, replace
