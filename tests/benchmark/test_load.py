@@ -143,9 +143,7 @@ def processor_s(processes: Sequence[psutil.Process]) -> float:
 
 def computing_processes(service: RunningService) -> Sequence[psutil.Process]:
     """Processes that compute for the workers, and those that they are copies of."""
-    of_apis = {api.pid for api in service.apis()}
-    nurseries = [process for process in service.processes() if "--channel" in process.cmdline()]
-    return [*(each for each in nurseries if each.ppid() not in of_apis), *service.computations()]
+    return [*service.nurseries_of_workers(), *service.computations()]
 
 
 def loaded(service: RunningService, table: list[str], what: str, uploads: Sequence[tuple[str, Path]] = ()) -> None:

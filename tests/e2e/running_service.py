@@ -126,11 +126,17 @@ class RunningService:
 
     def computations(self) -> Sequence[psutil.Process]:
         """Give the computing processes: copies of a nursery, called like it."""
-        nurseries = {process.pid for process in self._running("service.child")}
+        return self._children_of(self._running("service.child"), "service.child")
+
+    def nurseries_of_workers(self) -> Sequence[psutil.Process]:
+        """Give the processes that the workers' computations are copies of."""
+        return self._children_of(self.workers(), "service.child")
+
+    def _children_of(self, parents: Sequence[psutil.Process], module: str) -> Sequence[psutil.Process]:
         found = []
-        for process in self._running("service.child"):
+        for process in self._running(module):
             with suppress(psutil.NoSuchProcess):
-                if process.ppid() in nurseries:
+                if process.ppid() in {parent.pid for parent in parents}:
                     found.append(process)
         return found
 
