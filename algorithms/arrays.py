@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8
 
 Array: TypeAlias = np.ndarray
+Generator: TypeAlias = np.random.Generator
 
 Points: TypeAlias = Float64[Array, "n 3"]
 """n points or directions, one a row."""

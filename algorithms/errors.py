@@ -1,8 +1,11 @@
 """What can go wrong in a computation. Each class builds its message from typed arguments."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from algorithms.arrays import Array
+if TYPE_CHECKING:
+    # The web process names errors without loading numpy.
+    import algorithms.arrays
 
 
 class AlgorithmError(Exception):
@@ -41,7 +44,7 @@ class DegenerateGeometryError(AlgorithmError):
         self,
         rank: int,
         free_directions: Sequence[str],
-        null_space: Array | None = None,
+        null_space: "algorithms.arrays.Array | None" = None,
         advice: str = "",
         parameters: int = 6,
     ) -> None:

@@ -3,15 +3,14 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, final
 
-import numpy as np
-
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.features.options import FeatureOptions
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 
 if TYPE_CHECKING:
-    # The web process describes the options without loading numba: what the work needs is imported where it is done.
+    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
+    import algorithms.arrays
     import algorithms.registration.base
 
 
@@ -36,7 +35,7 @@ class LinesMethod:
         problem: "algorithms.registration.base.RegistrationProblem",
         *,
         progress: Progress,
-        rng: np.random.Generator,  # noqa: ARG002 - every method has it; this one draws nothing
+        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
     ) -> "algorithms.registration.base.PairResult":
         """Find target_from_source.
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, ClassVar, final
 
-import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from algorithms.adjustment.options import AdjustmentOptions
@@ -12,7 +11,8 @@ from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 
 if TYPE_CHECKING:
-    # The web process describes the options without loading numba: what the work needs is imported where it is done.
+    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
+    import algorithms.arrays
     import algorithms.registration.base
 
 
@@ -66,7 +66,7 @@ class LinesCompatMethod:
         problem: "algorithms.registration.base.RegistrationProblem",
         *,
         progress: Progress,
-        rng: np.random.Generator,  # noqa: ARG002 - every method has it; this one draws nothing
+        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
     ) -> "algorithms.registration.base.PairResult":
         """Find target_from_source.
 

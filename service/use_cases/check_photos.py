@@ -1,16 +1,18 @@
 """Check what the schema of a request cannot know of photos: that they exist, fit their camera and have a pose."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from algorithms.errors import InvalidInputError
-from algorithms.geometry.cameras import Camera
 from schemas.photos import CameraRequest, PhotoReference, StationPhoto
 from schemas.register_inputs import ScanReference
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import FileStore, Json, StoredFile
 from service.use_cases.identifiers import is_identifier
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
+
+if TYPE_CHECKING:
+    from algorithms.geometry.cameras import Camera
 
 
 def check_photo(photo: PhotoReference, files: FileStore) -> None:
@@ -141,7 +143,7 @@ def _stored_pose_faults(photo: StationPhoto, document: Json, scan: ScanReference
         )
 
 
-def camera_of(document: dict[str, Any]) -> Camera:
+def camera_of(document: dict[str, Any]) -> "Camera":
     """Build the camera of a request or a file document.
 
     Raises
@@ -149,4 +151,6 @@ def camera_of(document: dict[str, Any]) -> Camera:
     InvalidInputError
         No camera can have these parameters.
     """
+    from algorithms.geometry.cameras import Camera  # here: the web process knows no numpy until the first camera comes
+
     return Camera(**{name: value for name, value in document.items() if name != "model"})

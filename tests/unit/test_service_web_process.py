@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-HEAVY = ("open3d", "cv2", "numba", "pye57", "laspy", "scipy.stats", "matplotlib")
+HEAVY = ("numpy", "open3d", "cv2", "numba", "pye57", "laspy", "scipy.stats", "matplotlib")
 
 
 def test_the_web_process_loads_no_heavy_library() -> None:
