@@ -48,8 +48,8 @@ STEADY_AFTER_S = 10.0
 THREAD_SWITCH_S = 0.0005
 """How long a thread of an API process may keep the others waiting: with the usual 5 ms a request that needs two threads
 takes ten times as long where others are answered."""
-ARENAS = {"MALLOC_ARENA_MAX": "2"}
-"""Else each of some dozens of threads keeps memory for itself."""
+ALLOCATION = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "262144"}
+"""Else each of some dozens of threads keeps memory for itself, and large blocks stay when they are free."""
 log = structlog.get_logger()
 
 
@@ -204,7 +204,7 @@ def _processes(settings: Settings, listener: socket.socket, steps: str, plans: s
     api = (sys.executable, "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)
     worker = (sys.executable, "-m", "service.worker", "--steps", steps, "--plans", plans, *parent)
     return [
-        *(Supervised(f"api-{i}", api, {**ARENAS, **environment}, (descriptor,)) for i in range(settings.api_processes)),
+        *(Supervised(f"api-{i}", api, ALLOCATION | environment, (descriptor,)) for i in range(settings.api_processes)),
         *(Supervised(f"worker-{i}", (*worker, "--slot", str(i)), environment) for i in range(settings.workers)),
     ]
 
