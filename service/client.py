@@ -140,7 +140,14 @@ class ServiceClient:
         except httpx.HTTPError as error:
             raise UnreachableError(self.url, str(error) or type(error).__name__) from error
         except ValueError as error:
-            raise UnreachableError(self.url, "its answer is not JSON") from error
+            why = _status_line(answer) if answer.is_error else "its answer is not JSON"
+            raise UnreachableError(self.url, why) from error
+        if answer.is_error and not document:  # a proxy says so
+            raise UnreachableError(self.url, _status_line(answer))
         if answer.is_error:
             raise RefusedError(document if isinstance(document, dict) else {"status": answer.status_code})
         return document if isinstance(document, dict) else {}
+
+
+def _status_line(answer: httpx.Response) -> str:
+    return f"{answer.status_code} {answer.reason_phrase}"

@@ -112,6 +112,13 @@ def test_a_service_that_is_not_there_is_unreachable() -> None:
         lost.execute("register", {})
 
 
+@pytest.mark.parametrize("said", [b"", b"<html>Bad Gateway</html>"])
+def test_what_a_proxy_says_of_a_service_that_is_away_is_passed_on(said: bytes) -> None:
+    behind = ServiceClient("http://nowhere.test", httpx.MockTransport(lambda _: httpx.Response(502, content=said)))
+    with pytest.raises(UnreachableError, match="502 Bad Gateway"):
+        behind.execute("register", {})
+
+
 def test_stations_are_named_after_their_files_and_never_twice() -> None:
     one, two = [SCAN], [SCAN, {**SCAN, "index": 1}]
     files = [
