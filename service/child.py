@@ -110,7 +110,6 @@ def main() -> None:
 
 def _be_a_nursery(options: argparse.Namespace) -> NoReturn:
     """Load what computations need, and start them as ordered."""
-    let_others_first()  # loading takes seconds of a processor, and so do copies when many are wanted
     steps = cast("Steps", load(options.steps))
     if options.warm_up:
         load(options.warm_up)()
