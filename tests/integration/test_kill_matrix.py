@@ -20,20 +20,14 @@ pytestmark = pytest.mark.service
 
 KILLS = int(os.environ.get("TIELINE_KILLS", "2"))
 COMPLETE = KILLS >= 100
-JOBS_AT_ONCE = 3
+JOBS_AT_ONCE = 3 if COMPLETE else 1
 PLACES = [step for step in STEPS if step != "features of S2"]
 """Features of both stations are computed side by side."""
 CELLS = {
-    "sqlite": [
-        ("computation", 2),
-        ("api", 0),
-        ("in_order", 1),
-        ("life_of_worker", 0),
-        ("breath_of_worker", 1),
-    ],
+    "sqlite": [("api", 0), ("in_order", 1), ("life_of_worker", 0), ("breath_of_worker", 1)],
     "postgresql": [("worker", 2), ("api", 1), ("everything", 0), ("database", 0), ("database", 1)],
 }
-"""What is done where in the small matrix."""
+"""What is done where in the small matrix; of the kill of a computation see tests/e2e/test_kill_during_registration.py."""
 
 
 @pytest.fixture(scope="module")
