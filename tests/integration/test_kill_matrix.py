@@ -27,7 +27,7 @@ CELLS = {
     "sqlite": [("api", 0), ("in_order", 1), ("life_of_worker", 0), ("breath_of_worker", 1)],
     "postgresql": [("worker", 2), ("api", 1), ("everything", 0), ("database", 0), ("database", 1)],
 }
-"""What is done where in the small matrix; of the kill of a computation see tests/e2e/test_kill_during_registration.py."""
+"""What is done where in the small matrix; computations are killed in tests/e2e/test_kill_during_registration.py."""
 
 
 @pytest.fixture(scope="module")
