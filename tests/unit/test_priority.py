@@ -1,12 +1,17 @@
-"""Computations step back behind requests."""
+"""Computations, and threads that write uploads, step back behind requests."""
 
+import asyncio
+import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from service.adapters.process_limits import NICENESS
+from service.use_cases.upload_threads import NICENESS as NICENESS_OF_UPLOADS
+from service.use_cases.upload_threads import undisturbed
 
 PROGRAM = """
 import os
@@ -42,3 +47,13 @@ def test_a_computation_that_wakes_up_pushes_nothing_aside(said: str) -> None:
 def test_its_session_has_a_smaller_share_too(said: str) -> None:
     # the kernel takes one such wish in a tenth of a second from all users but root, so that it may go unheard
     assert said.rsplit(maxsplit=1)[-1] in {str(NICENESS), "0"}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority of its own")
+def test_threads_that_write_uploads_are_nicer_than_the_one_that_answers() -> None:
+    def niceness() -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    before = niceness()
+    assert asyncio.run(undisturbed(niceness)) == max(NICENESS_OF_UPLOADS, before)
+    assert niceness() == before
