@@ -155,7 +155,7 @@ class Problem:
         parts = [part.equations(unknowns) for part in self.observations]
         noises = self._noises
         residuals = np.concatenate([part.residuals.ravel() for part in parts])
-        alone = [self._alone(part, noise) for part, noise in zip(parts, noises, strict=True)]
+        alone = [_alone(part, own) for part, own in zip(parts, self._private_noises, strict=True)]
         jacobian = _jacobian(parts, unknowns, len(residuals))
         by_planes = {
             station: _by_shared(parts, noises, station, 3 * len(covariances), _planes_of)
@@ -190,16 +190,23 @@ class Problem:
             if len(covariances)
         }
 
-    def _alone(self, part: Equations, noises: Sequence[FeatureNoise]) -> Array:
-        """Give the covariances (n, d, d) of what is not explained by shared planes and photos."""
-        n, d = part.residuals.shape
-        total = np.zeros((n, d, d))
-        for noise, factor in zip(noises, part.noise_jacobians, strict=True):
-            own = _private(
-                noise, self.plane_covariances.get(noise.station), self.photo_covariances.get(noise.station, ())
-            )
-            total += factor @ own @ np.swapaxes(factor, 1, 2)
-        return total
+    @cached_property
+    def _private_noises(self) -> list[list[Array]]:
+        """Give for each observation the covariances of what shared planes and photos do not explain of its features."""
+        planes, photos = self.plane_covariances, self.photo_covariances
+        return [
+            [_private(noise, planes.get(noise.station), photos.get(noise.station, ())) for noise in noises]
+            for noises in self._noises
+        ]
+
+
+def _alone(part: Equations, private_noises: Sequence[Array]) -> Array:
+    """Give the covariances (n, d, d) that residuals have from what their features share with no others."""
+    n, d = part.residuals.shape
+    total = np.zeros((n, d, d))
+    for own, factor in zip(private_noises, part.noise_jacobians, strict=True):
+        total += factor @ own @ np.swapaxes(factor, 1, 2)
+    return total
 
 
 Shared: TypeAlias = Callable[[FeatureNoise], tuple[Array, Array]]

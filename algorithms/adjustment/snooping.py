@@ -6,7 +6,7 @@ from enum import IntEnum, StrEnum
 from typing import TypeAlias
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from algorithms.adjustment.critical_values import b_method_limit
 from algorithms.adjustment.gross_errors import GrossErrorSearch, GrossErrorTests, Partner, Plane
@@ -101,7 +101,7 @@ class SnoopingRules:
         if degrees < 1.0:
             return np.inf
         if self.b_method_power is None:
-            return float(stats.chi2.isf(self.alpha, degrees))
+            return float(special.chdtri(degrees, self.alpha))
         return b_method_limit(round(degrees), self.alpha, self.b_method_power).critical
 
 

@@ -21,30 +21,34 @@ THIRD = (
 """Coefficients of cos(acos(h) / 3) by powers of h, for h from 0 to 1: least squares, to within 2e-9."""
 
 
-@njit(cache=True, nogil=True)
+BATCH = 64
+"""Tangent planes are fitted to so many sums at once: the loop over them is compiled into vector instructions."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # only inlined, loops become vectors
 def smallest_axis(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> tuple[float, ...]:
     """Give the three eigenvalues (ascending) of a symmetric 3x3 matrix and the eigenvector of the smallest.
 
     Trigonometric solution of the characteristic cubic, with the cosine of a third of an angle from the cosine of the
     angle: a polynomial and one step of Newton take a third of the time of acos and cos. The vector is the longest cross
-    product of two rows of A - l I; it is zero when it is not determined (smallest eigenvalue double).
+    product of two rows of A - l I; it is zero when it is not determined (smallest eigenvalue double). There is no jump
+    in it, so a loop over many matrices becomes vector instructions.
     """
     q = (xx + yy + zz) / 3.0
     p2 = (xx - q) ** 2 + (yy - q) ** 2 + (zz - q) ** 2 + 2.0 * (xy * xy + xz * xz + yz * yz)
     p = math.sqrt(p2 / 6.0)
-    if p <= 1e-300:
-        return q, q, q, 0.0, 0.0, 0.0
-    a = (xx - q) / p
-    b = (yy - q) / p
-    c = (zz - q) / p
-    d = xy / p
-    e = xz / p
-    f = yz / p
+    per = 1.0 / (p if p > 1e-300 else 1.0)
+    a = (xx - q) * per
+    b = (yy - q) * per
+    c = (zz - q) * per
+    d = xy * per
+    e = xz * per
+    f = yz * per
     half = 0.5 * (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e))
     h = min(1.0, abs(half))
-    root = THIRD[8]
-    for k in range(7, -1, -1):
-        root = root * h + THIRD[k]
+    low = THIRD[0] + h * (THIRD[1] + h * (THIRD[2] + h * THIRD[3]))
+    high = THIRD[4] + h * (THIRD[5] + h * (THIRD[6] + h * (THIRD[7] + h * THIRD[8])))
+    root = low + h * h * h * h * high
     root -= (root * (4.0 * root * root - 3.0) - h) / (12.0 * root * root - 3.0)  # 4 cos^3 - 3 cos = cos of thrice it
     rest = root + math.sqrt(max(3.0 - 3.0 * root * root, 0.0))
     l1 = q - p * (rest if half >= 0.0 else 2.0 * root)
@@ -69,9 +73,7 @@ def smallest_axis(xx: float, xy: float, xz: float, yy: float, yz: float, zz: flo
         x1, y1, z1, n1 = x2, y2, z2, n2
     if n3 > n1:
         x1, y1, z1, n1 = x3, y3, z3, n3
-    if n1 <= 1e-300:
-        return l1, l2, l3, 0.0, 0.0, 0.0
-    s = 1.0 / math.sqrt(n1)
+    s = 1.0 / math.sqrt(n1) if n1 > 1e-300 else 0.0
     return l1, l2, l3, x1 * s, y1 * s, z1 * s
 
 
@@ -82,13 +84,15 @@ def _pool(moments: Array, neighbours: Array, cap: float, cell: int, out: Array) 
     Moments are count, mean, central sums of products; so are the pooled ones. Sums are formed about the cell's own
     mean.
     """
-    ox, oy, oz = moments[cell, 1], moments[cell, 2], moments[cell, 3]
+    own = moments[cell]
+    ox, oy, oz = own[1], own[2], own[3]
     n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
     for k in range(-1, neighbours.shape[1]):
         other = cell if k < 0 else neighbours[cell, k]
         if other < 0:
             continue
-        count = moments[other, 0]
+        row = moments[other]
+        count = row[0]
         if count <= 0.0:
             continue
         w = count
@@ -96,54 +100,82 @@ def _pool(moments: Array, neighbours: Array, cap: float, cell: int, out: Array) 
         if count > cap:
             w = cap
             f = cap / count
-        x = moments[other, 1] - ox
-        y = moments[other, 2] - oy
-        z = moments[other, 3] - oz
+        x = row[1] - ox
+        y = row[2] - oy
+        z = row[3] - oz
+        wx = w * x
+        wy = w * y
+        wz = w * z
         n += w
-        sx += w * x
-        sy += w * y
-        sz += w * z
-        xx += f * moments[other, 4] + w * x * x
-        xy += f * moments[other, 5] + w * x * y
-        xz += f * moments[other, 6] + w * x * z
-        yy += f * moments[other, 7] + w * y * y
-        yz += f * moments[other, 8] + w * y * z
-        zz += f * moments[other, 9] + w * z * z
+        sx += wx
+        sy += wy
+        sz += wz
+        xx += f * row[4] + wx * x
+        xy += f * row[5] + wx * y
+        xz += f * row[6] + wx * z
+        yy += f * row[7] + wy * y
+        yz += f * row[8] + wy * z
+        zz += f * row[9] + wz * z
     out[0] = n
     if n <= 0.0:
         out[1:] = 0.0
         return
-    sx /= n
-    sy /= n
-    sz /= n
-    out[1] = ox + sx
-    out[2] = oy + sy
-    out[3] = oz + sz
-    out[4] = xx - n * sx * sx
-    out[5] = xy - n * sx * sy
-    out[6] = xz - n * sx * sz
-    out[7] = yy - n * sy * sy
-    out[8] = yz - n * sy * sz
-    out[9] = zz - n * sz * sz
+    ax = sx / n
+    ay = sy / n
+    az = sz / n
+    out[1] = ox + ax
+    out[2] = oy + ay
+    out[3] = oz + az
+    out[4] = xx - sx * ax
+    out[5] = xy - sx * ay
+    out[6] = xz - sx * az
+    out[7] = yy - sy * ay
+    out[8] = yz - sy * az
+    out[9] = zz - sz * az
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _smallest_axes(covariances: Array, out: Array) -> None:
+    """Write what `smallest_axis` gives of each column of (6, n) into the columns of (6, n)."""
+    for i in range(covariances.shape[1]):
+        out[0, i], out[1, i], out[2, i], out[3, i], out[4, i], out[5, i] = smallest_axis(
+            covariances[0, i],
+            covariances[1, i],
+            covariances[2, i],
+            covariances[3, i],
+            covariances[4, i],
+            covariances[5, i],
+        )
 
 
 @njit(cache=True, nogil=True)
-def _fit(row: Array, min_count: float, cell: int, normals: Array, residual: Array, width: Array) -> None:
-    """Write normal, standard deviation across it, and the middle standard deviation of a row of moments."""
-    n = row[0]
-    per = 1.0 / max(n, 1.0)
-    l1, l2, l3, x, y, z = smallest_axis(
-        per * row[4], per * row[5], per * row[6], per * row[7], per * row[8], per * row[9]
-    )
-    if n < min_count or x * x + y * y + z * z < 0.5 or l2 <= 1e-6 * l3:
-        # points on a line or in a spot span no surface
-        x = y = z = l2 = 0.0
-        l1 = np.inf
-    normals[cell, 0] = x
-    normals[cell, 1] = y
-    normals[cell, 2] = z
-    residual[cell] = math.sqrt(max(l1, 0.0))
-    width[cell] = math.sqrt(max(l2, 0.0))
+def _fit(
+    rows: Array, cells: Array, count: int, min_count: float, normals: Array, residual: Array, width: Array
+) -> None:
+    """Write normal, standard deviation across it, and the middle standard deviation of the first rows of moments.
+
+    `cells` tells to which cell each row belongs; there are at most `BATCH`.
+    """
+    covariances = np.empty((6, BATCH))
+    axes = np.empty((6, BATCH))
+    for i in range(count):
+        per = 1.0 / max(rows[i, 0], 1.0)
+        for a in range(6):
+            covariances[a, i] = per * rows[i, 4 + a]
+    covariances[:, count:] = 0.0
+    _smallest_axes(covariances, axes)
+    for i in range(count):
+        l1, l2, l3, x, y, z = axes[0, i], axes[1, i], axes[2, i], axes[3, i], axes[4, i], axes[5, i]
+        if rows[i, 0] < min_count or x * x + y * y + z * z < 0.5 or l2 <= 1e-6 * l3:
+            # points on a line or in a spot span no surface
+            x = y = z = l2 = 0.0
+            l1 = np.inf
+        cell = cells[i]
+        normals[cell, 0] = x
+        normals[cell, 1] = y
+        normals[cell, 2] = z
+        residual[cell] = math.sqrt(max(l1, 0.0))
+        width[cell] = math.sqrt(max(l2, 0.0))
 
 
 @njit(cache=True, nogil=True)
@@ -160,9 +192,13 @@ def pooled_surfaces(
     width: Array,
 ) -> None:
     """Pool the moments around the cells from `start` to `end`, and fit a tangent plane to each."""
-    for cell in range(start, end):
-        _pool(moments, neighbours, cap, cell, pooled[cell])
-        _fit(pooled[cell], min_count, cell, normals, residual, width)
+    cells = np.empty(BATCH, dtype=np.int64)
+    for first in range(start, end, BATCH):
+        count = min(BATCH, end - first)
+        for i in range(count):
+            cells[i] = first + i
+            _pool(moments, neighbours, cap, first + i, pooled[first + i])
+        _fit(pooled[first : first + count], cells, count, min_count, normals, residual, width)
 
 
 @njit(cache=True, nogil=True)
@@ -178,11 +214,19 @@ def wider_surfaces(
     width: Array,
 ) -> None:
     """Pool the pooled moments of the narrow cells from `start` to `end` once more, and fit their tangent planes."""
-    row = np.empty(10)
+    rows = np.empty((BATCH, 10))
+    cells = np.empty(BATCH, dtype=np.int64)
+    count = 0
     for cell in range(start, end):
-        if narrow[cell]:
-            _pool(pooled, neighbours, np.inf, cell, row)
-            _fit(row, min_count, cell, normals, residual, width)
+        if not narrow[cell]:
+            continue
+        _pool(pooled, neighbours, np.inf, cell, rows[count])
+        cells[count] = cell
+        count += 1
+        if count == BATCH:
+            _fit(rows, cells, count, min_count, normals, residual, width)
+            count = 0
+    _fit(rows, cells, count, min_count, normals, residual, width)
 
 
 @njit(cache=True, nogil=True)

@@ -24,22 +24,43 @@ ATAN = (
 """Coefficients of atan(t) / t by powers of t squared, for t from 0 to 1: least squares, to within 3e-10 rad."""
 
 
-@njit(cache=True, nogil=True, inline="always")
+BATCH = 128
+"""Directions are computed for so many points at once: the loop over them is compiled into vector instructions."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _angle(y: float, x: float) -> float:
-    """Give atan2(y, x) to within 3e-10 rad, in a third of the time."""
+    """Give atan2(y, x) to within 3e-10 rad, in a fraction of the time."""
     wide = abs(x)
     high = abs(y)
-    t = min(wide, high) / max(wide, high, 1e-300)
-    square = t * t
-    value = ATAN[10]
-    for k in range(9, -1, -1):
-        value = value * square + ATAN[k]
-    value *= t
-    if high > wide:
-        value = 0.5 * math.pi - value
-    if x < 0.0:
-        value = math.pi - value
+    steep = high > wide
+    t = (wide if steep else high) / ((high if steep else wide) + 1e-300)
+    s = t * t
+    low = ATAN[0] + s * (ATAN[1] + s * (ATAN[2] + s * ATAN[3]))
+    middle = ATAN[4] + s * (ATAN[5] + s * (ATAN[6] + s * ATAN[7]))
+    value = t * (low + s * s * s * s * (middle + s * s * s * s * (ATAN[8] + s * (ATAN[9] + s * ATAN[10]))))
+    value = 0.5 * math.pi - value if steep else value
+    value = math.pi - value if x < 0.0 else value
     return -value if y < 0.0 else value
+
+
+@njit(cache=True, nogil=True)
+def _rays(points: Array, sensor: Array, x: Array, y: Array, z: Array) -> None:
+    """Write the rays to the points, each axis for itself: vectors are loaded from places that follow each other."""
+    for k in range(points.shape[0]):
+        x[k] = points[k, 0] - sensor[0]
+        y[k] = points[k, 1] - sensor[1]
+        z[k] = points[k, 2] - sensor[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _directions(x: Array, y: Array, z: Array, ranges: Array, zeniths: Array, azimuths: Array) -> None:
+    """Write the lengths of rays, their zenith angles and azimuths (from 0)."""
+    for k in range(x.shape[0]):
+        square = x[k] * x[k] + y[k] * y[k]
+        ranges[k] = math.sqrt(square + z[k] * z[k])
+        zeniths[k] = _angle(math.sqrt(square), z[k])
+        azimuths[k] = _angle(y[k], x[k]) + math.pi
 
 
 @njit(cache=True, nogil=True)
@@ -54,22 +75,39 @@ def fill(
     farthest: Array,
 ) -> Any:  # pragma: no cover - compiled
     """Enter the points from `start` to `end` with their ranges; each covers the cells within `splat_m` of it."""
-    rows, columns = nearest.shape
+    rows = nearest.shape[0]
     # The cell of the splat nearest to the equator decides how many columns the disc covers at most.
     widest = np.empty(rows)
     for i in range(rows):
         widest[i] = 1.0 / max(math.sin((i + 0.5) * cell_rad), 0.5 * cell_rad)
+    x, y, z = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH)
+    ranges, zeniths, azimuths = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH)
+    for first in range(start, end, BATCH):
+        some = points[first : min(first + BATCH, end)]
+        count = len(some)
+        _rays(some, sensor, x, y, z)
+        _directions(x[:count], y, z, ranges, zeniths, azimuths)
+        _enter(ranges[:count], zeniths, azimuths, cell_rad, splat_m, widest, nearest, farthest)
+
+
+@njit(cache=True, nogil=True)
+def _enter(
+    ranges: Array,
+    zeniths: Array,
+    azimuths: Array,
+    cell_rad: float,
+    splat_m: float,
+    widest: Array,
+    nearest: Array,
+    farthest: Array,
+) -> None:
+    """Enter points by range, zenith angle and azimuth."""
+    rows, columns = nearest.shape
     per_cell = 1.0 / cell_rad
-    for k in range(start, end):
-        x = points[k, 0] - sensor[0]
-        y = points[k, 1] - sensor[1]
-        z = points[k, 2] - sensor[2]
-        square = x * x + y * y
-        r = math.sqrt(square + z * z)
+    for k in range(len(ranges)):
+        r, zenith, azimuth = ranges[k], zeniths[k], azimuths[k]
         if r < 1e-6:
             continue
-        zenith = _angle(math.sqrt(square), z)
-        azimuth = _angle(y, x) + math.pi
         value = np.float32(r)
         if splat_m <= 0.0:
             row = min(rows - 1, int(zenith * per_cell))
