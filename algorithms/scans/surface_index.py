@@ -177,7 +177,7 @@ def evidence_of(
     out = np.zeros((len(rotations), 8))
     weights, normals = moved.weights[:m], moved.normals[:m]
     rotations, translations = np.ascontiguousarray(rotations), np.ascontiguousarray(translations_m)
-    points_of, limit_values = moved.points[:m], limits.as_array()
+    points_of, limit_values = np.ascontiguousarray(moved.points[:m].T), limits.as_array()
 
     def lay(start: int, end: int) -> None:
         kernels.evidence(

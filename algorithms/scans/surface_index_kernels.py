@@ -62,20 +62,63 @@ def nearest_points(
                         nearest[q] = k
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # only inlined, loops become vectors
 def _angle(y: float, x: float) -> float:
     """Give atan2(y, x) to within 2e-5 rad: a cell is a thousand times larger."""
     ax, ay = abs(x), abs(y)
-    if ax + ay < 1e-300:
-        return 0.0
-    a = min(ax, ay) / max(ax, ay)
+    steep = ay > ax
+    a = (ax if steep else ay) / ((ay if steep else ax) + 1e-300)
     s = a * a
     r = ((((0.0208351 * s - 0.0851330) * s + 0.1801410) * s - 0.3302995) * s + 0.9998660) * a
-    if ay > ax:
-        r = 0.5 * math.pi - r
-    if x < 0.0:
-        r = math.pi - r
+    r = 0.5 * math.pi - r if steep else r
+    r = math.pi - r if x < 0.0 else r
     return -r if y < 0.0 else r
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved(row: Array, shift: float, px: Array, py: Array, pz: Array, out: Array) -> None:
+    """Write one coordinate of moved points."""
+    a, b, c = row[0], row[1], row[2]
+    for k in range(len(px)):
+        out[k] = a * px[k] + b * py[k] + c * pz[k] + shift
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cells(x: Array, y: Array, z: Array, low: Array, cell_m: float, shape: tuple[int, int, int], out: Array) -> None:
+    """Write the numbers of the cells of a raster in which places lie, -1 outside of it."""
+    per = 1.0 / cell_m
+    lx, ly, lz = low[0], low[1], low[2]
+    nx, ny, nz = np.int32(shape[0]), np.int32(shape[1]), np.int32(shape[2])
+    for k in range(len(x)):
+        i = np.int32(math.floor((x[k] - lx) * per))
+        j = np.int32(math.floor((y[k] - ly) * per))
+        m = np.int32(math.floor((z[k] - lz) * per))
+        inside = (i >= 0) & (i < nx) & (j >= 0) & (j < ny) & (m >= 0) & (m < nz)
+        out[k] = (i * ny + j) * nz + m if inside else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lengths(x: Array, y: Array, z: Array, out: Array) -> None:
+    """Write the lengths of rays."""
+    for k in range(len(x)):
+        out[k] = math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pixels(x: Array, y: Array, z: Array, cell_rad: float, shape: tuple[int, int], out: Array) -> None:
+    """Write the numbers of the pixels of a range image to which rays lead."""
+    per = 1.0 / cell_rad
+    rows, columns = np.int32(shape[0]), np.int32(shape[1])
+    for k in range(len(x)):
+        row = np.int32(_angle(math.sqrt(x[k] * x[k] + y[k] * y[k]), z[k]) * per)
+        column = np.int32((_angle(y[k], x[k]) + math.pi) * per)
+        row = row if row < rows else rows - np.int32(1)
+        column = column if column < columns else columns - np.int32(1)
+        out[k] = row * columns + (column if column > 0 else np.int32(0))
+
+
+BATCH = 64
+"""So many points are moved and looked up together, in loops compiled into vector instructions."""
 
 
 @njit(cache=True, nogil=True)
@@ -100,17 +143,21 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
     """Write for each pose (weight that fits, weight in free space, moments of the normals that fit) of the points.
 
     The moments are the six different sums of weight n n' (xx, xy, xz, yy, yz, zz), in the frame of the moved scan.
+    `points` are given by axes, (3, n).
 
     `limits`: largest distance from the plane, smallest cosine of the normals, largest distance along the surface,
     margin and relative margin of free space. `nearest` of size zero: nothing is known of free space. `sifting`: stop
     where clearly more stands in free space than fits, and extrapolate.
     """
+    n = points.shape[1]
     total = 0.0
-    for k in range(points.shape[0]):
+    for k in range(n):
         total += weights[k]
     max_distance, min_cosine, reach, margin, relative = limits[0], limits[1], limits[2], limits[3], limits[4]
-    rows, columns = nearest.shape
-    nx, ny, nz = owner.shape
+    owners, ranges = owner.ravel(), nearest.ravel()
+    x, y, z = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH)
+    rx, ry, rz, lengths = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH)
+    cells, pixels, rest = np.empty(BATCH, np.int32), np.empty(BATCH, np.int32), np.empty(BATCH, np.int64)
     for h in range(rotations.shape[0]):
         r = rotations[h]
         t = translations[h]
@@ -118,28 +165,29 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
         free = 0.0
         tried = 0.0
         xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(points.shape[0]):
-            tried += weights[k]
-            px, py, pz = points[k, 0], points[k, 1], points[k, 2]
-            x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + t[0]
-            y = r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + t[1]
-            z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + t[2]
-            i = math.floor((x - low[0]) / cell_m)
-            j = math.floor((y - low[1]) / cell_m)
-            m = math.floor((z - low[2]) / cell_m)
-            if 0 <= i < nx and 0 <= j < ny and 0 <= m < nz:
-                q = owner[i, j, m]
+        for first in range(0, n, BATCH):
+            count = min(BATCH, n - first)
+            px, py, pz = points[0, first : first + count], points[1, first : first + count], points[2, first:]
+            _moved(r[0], t[0], px, py, pz, x)
+            _moved(r[1], t[1], px, py, pz, y)
+            _moved(r[2], t[2], px, py, pz, z)
+            _cells(x[:count], y, z, low, cell_m, owner.shape, cells)
+            left = 0
+            for k in range(count):
+                p = first + k
+                w = weights[p]
+                tried += w
+                q = owners[cells[k]] if cells[k] >= 0 else -1
                 if q >= 0:
-                    dx, dy, dz = x - surface_points[q, 0], y - surface_points[q, 1], z - surface_points[q, 2]
-                    off = surface_normals[q, 0] * dx + surface_normals[q, 1] * dy + surface_normals[q, 2] * dz
+                    dx, dy, dz = x[k] - surface_points[q, 0], y[k] - surface_points[q, 1], z[k] - surface_points[q, 2]
+                    sx, sy, sz = surface_normals[q, 0], surface_normals[q, 1], surface_normals[q, 2]
+                    off = sx * dx + sy * dy + sz * dz
                     if abs(off) <= max_distance and dx * dx + dy * dy + dz * dz - off * off <= reach * reach:
-                        ax, ay, az = normals[k, 0], normals[k, 1], normals[k, 2]
+                        ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
                         bx = r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az
                         by = r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az
                         bz = r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az
-                        cosine = bx * surface_normals[q, 0] + by * surface_normals[q, 1] + bz * surface_normals[q, 2]
-                        if cosine >= min_cosine:
-                            w = weights[k]
+                        if bx * sx + by * sy + bz * sz >= min_cosine:
                             fits += w
                             xx += w * ax * ax
                             xy += w * ax * ay
@@ -148,32 +196,34 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
                             yz += w * ay * az
                             zz += w * az * az
                             continue
-            if rows == 0:
+                rx[left] = x[k] - sensor[0]
+                ry[left] = y[k] - sensor[1]
+                rz[left] = z[k] - sensor[2]
+                rest[left] = p
+                left += 1
+            if len(ranges) == 0:
                 continue
-            x -= sensor[0]
-            y -= sensor[1]
-            z -= sensor[2]
-            distance = math.sqrt(x * x + y * y + z * z)
-            if distance < 1e-9:
-                continue
-            row = min(rows - 1, int(_angle(math.sqrt(x * x + y * y), z) / cell_rad))
-            column = min(columns - 1, max(0, int((_angle(y, x) + math.pi) / cell_rad)))
-            seen = nearest[row, column]
-            if seen == np.inf or distance >= seen - margin - relative * seen:
-                continue
-            # in one cell a surface seen at a flat angle spans so much of range that nothing can be said of it
-            ax, ay, az = normals[k, 0], normals[k, 1], normals[k, 2]
-            cosine = abs(
-                (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * x
-                + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * y
-                + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * z
-            )
-            cosine /= distance
-            span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, FLATTEST)
-            if cosine >= FLATTEST and distance < seen - span - margin - relative * seen:
-                free += weights[k]
-                if sifting and free > LEAST_VIOLATIONS + 2.0 * fits:
-                    break
+            _lengths(rx[:left], ry, rz, lengths)
+            _pixels(rx[:left], ry, rz, cell_rad, nearest.shape, pixels)
+            for k in range(left):
+                distance = lengths[k]
+                seen = ranges[pixels[k]]
+                if distance < 1e-9 or seen == np.inf or distance >= seen - margin - relative * seen:
+                    continue
+                # in one cell a surface seen at a flat angle spans so much of range that nothing can be said of it
+                p = rest[k]
+                ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
+                cosine = abs(
+                    (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * rx[k]
+                    + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * ry[k]
+                    + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * rz[k]
+                )
+                cosine /= distance
+                span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, FLATTEST)
+                if cosine >= FLATTEST and distance < seen - span - margin - relative * seen:
+                    free += weights[p]
+            if sifting and free > LEAST_VIOLATIONS + 2.0 * fits:
+                break
         scale = total / max(tried, 1e-12)
         out[h, 0] = scale * fits
         out[h, 1] = scale * free
