@@ -242,15 +242,15 @@ def _peaks(offsets: Scalars, weights: Scalars) -> tuple[Array, Array]:
     """Find the offsets with most votes: mean of the votes within a bin's width around each peak."""
     bins: Indices = np.floor((offsets - offsets.min()) / VOTE_BIN_M).astype(np.int64)
     counts = np.bincount(bins, weights=weights, minlength=int(bins.max()) + 1)
+    sums = np.bincount(bins, weights=weights * offsets, minlength=len(counts))
     smooth = np.convolve(counts, [0.5, 1.0, 0.5], mode="same") if len(counts) >= 3 else counts.copy()
     found, strengths = [], []
     for _ in range(MAX_PEAKS):
         peak = int(np.argmax(smooth))
         if smooth[peak] <= 0.0:
             break
-        near = np.abs(bins - peak) <= 1
-        if near.any():
-            found.append(float(np.average(offsets[near], weights=weights[near])))
-            strengths.append(float(smooth[peak]))
+        near = slice(max(0, peak - 1), peak + 2)
+        found.append(sums[near].sum() / counts[near].sum())
+        strengths.append(smooth[peak])
         smooth[max(0, peak - 2) : peak + 3] = 0.0
     return np.array(found), np.array(strengths)

@@ -181,7 +181,7 @@ def _matches(
     kernels.matched_surface(
         np.ascontiguousarray(fixed_from_moved.rotation.as_matrix()),
         np.ascontiguousarray(fixed_from_moved.translation, dtype=np.float64),
-        points, normals, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m,
+        np.ascontiguousarray(points.T), normals, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m,
         limits.as_array(), match,
     )  # fmt: skip
     return match

@@ -54,6 +54,6 @@ def settled(
 def _arrays(scan: SurfaceIndex, points: int) -> tuple[Array | float, ...]:
     """Give a scan in the order the compiled loops expect."""
     return (
-        scan.points[:points], scan.normals[:points], scan.weights[:points], scan.points, scan.normals, scan.owner,
-        scan.low_m, scan.cell_m,
+        np.ascontiguousarray(scan.points[:points].T), scan.normals[:points], scan.weights[:points], scan.points,
+        scan.normals, scan.owner, scan.low_m, scan.cell_m,
     )  # fmt: skip

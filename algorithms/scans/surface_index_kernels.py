@@ -76,7 +76,7 @@ def _angle(y: float, x: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moved(row: Array, shift: float, px: Array, py: Array, pz: Array, out: Array) -> None:
+def moved_coordinates(row: Array, shift: float, px: Array, py: Array, pz: Array, out: Array) -> None:
     """Write one coordinate of moved points."""
     a, b, c = row[0], row[1], row[2]
     for k in range(len(px)):
@@ -84,7 +84,9 @@ def _moved(row: Array, shift: float, px: Array, py: Array, pz: Array, out: Array
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cells(x: Array, y: Array, z: Array, low: Array, cell_m: float, shape: tuple[int, int, int], out: Array) -> None:
+def raster_cells(
+    x: Array, y: Array, z: Array, low: Array, cell_m: float, shape: tuple[int, int, int], out: Array
+) -> None:
     """Write the numbers of the cells of a raster in which places lie, -1 outside of it."""
     per = 1.0 / cell_m
     lx, ly, lz = low[0], low[1], low[2]
@@ -168,10 +170,10 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
         for first in range(0, n, BATCH):
             count = min(BATCH, n - first)
             px, py, pz = points[0, first : first + count], points[1, first : first + count], points[2, first:]
-            _moved(r[0], t[0], px, py, pz, x)
-            _moved(r[1], t[1], px, py, pz, y)
-            _moved(r[2], t[2], px, py, pz, z)
-            _cells(x[:count], y, z, low, cell_m, owner.shape, cells)
+            moved_coordinates(r[0], t[0], px, py, pz, x)
+            moved_coordinates(r[1], t[1], px, py, pz, y)
+            moved_coordinates(r[2], t[2], px, py, pz, z)
+            raster_cells(x[:count], y, z, low, cell_m, owner.shape, cells)
             left = 0
             for k in range(count):
                 p = first + k
@@ -231,7 +233,7 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
         out[h, 5], out[h, 6], out[h, 7] = scale * yy, scale * yz, scale * zz
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def matched_surface(
     rotation: Array,
     translation: Array,
@@ -245,33 +247,34 @@ def matched_surface(
     limits: Array,
     match: Array,
 ) -> Any:  # pragma: no cover - compiled
-    """Write for each moved point the number of the surface point it fits, -1 for none; limits as in `evidence`."""
+    """Write for each moved point the number of the surface point it fits, -1 for none; as in `evidence`."""
     max_distance, min_cosine, reach = limits[0], limits[1], limits[2]
-    nx, ny, nz = owner.shape
+    owners = owner.ravel()
     r = rotation
-    for k in range(points.shape[0]):
-        match[k] = -1
-        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
-        x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + translation[0]
-        y = r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + translation[1]
-        z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + translation[2]
-        i = math.floor((x - low[0]) / cell_m)
-        j = math.floor((y - low[1]) / cell_m)
-        m = math.floor((z - low[2]) / cell_m)
-        if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
-            continue
-        q = owner[i, j, m]
-        if q < 0:
-            continue
-        dx, dy, dz = x - surface_points[q, 0], y - surface_points[q, 1], z - surface_points[q, 2]
-        off = surface_normals[q, 0] * dx + surface_normals[q, 1] * dy + surface_normals[q, 2] * dz
-        if abs(off) > max_distance or dx * dx + dy * dy + dz * dz - off * off > reach * reach:
-            continue
-        ax, ay, az = normals[k, 0], normals[k, 1], normals[k, 2]
-        cosine = (
-            (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * surface_normals[q, 0]
-            + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * surface_normals[q, 1]
-            + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * surface_normals[q, 2]
-        )
-        if cosine >= min_cosine:
-            match[k] = q
+    x, y, z, cells = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH, np.int32)
+    for first in range(0, points.shape[1], BATCH):
+        count = min(BATCH, points.shape[1] - first)
+        px, py, pz = points[0, first : first + count], points[1, first : first + count], points[2, first:]
+        moved_coordinates(r[0], translation[0], px, py, pz, x)
+        moved_coordinates(r[1], translation[1], px, py, pz, y)
+        moved_coordinates(r[2], translation[2], px, py, pz, z)
+        raster_cells(x[:count], y, z, low, cell_m, owner.shape, cells)
+        for k in range(count):
+            p = first + k
+            match[p] = -1
+            q = owners[cells[k]] if cells[k] >= 0 else -1
+            if q < 0:
+                continue
+            dx, dy, dz = x[k] - surface_points[q, 0], y[k] - surface_points[q, 1], z[k] - surface_points[q, 2]
+            sx, sy, sz = surface_normals[q, 0], surface_normals[q, 1], surface_normals[q, 2]
+            off = sx * dx + sy * dy + sz * dz
+            if abs(off) > max_distance or dx * dx + dy * dy + dz * dz - off * off > reach * reach:
+                continue
+            ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
+            cosine = (
+                (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * sx
+                + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * sy
+                + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * sz
+            )
+            if cosine >= min_cosine:
+                match[p] = q
