@@ -8,7 +8,8 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.line_adjustment import adjust_lines
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.arrays import Array, IndexPairs, OtherIndexPairs
+from algorithms.adjustment.snooping import CorrespondenceState
+from algorithms.arrays import Array, Flags, IndexPairs, OtherIndexPairs
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
 from algorithms.matching.open_shifts import shifted_by_lines
@@ -102,13 +103,18 @@ def adjusted_features(
 def _in_rounds(
     problem: RegistrationProblem, use: FeatureUse, options: AdjustmentOptions, start: RigidTransform
 ) -> FineRegistration:
-    """Adjust with the correspondences near the start, then with those near the better pose, and so on."""
-    pose, fine = start, None
+    """Adjust with the correspondences near the start, then with those near the better pose, and so on.
+
+    What one round found wrong is doubted in the next, which saves finding it wrong again, one at a time.
+    """
+    pose = start
+    fine: FineRegistration | None = None
     for gate in use.gates:
         lines, planes = _corresponding(problem, use, pose, gate)
         if fine is not None and np.array_equal(fine.lines, lines) and np.array_equal(fine.planes, planes):
             break
-        fine = _fine(problem, options, pose, lines, planes)
+        doubted = None if fine is None else _found_wrong(fine, lines, planes)
+        fine = _fine(problem, options, pose, lines, planes, doubted)
         pose = fine.adjustment.pose.target_from_source
     if fine is None:
         raise TooFewCorrespondencesError(0, 2, "lines and planes")
@@ -173,12 +179,13 @@ def _with_moved_features(
 ) -> FineRegistration:
     """Add pairs that lie farther apart than the last gate, as doubted ones: they bend nothing, but are reported.
 
-    A door or cupboard that was moved by some centimetres between the scans shows so, instead of vanishing.
+    All others take part at first, whatever the rounds before found of them. A door or cupboard that was moved by some
+    centimetres between the scans shows so, instead of vanishing.
     """
     pose = fine.adjustment.pose.target_from_source
     near = _corresponding(problem, use, pose, use.gates[0])
     lines, planes = _others(near[0], fine.lines), _others(near[1], fine.planes)
-    if len(lines) + len(planes) == 0:
+    if len(lines) + len(planes) == 0 and fine.adjustment.doubted_count == 0:
         return fine
     sizes = [len(fine.lines), len(lines), len(fine.planes), len(planes)]
     return _fine(
@@ -189,6 +196,23 @@ def _with_moved_features(
         np.vstack([fine.planes, planes]),
         doubted=np.repeat([False, True, False, True], sizes),
     )
+
+
+def _found_wrong(fine: FineRegistration, lines: IndexPairs, planes: OtherIndexPairs) -> Flags | None:
+    """Say of lines, then planes, which pairs an adjustment removed; None if there are none of them."""
+    wrong = [
+        _are_among(pairs, known[states == int(CorrespondenceState.REMOVED)])
+        for pairs, known, states in (
+            (lines, fine.lines, fine.adjustment.lines.states),
+            (planes, fine.planes, fine.adjustment.planes.states),
+        )
+    ]
+    doubted: Flags = np.concatenate(wrong)
+    return doubted if doubted.any() else None
+
+
+def _are_among(pairs: IndexPairs, others: OtherIndexPairs) -> Flags:
+    return np.asarray((pairs[:, None] == others[None]).all(axis=2).any(axis=1))
 
 
 def _others(pairs: IndexPairs, known: OtherIndexPairs) -> Array:
