@@ -51,6 +51,14 @@ class LinearSystem:
             {station: factor[rows] for station, factor in self.photo_factors.items()},
         )
 
+    def moved(self, step: Array) -> "LinearSystem":
+        """Give the residuals after a small step (u,) of the free unknowns; derivatives and covariances stay."""
+        moved = replace(self, residuals=self.residuals + self.jacobian @ step)
+        for name in ("joint_covariance", "covariances", "block_of_row"):
+            if name in self.__dict__:
+                moved.__dict__[name] = self.__dict__[name]
+        return moved
+
     @property
     def blocks_are_independent(self) -> bool:
         """Whether no two blocks share an error."""

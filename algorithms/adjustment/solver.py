@@ -139,7 +139,9 @@ def solve(
         share = float(np.abs(step / scales).max(initial=0.0))
         settled = step_std < step_limit or share < STEP_ROUNDING
         trial = unknowns.moved(step)
-        trial_system = problem.linearised(trial)
+        # a search for gross errors may take small steps for linear: it decides by tests, and ends with a full solution
+        linear = rough and share < ROUGH_SAME_WEIGHTS_STEP
+        trial_system = system.moved(step) if linear else problem.linearised(trial)
         trial_omega = _omega(whitening, trial_system)
         if not settled and trial_omega > omega * (1.0 + WORSE) and damping < MOST_DAMPING:
             damping = max(FIRST_DAMPING, damping * DAMPING_GROWTH)
@@ -149,7 +151,7 @@ def solve(
         unknowns, system = trial, trial_system
         moved_since_weights += share
         if system.blocks_are_independent:
-            whitening = whitening_of(system)
+            whitening = whitening if linear else whitening_of(system)
         elif moved_since_weights > weights_limit:
             whitening, moved_since_weights = whitening_of(system), 0.0
             settled = False
