@@ -55,6 +55,26 @@ def free(problem: Problem, start: Unknowns, *_: object) -> Solution:
     return solve(problem, start, free_network_conditions(start, DatumSelection.of_everything(start)), 30)
 
 
+def test_small_steps_change_residuals_as_the_derivatives_say() -> None:
+    problem, start = network(6)
+    system = problem.linearised(start)
+    step = 1e-5 * np.random.default_rng(6).normal(size=start.count)
+    anew = problem.linearised(start.moved(step))
+    # Second-order terms: the square of the step.
+    np.testing.assert_allclose(system.moved(step).residuals, anew.residuals, atol=1e-8)
+    assert np.abs(anew.residuals - system.residuals).max() > 1e-6
+
+
+def test_a_rough_solution_is_within_hundredths_of_a_standard_deviation_of_the_final_one() -> None:
+    problem, start = network(7)
+    conditions = free_network_conditions(start, DatumSelection.of_everything(start))
+    near = solve(problem, start, conditions, 30).unknowns
+    shaken = near.moved(1e-4 * np.random.default_rng(7).normal(size=start.count))
+    final, rough = (solve(problem, shaken, conditions, 30, rough=each) for each in (False, True))
+    apart = np.linalg.norm(final.system.residuals - rough.system.residuals) / np.sqrt(len(final.system.residuals))
+    assert apart < 0.05 * STDS.min()
+
+
 def test_a_network_without_noise_is_recovered_up_to_its_datum() -> None:
     problem, start = network(1, noise=0.0)
     solution = free(problem, start)

@@ -9,7 +9,7 @@ from algorithms.matching.polish import polished
 from algorithms.matching.settling import settled
 from algorithms.matching.votes import motions_of
 from algorithms.scans.pose_scores import balance, score_poses, strict_limits
-from algorithms.scans.surface_index import SurfaceIndex, surface_index
+from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex, evidence_of, surface_index
 from algorithms.scans.surface_index_kernels import _angle
 
 SPACING_M = 0.12
@@ -60,6 +60,47 @@ def test_settling_finds_the_true_pose_from_decimetres(scans, starts):
     together = settled(motions_of(starts), *scans, distances_m=DISTANCES_M, points=800)
     # Exact surfaces: what is left comes from gaps across the room's edges.
     np.testing.assert_allclose(together.translations_m, np.tile(MOTION.translation, (4, 1)), atol=2e-3)
+
+
+def _evidence_point_by_point(
+    pose: RigidTransform, moved: SurfaceIndex, fixed: SurfaceIndex, points: int, limits: EvidenceLimits
+) -> tuple[float, float]:
+    """What fits and what stands in free space, by plain look-ups."""
+    fits = free = 0.0
+    total = moved.weights[:points].sum()
+    for point, normal, weight in zip(
+        pose.apply(moved.points[:points]), pose.rotation.apply(moved.normals[:points]), moved.weights, strict=False
+    ):
+        cell = np.floor((point - fixed.low_m) / fixed.cell_m).astype(int)
+        q = fixed.owner[tuple(cell)] if (cell >= 0).all() and (cell < fixed.owner.shape).all() else -1
+        gap = point - fixed.points[q]
+        off = gap @ fixed.normals[q]
+        near = abs(off) <= limits.max_distance_m and gap @ gap - off**2 <= limits.reach_m**2
+        if q >= 0 and near and normal @ fixed.normals[q] >= np.cos(limits.max_angle_rad):
+            fits += weight
+            continue
+        ray = point - fixed.sensor_m
+        distance = np.linalg.norm(ray)
+        row = int(np.arccos(ray[2] / distance) / fixed.cell_rad)
+        column = int((np.arctan2(ray[1], ray[0]) + np.pi) / fixed.cell_rad)
+        bound = fixed.nearest_m[row, column] * (1.0 - limits.margin_relative) - limits.margin_m
+        cosine = abs(normal @ ray) / distance
+        span = fixed.cell_rad * distance * np.sqrt(1.0 - cosine**2) / max(cosine, 0.1)
+        if np.isfinite(bound) and cosine >= 0.1 and distance < bound - span:
+            free += weight
+    return fits / total, free / total
+
+
+@pytest.mark.parametrize("points", [1, 64, 150, 777])
+def test_the_evidence_of_poses_is_what_a_look_at_point_by_point_gives(scans, points):
+    target, source = scans
+    limits = strict_limits(0.0, SPACING_M)
+    for shift in ([0.0, 0.0, 0.0], [0.4, -0.9, 0.2], [3.5, 0.3, 0.1]):
+        pose = RigidTransform.from_components(shift, Rotation.from_rotvec([0.0, 0.02, 0.1])) * MOTION
+        motion = motions_of([pose])
+        found = evidence_of(motion.rotations, motion.translations_m, source, target, points=points, limits=limits)
+        expected = _evidence_point_by_point(pose, source, target, points, limits)
+        np.testing.assert_allclose([found.fitting[0], found.violation[0]], expected, atol=1e-12)
 
 
 def test_settling_leaves_a_pose_without_common_surface_where_it_is(scans):
