@@ -198,7 +198,7 @@ def _with_moved_features(
     )
 
 
-def _found_wrong(fine: FineRegistration, lines: IndexPairs, planes: OtherIndexPairs) -> Flags | None:
+def _found_wrong(fine: FineRegistration, lines: IndexPairs, planes: OtherIndexPairs) -> Array | None:
     """Say of lines, then planes, which pairs an adjustment removed; None if there are none of them."""
     wrong = [
         _are_among(pairs, known[states == int(CorrespondenceState.REMOVED)])
@@ -207,7 +207,7 @@ def _found_wrong(fine: FineRegistration, lines: IndexPairs, planes: OtherIndexPa
             (planes, fine.planes, fine.adjustment.planes.states),
         )
     ]
-    doubted: Flags = np.concatenate(wrong)
+    doubted = np.concatenate(wrong)
     return doubted if doubted.any() else None
 
 

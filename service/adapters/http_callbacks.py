@@ -65,7 +65,7 @@ class HttpCallbacks:
         except TimeoutError:
             raise AddressRefusedError(uri, f"its server did not answer within {within_s:.0f} s") from None
         except (httpx.HTTPError, OSError) as error:
-            raise AddressRefusedError(uri, f"it was not reached: {error or type(error).__name__}") from None
+            raise AddressRefusedError(uri, f"it was not reached: {str(error) or type(error).__name__}") from None
 
     def _allowed(self, uri: str) -> httpx.URL:
         url = parsed_address(uri)

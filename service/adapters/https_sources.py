@@ -62,7 +62,7 @@ class HttpsSources:
                 chunks = self._continued(url, href, answer)
                 yield RemoteFile(name, chunks, int(length) if length.isdigit() else None)
         except (httpx.HTTPError, OSError) as error:
-            raise AddressRefusedError(href, f"it could not be fetched: {error or type(error).__name__}") from None
+            raise AddressRefusedError(href, f"it could not be fetched: {str(error) or type(error).__name__}") from None
 
     async def _continued(self, url: httpx.URL, href: str, first: httpx.Response) -> AsyncIterator[bytes]:
         """Give all bytes; where the connection breaks and the server can, go on where it broke."""

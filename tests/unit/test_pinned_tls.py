@@ -63,7 +63,11 @@ def receiving(folder: Path, name: str) -> Iterator[tuple[int, list[Any]]]:
             connection, _ = server.accept()
             try:
                 with context.wrap_socket(connection, server_side=True) as secured:
-                    seen.append(secured.recv(65536))
+                    # all of it: closing with something unread would reset the connection
+                    request = part = secured.recv(65536)
+                    while part and not request.endswith(b"\r\n\r\n{}"):
+                        request += (part := secured.recv(65536))
+                    seen.append(request)
                     secured.sendall(b"HTTP/1.1 204 No Content\r\n\r\n")
             except OSError as error:
                 seen.append(error)
