@@ -29,6 +29,9 @@ ROUGH_STEP_IN_STD, ROUGH_SAME_WEIGHTS_STEP = 0.5, 1e-3
 """The same while a search for gross errors goes on: after a step of half a standard deviation the next has at most some
 hundredths of it, which decides no test."""
 
+LINEAR_STEP = 1e-4
+"""Steps below this share of the size are taken for linear in that search: what is left out is their square."""
+
 SMALLEST_SHARE = 1e-20
 """Share of the largest diagonal element of N below which an unknown is not observed by itself."""
 
@@ -140,7 +143,7 @@ def solve(
         settled = step_std < step_limit or share < STEP_ROUNDING
         trial = unknowns.moved(step)
         # a search for gross errors may take small steps for linear: it decides by tests, and ends with a full solution
-        linear = rough and share < ROUGH_SAME_WEIGHTS_STEP
+        linear = rough and share < LINEAR_STEP
         trial_system = system.moved(step) if linear else problem.linearised(trial)
         trial_omega = _omega(whitening, trial_system)
         if not settled and trial_omega > omega * (1.0 + WORSE) and damping < MOST_DAMPING:

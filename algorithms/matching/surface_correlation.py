@@ -122,7 +122,7 @@ def _rasters(
             rotation, low, cell_m, scan.nearest_m, scan.sensor_m, scan.cell_rad, MARGIN_M, MARGIN_RELATIVE, free
         )
     counts = surface.reshape(2, 3, -1).sum(axis=(0, 2))
-    return _Rasters(low, size, _transformed(surface, shape), _transformed(free, shape), counts)
+    return _Rasters(low, size, _transformed(surface, shape), fft.rfftn(free, shape), counts)
 
 
 def _marked(
@@ -139,9 +139,7 @@ def _marked(
 
 
 def _transformed(fields: Array, shape: tuple[int, ...]) -> Array:
-    """Transform fields (..., x, y, z) that zeros fill up to the shape; axis by axis, most zeros need no work."""
-    by_z = fft.rfft(fields, shape[2], axis=-1)
-    return np.asarray(fft.fft(fft.fft(by_z, shape[1], axis=-2), shape[0], axis=-3))
+    return np.stack([fft.rfftn(each, shape) for each in fields])
 
 
 def _correlated(
