@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.arrays import Array
-from algorithms.scans.surface_index_kernels import BATCH, moved_coordinates, raster_cells
+from algorithms.scans.surface_index_kernels import matched_surface
 
 DOUBTFUL_SHARE = 0.3
 """A gap this share of the largest distance counts half."""
@@ -22,7 +22,7 @@ the count."""
 
 
 @njit(cache=True)
-def _accumulate(  # noqa: PLR0915 - one loop, inlined for speed
+def _accumulate(
     rotation: Array,
     translation: Array,
     points: Array,
@@ -43,68 +43,53 @@ def _accumulate(  # noqa: PLR0915 - one loop, inlined for speed
     `rotation` and `translation` carry the moved points into the fixed scan. The equations are those of the pose of the
     source in the target frame: with `backward` the moved points are the target's. Points are given by axes, (3, n).
     """
-    max_distance, min_cosine, reach = limits[0], limits[1], limits[2]
-    doubtful = DOUBTFUL_SHARE * max_distance
-    owners = owner.ravel()
+    doubtful = DOUBTFUL_SHARE * limits[0]
     r = rotation
     row = np.empty(6)
-    xs, ys, zs, cells = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH, np.int32)
-    for first in range(0, points.shape[1], BATCH):
-        count = min(BATCH, points.shape[1] - first)
-        px, py, pz = points[0, first : first + count], points[1, first : first + count], points[2, first:]
-        moved_coordinates(r[0], translation[0], px, py, pz, xs)
-        moved_coordinates(r[1], translation[1], px, py, pz, ys)
-        moved_coordinates(r[2], translation[2], px, py, pz, zs)
-        raster_cells(xs[:count], ys, zs, low, cell_m, owner.shape, cells)
-        for k in range(count):
-            q = owners[cells[k]] if cells[k] >= 0 else -1
-            if q < 0:
-                continue
-            p = first + k
-            x, y, z = xs[k], ys[k], zs[k]
-            sx, sy, sz = surface_normals[q, 0], surface_normals[q, 1], surface_normals[q, 2]
-            dx, dy, dz = x - surface_points[q, 0], y - surface_points[q, 1], z - surface_points[q, 2]
-            off = sx * dx + sy * dy + sz * dz
-            if abs(off) > max_distance or dx * dx + dy * dy + dz * dz - off * off > reach * reach:
-                continue
-            ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
-            cosine = (
-                (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * sx
-                + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * sy
-                + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * sz
-            )
-            if cosine < min_cosine:
-                continue
-            if backward:
-                # seen from the target: the source's surface moves, along the normal turned into the target frame
-                gap = off
-                wx = r[0, 0] * sx + r[1, 0] * sy + r[2, 0] * sz
-                wy = r[0, 1] * sx + r[1, 1] * sy + r[2, 1] * sz
-                wz = r[0, 2] * sx + r[1, 2] * sy + r[2, 2] * sz
-                sx, sy, sz = wx, wy, wz
-                x, y, z = px[k], py[k], pz[k]
-            else:
-                gap = -off
-            weight = weights[p] / (1.0 + (gap / doubtful) ** 2)
-            x -= centre[0]
-            y -= centre[1]
-            z -= centre[2]
-            row[0], row[1], row[2] = y * sz - z * sy, z * sx - x * sz, x * sy - y * sx
-            row[3], row[4], row[5] = sx, sy, sz
-            place = 0
-            for a in range(6):
-                scaled = weight * row[a]
-                for b in range(a, 6):
-                    sums[place] += scaled * row[b]
-                    place += 1
-                sums[21 + a] += scaled * gap
-            # the centre of the equations is that of all gaps, with the weights that they have
-            sums[27] += weight
-            sums[28] += weight * x
-            sums[29] += weight * y
-            sums[30] += weight * z
-            sums[31] += weight * (x * x + y * y + z * z)
-            sums[32] += 1.0
+    match = np.empty(points.shape[1], np.int64)
+    matched_surface(
+        rotation, translation, points, normals, surface_points, surface_normals, owner, low, cell_m, limits, match
+    )
+    for k in range(points.shape[1]):
+        q = match[k]
+        if q < 0:
+            continue
+        px, py, pz = points[0, k], points[1, k], points[2, k]
+        x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + translation[0]
+        y = r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + translation[1]
+        z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + translation[2]
+        sx, sy, sz = surface_normals[q, 0], surface_normals[q, 1], surface_normals[q, 2]
+        off = sx * (x - surface_points[q, 0]) + sy * (y - surface_points[q, 1]) + sz * (z - surface_points[q, 2])
+        if backward:
+            # seen from the target: the source's surface moves, along the normal turned into the target frame
+            gap = off
+            wx = r[0, 0] * sx + r[1, 0] * sy + r[2, 0] * sz
+            wy = r[0, 1] * sx + r[1, 1] * sy + r[2, 1] * sz
+            wz = r[0, 2] * sx + r[1, 2] * sy + r[2, 2] * sz
+            sx, sy, sz = wx, wy, wz
+            x, y, z = px, py, pz
+        else:
+            gap = -off
+        weight = weights[k] / (1.0 + (gap / doubtful) ** 2)
+        x -= centre[0]
+        y -= centre[1]
+        z -= centre[2]
+        row[0], row[1], row[2] = y * sz - z * sy, z * sx - x * sz, x * sy - y * sx
+        row[3], row[4], row[5] = sx, sy, sz
+        place = 0
+        for a in range(6):
+            scaled = weight * row[a]
+            for b in range(a, 6):
+                sums[place] += scaled * row[b]
+                place += 1
+            sums[21 + a] += scaled * gap
+        # the centre of the equations is that of all gaps, with the weights that they have
+        sums[27] += weight
+        sums[28] += weight * x
+        sums[29] += weight * y
+        sums[30] += weight * z
+        sums[31] += weight * (x * x + y * y + z * z)
+        sums[32] += 1.0
 
 
 @njit(cache=True)

@@ -247,7 +247,7 @@ def matched_surface(
     limits: Array,
     match: Array,
 ) -> Any:  # pragma: no cover - compiled
-    """Write for each moved point the number of the surface point it fits, -1 for none; as in `evidence`."""
+    """Write for each moved point, (3, n) by axes, the number of the surface point it fits, -1 for none."""
     max_distance, min_cosine, reach = limits[0], limits[1], limits[2]
     owners = owner.ravel()
     r = rotation
