@@ -121,7 +121,7 @@ class AttackedService:
         """Stop the service as its operator does, and start it again."""
         family = self.running.processes()
         assert self.running.stop() == 0
-        assert not any(alive(process) for process in family)
+        wait_until(lambda: not any(alive(process) for process in family), 1.0)
         self.running.start()
 
     def _kill_life_of_worker(self) -> None:
