@@ -17,6 +17,11 @@ from algorithms.registration.pair_verdict import (
     remarks_on,
 )
 
+FAR_SHARE = 0.9
+"""Within the distance from what is common that this share of a scan's surface keeps, the pose must be known..."""
+FAR_NOISES = 5.0
+"""...to `WORST_STD_M`, or to so many standard deviations of single points where they are noisy."""
+
 
 def status_of_final(
     problem: RegistrationProblem,
@@ -59,7 +64,7 @@ def status_of_final(
         )
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem))]
+    found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem)), *_doubts_far_off(problem, final)]
     if fine is not None:
         found += agreement_doubts(fine)
     if problem.priors is not None:
@@ -113,6 +118,28 @@ def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, li
         if motion.std_m > limit_m
     ]
     return doubts
+
+
+def _doubts_far_off(problem: RegistrationProblem, final: FinalPose) -> list[str]:
+    """Say where a small common part carries a large scan badly: turns grow with the distance from it.
+
+    Asked of the scan that reaches less far, so the answer does not depend on which of the two is the target.
+    """
+    source_points = final.reduced.target_from_source.apply(problem.source.index.points)
+    reach_m = min(
+        float(np.quantile(np.linalg.norm(points - final.centred.centroid, axis=1), FAR_SHARE))
+        for points in (problem.target.index.points, source_points)
+    )
+    noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
+    limit_m = max(WORST_STD_M, FAR_NOISES * noise_m)
+    worst = principal_motions(final.reduced, final.centred.centroid, reach_m)[0]
+    if worst.std_m <= limit_m:
+        return []
+    doubt = (
+        f"what the scans have in common carries the rest of them badly: {reach_m:.0f} m from it the {worst.text} is "
+        f"known to {worst.std_m * 1e3:.0f} mm (standard deviation, {limit_m * 1e3:.0f} mm would be allowed)"
+    )
+    return [doubt]
 
 
 def hidden_shift_m(fine: FineRegistration, whole: Joined) -> float:

@@ -15,9 +15,10 @@ from algorithms.geometry.planes import Planes
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
+from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration import auto_registration
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.final_verdict import allowed_m
+from algorithms.registration.final_verdict import allowed_m, status_of_final
 from algorithms.registration.surface_options import SurfaceOptions
 from schemas.registration_result import Pair
 from service.use_cases.link_store import link_of
@@ -226,6 +227,44 @@ def test_a_pose_must_be_known_to_two_centimetres_or_to_half_the_distance_of_the_
     dense, sparse = (replace(some_features(), surface=scan(POSE, 1).surface, point_count=n) for n in (10**6, 1000))
     assert allowed_m(RegistrationProblem(dense, dense)) == 0.02
     assert allowed_m(RegistrationProblem(dense, sparse)) == 0.5 * sparse.spacing_m > 0.05
+
+
+@pytest.mark.parametrize(
+    ("target_reaches_far", "source_reaches_far", "status"),
+    [(True, True, "doubtful"), (True, False, "accepted"), (False, True, "accepted")],
+)
+def test_a_turn_that_moves_what_is_far_from_the_common_part_makes_a_pose_doubtful(
+    target_reaches_far: bool, source_reaches_far: bool, status: str
+) -> None:
+    target, source = scan(RigidTransform.identity(), 1), scan(POSE, 2)
+    result = registered(target, source)
+    assert result.status is PairStatus.ACCEPTED
+    assert result.final is not None
+    assert result.coarse is not None
+    turns = np.diag([0.0005**2] * 3 + [0.0] * 3)  # 1.5 mm at the walls of the room, 30 mm at a distance of 60 m
+    final = replace(result.final, reduced=replace(result.final.reduced, covariance=turns))
+    problem = RegistrationProblem(
+        reaching_far(target) if target_reaches_far else target, reaching_far(source) if source_reaches_far else source
+    )
+    judged, reasons = status_of_final(
+        problem, result.coarse, final, Verdict(AcceptanceStatus.ACCEPTED, ()), fine=result.fine, doubts=(), hidden_m=0.0
+    )
+    assert judged.value == status
+    assert ("mm (standard deviation, 20 mm would be allowed)" in reasons[-1]) == (status == "doubtful")
+
+
+def reaching_far(features: ScanFeatures) -> ScanFeatures:
+    """Add as much surface again, 60 m away."""
+    near = features.surface
+    return replace(
+        features,
+        surface=SurfaceSample(
+            np.vstack([near.points, near.points + 60.0 * np.eye(3)[0]]),
+            np.vstack([near.normals, near.normals]),
+            np.concatenate([near.plane_labels, np.full_like(near.plane_labels, -1)]),
+            near.voxel_size_m,
+        ),
+    )
 
 
 def shifted(planes: Planes, shift_m: float = 0.02) -> Planes:
