@@ -52,6 +52,18 @@ class PhotoEdges:
 
 
 @dataclass(frozen=True, eq=False)
+class Symmetries:
+    """The motions that lay a scan onto itself, and the limits they were looked for with (`matching.symmetries`)."""
+
+    motions: Float64[Array, "k 4 4"]
+    """(k, 4, 4) in the reduced scan frame."""
+    max_angle_rad: float
+    """Angles between features that differ by less counted as equal [rad]."""
+    max_distance_m: float
+    """Distances between features that differ by less counted as equal [m]."""
+
+
+@dataclass(frozen=True, eq=False)
 class ScanFeatures:
     """Features of one scan, all in its reduced scan frame."""
 
@@ -77,6 +89,8 @@ class ScanFeatures:
     """What the photos gave; None: the station has no photos."""
     mount_test: MountTest | None = None
     """Whether the photos fit the scan; None: the station has no photos."""
+    symmetries: Symmetries | None = None
+    """How the scan is like itself, known once for all its pairs; None: each pair looks for it."""
 
     @property
     def spacing_m(self) -> float:

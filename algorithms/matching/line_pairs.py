@@ -2,19 +2,19 @@
 
 In a rectangular building angle and distance of two lines say next to nothing. So each line carries what it is made of:
 the oriented normals of the two planes that meet in it, or the radius of the cylinder whose axis it is. The invariants
-of all pairs of one scan go into a k-d tree, those of the other scan look up their like.
+of all pairs of one scan are sorted by kinds and distance, those of the other scan look up their like.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Flags, IndexPairs, Labels, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.line_pairs_geometry import bisector_frames, line_pairs_of, pair_geometry
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.geometry.rotations import rotation_from_frames
+from algorithms.matching.line_pairs_kernels import alike_rows
 from algorithms.matching.votes import Motions, joined
 
 MIN_PAIR_SINE = 0.25
@@ -23,6 +23,8 @@ MAX_LINES = 140
 """So many of the longest lines of a scan form pairs unless told otherwise."""
 MAX_MATCHES = 60_000
 """Of more pairs of pairs than this the rarest are kept."""
+KEY_TOLERANCE = 1.0 + 1e-6
+"""The keys of pairs that look alike differ by 1 at most, and by rounding."""
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 """How the directions of a source pair may lie on those of a target pair; the orders are all among the pairs."""
 
@@ -107,7 +109,7 @@ def line_pair_motions(
     invariants = [
         _invariants(lines, p, max_angle_rad, max_distance_m) for lines, p in zip(described, pairs, strict=True)
     ]
-    matches = _look_alikes(*invariants)
+    matches = look_alikes(*invariants)
     if len(matches) == 0:
         return Motions.empty()
     numbers = [pairs[0][matches[:, 0]], pairs[1][matches[:, 1]]]
@@ -223,17 +225,33 @@ def _invariants(described: DescribedLines, pairs: IndexPairs, max_angle_rad: flo
     return np.hstack([angles / (1.5 * max_angle_rad), distances / max_distance_m, sizes, 1e3 * kinds])
 
 
-def _look_alikes(target: Array, source: Array) -> IndexPairs:
-    """Find all (target pair, source pair) whose invariants differ by less than 1 in each entry."""
-    lists = cKDTree(source).query_ball_point(target, r=1.0, p=np.inf, return_sorted=True)
-    counts = np.array([len(found) for found in lists], dtype=np.int64)
-    if counts.sum() == 0:
-        return np.empty((0, 2), dtype=np.int64)
-    matches = np.column_stack(
-        [np.repeat(np.arange(len(target)), counts), np.concatenate([found for found in lists if found])]
-    ).astype(np.int64)
+def look_alikes(target: Array, source: Array) -> IndexPairs:
+    """Find all (target pair, source pair) whose invariants differ by no more than 1 in each entry.
+
+    Parameters
+    ----------
+    target, source
+        (n, 12) and (m, 12) invariants, in units of what may differ.
+
+    Returns
+    -------
+    (matches, 2) their numbers, ordered; of more than `MAX_MATCHES` those of the target's rarest pairs.
+    """
+    keys, wanted = _keys(source), _keys(target)
+    order = np.argsort(keys, kind="stable")
+    first = np.searchsorted(keys[order], wanted - KEY_TOLERANCE, side="left")
+    stop = np.searchsorted(keys[order], wanted + KEY_TOLERANCE, side="right")
+    matches: IndexPairs = alike_rows(np.ascontiguousarray(target), source[order], first, stop)
+    matches[:, 1] = order[matches[:, 1]]
+    matches = matches[np.lexsort((matches[:, 1], matches[:, 0]))]
+    counts = np.bincount(matches[:, 0], minlength=len(target))
     if len(matches) > MAX_MATCHES:
         # Rare pairs say more than common ones: keep the matches of the pairs with the fewest.
         order = np.argsort(counts[matches[:, 0]], kind="stable")[:MAX_MATCHES]
         matches = matches[np.sort(order)]
     return matches
+
+
+def _keys(invariants: Array) -> Scalars:
+    """Give a number for each pair, of kinds and distance, that differs by 1 at most between pairs that look alike."""
+    return np.asarray(invariants[:, 4] + 10.0 * invariants[:, 10] + 100.0 * invariants[:, 11])

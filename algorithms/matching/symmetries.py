@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.features.scan_features import ScanFeatures
+from algorithms.features.scan_features import ScanFeatures, Symmetries
 from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.hypotheses import rank_hypotheses
 from algorithms.matching.options import MatchingOptions
@@ -46,7 +46,30 @@ def poses_by_symmetry(
     return motions_of(found)
 
 
+def with_symmetries(scan: ScanFeatures, options: MatchingOptions) -> ScanFeatures:
+    """Find the motions that lay a scan onto itself once for all pairs that it will be part of (a third of a second).
+
+    Parameters
+    ----------
+    scan
+        Features of a scan.
+    options
+        Limits of the search; pairs that are matched with others look for themselves.
+    """
+    found = _found_symmetries(scan, options) if len(scan.index.points) else []
+    motions = np.array([motion.as_matrix() for motion in found]).reshape(-1, 4, 4)
+    return replace(scan, symmetries=Symmetries(motions, options.max_angle_rad, options.max_distance_m))
+
+
 def _symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[RigidTransform]:
+    """Give the motions that lay a scan onto itself without contradiction."""
+    known = scan.symmetries
+    if known is None or (known.max_angle_rad, known.max_distance_m) != (options.max_angle_rad, options.max_distance_m):
+        return _found_symmetries(scan, options)
+    return [RigidTransform.from_matrix(motion) for motion in known.motions]
+
+
+def _found_symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[RigidTransform]:
     """Find the motions that lay a scan onto itself without contradiction."""
     motions = candidate_motions(
         scan,

@@ -11,6 +11,7 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.projection_options import EdgeRejection
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
+from algorithms.matching.options import MatchingOptions
 from algorithms.progress import ProgressSection
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
@@ -99,6 +100,7 @@ def photo_counts(features: ScanFeatures, photos: Sequence[Json]) -> Json:
 
 def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dict[str, float]]:
     from algorithms.features.extraction import extract_features
+    from algorithms.matching.symmetries import with_symmetries
     from service.formats import read_scan
 
     options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
@@ -119,6 +121,9 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
         options_of_photos = arguments.get("photo_options", {})
         features = with_photo_lines(features, scan, references, options_of_photos, context, section)
         timings["photos"] = time.perf_counter() - begun
+    begun = time.perf_counter()
+    features = with_symmetries(features, MatchingOptions())
+    timings["features"] += time.perf_counter() - begun
     return features, timings
 
 

@@ -1,12 +1,13 @@
 """Stored features come back bit for bit."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
-from algorithms.features.scan_features import ScanFeatures, SurfaceSample
+from algorithms.features.scan_features import ScanFeatures, SurfaceSample, Symmetries
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
@@ -63,6 +64,13 @@ def same(a: Any, b: Any) -> bool:
 
 def test_features_come_back_bit_for_bit(tmp_path: Path) -> None:
     features = some_features()
+    save_features(tmp_path / "f.npz", features)
+    assert same(load_features(tmp_path / "f.npz"), features)
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_symmetries_come_back_with_their_limits(tmp_path: Path, count: int) -> None:
+    features = replace(some_features(), symmetries=Symmetries(np.tile(np.eye(4), (count, 1, 1)), 0.03, 0.15))
     save_features(tmp_path / "f.npz", features)
     assert same(load_features(tmp_path / "f.npz"), features)
 
