@@ -75,7 +75,7 @@ class GrossErrorSearch:
         self._solution = solution
         whitening, system = solution.whitening, solution.system
         self._weighted = whitening.apply_transposed(whitening.apply(system.residuals))  # P v
-        self._by_unknowns = whitening.apply_transposed(whitening.apply(system.jacobian.toarray()))  # P J
+        self._by_unknowns = whitening.apply_transposed(whitening.apply(system.dense_jacobian))  # P J
         self._block_of_row = system.block_of_row
         self._block_count = sum(n for n, _ in system.shapes)
 

@@ -17,7 +17,7 @@ def adjust_pair(
     origins: UserOrigins,
     max_iterations: int,
 ) -> Solution:
-    """Adjust; what is free is decided at the start pose and checked at the solution (MATH 5.2).
+    """Adjust; what is free is decided at the start pose and, unless roughly, checked at the solution (MATH 5.2).
 
     Parameters
     ----------
@@ -35,13 +35,15 @@ def adjust_pair(
         Limit of rounds.
     """
     weights = whitening_of(system)
-    whitened = weights.apply(system.jacobian.toarray())
+    whitened = weights.apply(system.dense_jacobian)
     report = analyse_rank(problem, system, whitened.T @ whitened, start.poses[1], origins)
     solution = solve(problem, start, report.held, max_iterations, linearised=(system, weights), rough=rough)
+    if rough:
+        return solution
     checked = rank_of(problem, solution, origins)
     if checked.rank == report.rank:
         return solution
-    return solve(problem, solution.unknowns, checked.held, max_iterations, rough=rough)
+    return solve(problem, solution.unknowns, checked.held, max_iterations)
 
 
 def rank_of(problem: PairProblem, solution: Solution, origins: UserOrigins) -> RankReport:

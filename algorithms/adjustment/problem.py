@@ -42,7 +42,7 @@ class LinearSystem:
         """Keep the blocks for which the mask (number of blocks,) is True."""
         rows = keep[self.block_of_row]
         pieces = np.split(keep, np.cumsum([n for n, _ in self.shapes])[:-1])
-        return LinearSystem(
+        chosen = LinearSystem(
             self.residuals[rows],
             self.jacobian[rows],
             tuple(blocks[piece] for blocks, piece in zip(self.private_covariances, pieces, strict=True)),
@@ -50,11 +50,16 @@ class LinearSystem:
             self.plane_roots,
             {station: factor[rows] for station, factor in self.photo_factors.items()},
         )
+        known = self.__dict__.get("joint_covariance")
+        if known is not None:
+            numbers = np.flatnonzero(rows)
+            chosen.__dict__["joint_covariance"] = known[np.ix_(numbers, numbers)]
+        return chosen
 
     def moved(self, step: Array) -> "LinearSystem":
         """Give the residuals after a small step (u,) of the free unknowns; derivatives and covariances stay."""
         moved = replace(self, residuals=self.residuals + self.jacobian @ step)
-        for name in ("joint_covariance", "covariances", "block_of_row"):
+        for name in ("dense_jacobian", "joint_covariance", "covariances", "block_of_row"):
             if name in self.__dict__:
                 moved.__dict__[name] = self.__dict__[name]
         return moved
@@ -63,6 +68,11 @@ class LinearSystem:
     def blocks_are_independent(self) -> bool:
         """Whether no two blocks share an error."""
         return not self.plane_jacobians and not self.photo_factors
+
+    @cached_property
+    def dense_jacobian(self) -> Array:
+        """(m, u) derivatives by the free unknowns, zeros written out."""
+        return np.asarray(self.jacobian.toarray())
 
     @cached_property
     def joint_covariance(self) -> Array | None:

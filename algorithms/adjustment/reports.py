@@ -258,7 +258,7 @@ def _tested(
 def _residual_covariances(result: SnoopingResult, kind: int, rows: slice) -> Array:
     """Give C - J Q Jᵀ of the used blocks of one type, times the variance factor; zeros for unused ones."""
     solution, used = result.solution, result.used[rows]
-    jacobians = solution.system.split(solution.system.jacobian.toarray())[kind]
+    jacobians = solution.system.split(solution.system.dense_jacobian)[kind]
     left = solution.system.covariances[kind] - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2)
     table = np.zeros((len(used), *left.shape[1:]))
     table[used] = left * result.variance_factor

@@ -12,7 +12,7 @@ from algorithms.adjustment.critical_values import b_method_limit
 from algorithms.adjustment.gross_errors import GrossErrorSearch, GrossErrorTests, Partner, Plane
 from algorithms.adjustment.mount_errors import MountError, may_be_trusted_less, mount_errors, with_less_trust
 from algorithms.adjustment.problem import AnyProblem, LinearSystem, Problem
-from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.solver import LINEAR_STEP, Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Flags
@@ -158,26 +158,26 @@ def _snooped(
     fewest = max(int(used.sum()) - int(rules.max_removed_share * used.sum()), FEWEST_BLOCKS)
     steps: list[SnoopingStep] = []
     mounts: list[MountError] = []
-    values, adjustments = start, 0
+    every, adjustments = _Linearised(problem, start), 0
     while True:
-        system = problem.linearised(values)
-        part, of_part = (problem, system) if used.all() else (problem.selected(used), system.selected(used))
-        solution = adjust(part, values, of_part, True)
+        part, of_part = (problem, every.system) if used.all() else (problem.selected(used), every.system.selected(used))
+        solution = adjust(part, every.values, of_part, True)
         adjustments += 1
-        values = solution.unknowns
+        every.follow(solution)
         search = GrossErrorSearch(solution)
         found = search.tests().with_variance(factor)
         wrong = _wrong_mounts(problem, search, found, rules, mounts)
         if wrong:
             mounts.extend(wrong)
             problem = with_less_trust(problem, wrong)
+            every = _Linearised(problem, solution.unknowns)
             continue
         removed = _worst(search, found, np.flatnonzero(used), reinstated, rules, int(used.sum()) - fewest)
         if removed:
             steps.extend(replace(step, step=adjustments) for step in removed)
             used[[step.block for step in removed]] = False
             continue
-        tests = _all_tests(problem, used, solution).with_variance(factor)
+        tests = _all_tests(every.system, used, solution).with_variance(factor)
         best = int(np.argmax(np.where(used, -1.0, tests.p_values)))
         critical = rules.limit(float(tests.degrees[best]))
         if not used[best] and tests.degrees[best] > 0 and tests.statistics[best] <= critical:
@@ -186,10 +186,34 @@ def _snooped(
             )
             used[best] = reinstated[best] = True
             continue
-        solution = adjusted(part, values, adjust)
-        tests = _all_tests(problem, used, solution).with_variance(factor)
+        solution = adjusted(part, solution.unknowns, adjust)
+        every = _Linearised(problem, solution.unknowns)
+        tests = _all_tests(every.system, used, solution).with_variance(factor)
         steps.extend(_never_used(adjustments, used, steps, tests, rules))
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps), tuple(mounts))
+
+
+class _Linearised:
+    """All correspondences, used or not, at the solution reached; small steps to the next are taken for linear."""
+
+    def __init__(self, problem: Problem, values: Unknowns) -> None:
+        self._problem = problem
+        self.values = values
+        self.system = problem.linearised(values)
+        self._scales = values.scales(problem.extent_m())
+        self._moved = np.zeros(values.count)
+
+    def follow(self, solution: Solution) -> None:
+        """Move on to a solution that was found from the values of before."""
+        step = solution.linear_step
+        if step is not None:
+            self._moved += step
+        if step is None or float(np.abs(self._moved / self._scales).max(initial=0.0)) >= LINEAR_STEP:
+            self.system = self._problem.linearised(solution.unknowns)
+            self._moved[:] = 0.0
+        else:
+            self.system = self.system.moved(step)
+        self.values = solution.unknowns
 
 
 def _never_used(
@@ -236,12 +260,12 @@ def robust_variance_factor(tests: BlockTests, redundancy: int) -> float:
     return factor if factor > 1.0 + 2.0 * MEDIAN_SPREAD / np.sqrt(independent) else 1.0
 
 
-def _all_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
+def _all_tests(system: LinearSystem, used: Flags, solution: Solution) -> BlockTests:
     """Put the tests of used and the predictions of unused correspondences into one."""
     inside = block_tests(solution)
     if used.all():
         return inside
-    outside = predicted_block_tests(problem, used, solution)
+    outside = predicted_block_tests(system, used, solution)
     merged = [np.array(values) for values in (outside.statistics, outside.degrees, outside.p_values)]
     for values, of_used in zip(merged, (inside.statistics, inside.degrees, inside.p_values), strict=True):
         values[used] = of_used

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -74,6 +75,8 @@ class Solution:
     converged: bool
     last_step_std: float
     """Last step in units of its standard deviation."""
+    linear_step: Array | None = None
+    """(u,) step from the start values, all of it taken for linear; None where observations were linearised anew."""
 
     @property
     def pose(self) -> RigidTransform:
@@ -87,7 +90,7 @@ class Solution:
 
     def gain(self) -> Array:
         """Give K = Q Jᵀ P, (u, m): how the unknowns answer to a change of the residuals (dx = -K dr)."""
-        whitened = self.whitening.apply(self.system.jacobian.toarray())
+        whitened = self.whitening.apply(self.system.dense_jacobian)
         return np.asarray(self.whitening.apply_transposed(whitened @ self.cofactors).T)
 
 
@@ -133,6 +136,7 @@ def solve(
         (ROUGH_STEP_IN_STD, ROUGH_SAME_WEIGHTS_STEP) if rough else (STEP_IN_STD, SAME_WEIGHTS_STEP)
     )
     moved_since_weights, step_std, iterations, converged, damping = 0.0, np.inf, 0, False, 0.0
+    linear_step: Array | None = np.zeros(start.count)
     omega = _omega(whitening, system)
     while not converged and iterations < max_iterations:
         iterations += 1
@@ -152,6 +156,7 @@ def solve(
         undamped = damping == 0.0
         damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
         unknowns, system = trial, trial_system
+        linear_step = linear_step + step if linear and linear_step is not None else None
         moved_since_weights += share
         if system.blocks_are_independent:
             whitening = whitening if linear else whitening_of(system)
@@ -173,6 +178,7 @@ def solve(
         iterations=iterations,
         converged=converged,
         last_step_std=step_std,
+        linear_step=linear_step,
     )
 
 
@@ -183,9 +189,8 @@ class NormalEquations:
     """
 
     def __init__(self, whitening: Whitening, system: LinearSystem, held: Array, damping: float) -> None:
-        jacobian = whitening.matrix @ system.jacobian
-        if jacobian.shape[1] <= MOST_DENSE and not isinstance(jacobian, np.ndarray):
-            jacobian = jacobian.toarray()
+        few = isinstance(whitening.matrix, np.ndarray) or system.jacobian.shape[1] <= MOST_DENSE
+        jacobian: Any = whitening.matrix @ (system.dense_jacobian if few else system.jacobian)
         self._jacobian = jacobian
         self._right = -np.asarray(jacobian.T @ whitening.apply(system.residuals))
         self._normal = jacobian.T @ jacobian

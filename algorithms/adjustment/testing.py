@@ -6,7 +6,7 @@ from enum import StrEnum
 import numpy as np
 from scipy import stats
 
-from algorithms.adjustment.problem import LinearSystem, Problem
+from algorithms.adjustment.problem import LinearSystem
 from algorithms.adjustment.solver import Solution
 from algorithms.arrays import Array, Flags, Matrix, Scalars
 
@@ -122,7 +122,7 @@ def noncentrality(alpha: float, power: float) -> float:
 def redundancy_numbers(solution: Solution) -> Scalars:
     """Give r = diag(Qvv P), (m,); their sum is the redundancy (MATH 4). O(m u)."""
     whitening, system = solution.whitening, solution.system
-    jacobian = system.jacobian.toarray()
+    jacobian = system.dense_jacobian
     gain = whitening.apply_transposed(whitening.apply(jacobian)) @ solution.cofactors
     return np.asarray(whitening.projector_diagonal(system) - np.einsum("ij,ij->i", jacobian, gain))
 
@@ -134,7 +134,7 @@ def component_tests(solution: Solution, alpha: float, power: float) -> Component
     uncorrelated ones this is v/(sigma sqrt(r)). O(m u) memory.
     """
     whitening, system = solution.whitening, solution.system
-    jacobian = system.jacobian.toarray()
+    jacobian = system.dense_jacobian
     weighted = whitening.apply_transposed(whitening.apply(system.residuals))
     by_unknowns = whitening.apply_transposed(whitening.apply(jacobian))
     gain = by_unknowns @ solution.cofactors
@@ -157,18 +157,18 @@ def block_tests(solution: Solution) -> BlockTests:
     """Test each correspondence as a whole with the covariance of its residuals, C - J Q Jᵀ (MATH 4.4)."""
     system = solution.system
     covariances = []
-    for blocks, jacobians in zip(system.covariances, system.split(system.jacobian.toarray()), strict=True):
+    for blocks, jacobians in zip(system.covariances, system.split(system.dense_jacobian), strict=True):
         covariances.append(blocks - jacobians @ solution.cofactors @ np.swapaxes(jacobians, 1, 2))
     return _tests(system, covariances)
 
 
-def predicted_block_tests(problem: Problem, used: Flags, solution: Solution) -> BlockTests:
+def predicted_block_tests(system: LinearSystem, used: Flags, solution: Solution) -> BlockTests:
     """Test correspondences that took no part against what the solution predicts for them (MATH 4.5).
 
     Parameters
     ----------
-    problem
-        All correspondences.
+    system
+        All correspondences at the solution.
     used
         (number of blocks,) True for those of the solution.
     solution
@@ -178,9 +178,8 @@ def predicted_block_tests(problem: Problem, used: Flags, solution: Solution) -> 
     -------
     Tests of all blocks; only those of unused ones are meaningful.
     """
-    system = problem.linearised(solution.unknowns)
     rows = used[system.block_of_row]
-    jacobian = system.jacobian.toarray()
+    jacobian = system.dense_jacobian
     gain = np.zeros((jacobian.shape[1], len(rows)))
     gain[:, rows] = solution.gain()
     # Unused lines may share planes with used ones, whose errors are in the unknowns already.

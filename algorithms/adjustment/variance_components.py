@@ -151,7 +151,7 @@ def helmert_factors(solution: Solution, groups: Int64[Array, "blocks"], count: i
     if system.joint_covariance is not None:
         raise InvalidInputError("groups", "observations of different groups are correlated", "use Foerstner's form")
     of_row = groups[system.block_of_row]
-    jacobian = whitening.apply(system.jacobian.toarray())
+    jacobian = whitening.apply(system.dense_jacobian)
     residuals = whitening.apply(system.residuals)
     shares = []
     for g in range(count):

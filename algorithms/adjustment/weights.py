@@ -1,5 +1,6 @@
 """Weights of correlated and possibly dependent residuals: what makes them independent with unit variance (MATH 3.3)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -64,15 +65,15 @@ def whitening_of(system: LinearSystem) -> Whitening:
     InvalidInputError
         When the covariance of a block by itself is not positive definite.
     """
-    blockwise = _blockwise(system.covariances)
+    roots = [_inverse_roots(blocks) for blocks in system.covariances]
     if system.joint_covariance is None:
-        return Whitening(blockwise)
+        return Whitening(_blockwise(roots))
     # In units of each block the diagonal blocks are unit matrices, so one threshold fits tilts and offsets.
-    normalised = blockwise @ (blockwise @ system.joint_covariance).T
+    normalised = _times(roots, _times(roots, system.joint_covariance).T)
     values, vectors = _eigen(0.5 * (normalised + normalised.T))
     kept = values > _dependent_share(system)
-    rows = (vectors[:, kept] / np.sqrt(values[kept])).T
-    return Whitening(np.asarray((blockwise.T @ rows.T).T))
+    transposed = [np.swapaxes(blocks, 1, 2) for blocks in roots]
+    return Whitening(_times(transposed, vectors[:, kept] / np.sqrt(values[kept])).T)
 
 
 def _eigen(symmetric: Array) -> tuple[Array, Array]:
@@ -91,20 +92,34 @@ def _dependent_share(system: LinearSystem) -> float:
     return float(np.clip(DEPENDENT_PER_TILT_VARIANCE * tilts, SMALLEST_DEPENDENT_SHARE, LARGEST_DEPENDENT_SHARE))
 
 
-def _blockwise(covariances: tuple[Array, ...]) -> sparse.csr_array:
-    """Stack the inverse Cholesky factors of all blocks on the diagonal of one sparse matrix."""
+def _inverse_roots(blocks: Array) -> Array:
+    """Give the inverse Cholesky factors of (n, d, d) covariances."""
+    # Scaling to correlations first: tilts [rad] and offsets [m] may differ by many powers of ten.
+    std = np.sqrt(np.maximum(np.diagonal(blocks, axis1=1, axis2=2), 0.0))
+    if not np.isfinite(blocks).all() or (std <= 0.0).any():
+        raise InvalidInputError("covariance of a feature", "variances must be positive and finite")
+    try:
+        roots = np.linalg.cholesky(blocks / (std[:, :, None] * std[:, None, :]))
+    except np.linalg.LinAlgError as error:
+        raise InvalidInputError("covariance of a feature", "it is not positive definite") from error
+    return np.asarray(np.linalg.inv(roots) / std[:, None, :])
+
+
+def _blockwise(roots: Sequence[Array]) -> sparse.csr_array:
+    """Lay (n, d, d) blocks of all types on the diagonal of one sparse matrix."""
     parts = []
-    for blocks in covariances:
+    for blocks in roots:
         n, d = blocks.shape[:2]
-        # Scaling to correlations first: tilts [rad] and offsets [m] may differ by many powers of ten.
-        std = np.sqrt(np.maximum(np.diagonal(blocks, axis1=1, axis2=2), 0.0))
-        if not np.isfinite(blocks).all() or (std <= 0.0).any():
-            raise InvalidInputError("covariance of a feature", "variances must be positive and finite")
-        try:
-            roots = np.linalg.cholesky(blocks / (std[:, :, None] * std[:, None, :]))
-        except np.linalg.LinAlgError as error:
-            raise InvalidInputError("covariance of a feature", "it is not positive definite") from error
-        inverse = np.linalg.inv(roots) / std[:, None, :]
-        layout = sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=(n * d, n * d))
-        parts.append(layout)
+        parts.append(sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(n * d, n * d)))
     return sparse.csr_array(sparse.block_diag(parts, format="csr"))
+
+
+def _times(roots: Sequence[Array], matrix: Array) -> Array:
+    """Multiply the blocks of all types on a diagonal by a dense matrix (m, k)."""
+    parts, first = [], 0
+    for blocks in roots:
+        n, d = blocks.shape[:2]
+        rows = matrix[first : first + n * d].reshape(n, d, matrix.shape[1])
+        parts.append((blocks @ rows).reshape(n * d, matrix.shape[1]))
+        first += n * d
+    return np.concatenate(parts)

@@ -8,20 +8,26 @@ from line_scenes import ObservedPair, observed_pair, one_line_shifted, room_line
 from plane_rooms import observed_rooms, plane_rooms
 from scipy import stats
 
+from algorithms.adjustment import snooping, solver
 from algorithms.adjustment.gross_errors import GrossErrorSearch, log_probability
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.pair_problem import PairProblem, by_station
-from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.problem import LinearSystem, Problem
 from algorithms.adjustment.snooping import SnoopingRules, adjust_and_snoop
 from algorithms.adjustment.solver import Solution, solve
 from algorithms.adjustment.unknowns import Unknowns
+from algorithms.adjustment.weights import whitening_of
 
 FREE = np.zeros((6, 0))
 
 
 def solved(problem: Problem, start: Unknowns, *_: object) -> Solution:
     return solve(problem, start, FREE, 20)
+
+
+def roughly_solved(problem: Problem, start: Unknowns, system: LinearSystem, rough: bool) -> Solution:
+    return solve(problem, start, FREE, 20, linearised=(system, whitening_of(system)), rough=rough)
 
 
 @cache
@@ -113,6 +119,35 @@ def test_a_plane_that_moved_is_rejected_with_all_that_depends_on_it_and_nothing_
     depends = np.concatenate([(scene.edges == moved).any(axis=1), pair_of_moved])
     np.testing.assert_array_equal(~result.used, depends)
     assert {step.plane for step in result.steps} == {(0, int(problem.observations[1].pairs[pair_of_moved, 0][0]))}
+
+
+def test_selected_correspondences_keep_the_covariance_they_have_together() -> None:
+    problem, solution = rooms()
+    keep = np.random.default_rng(3).random(len(problem)) < 0.6
+    anew = problem.selected(keep).linearised(solution.unknowns)
+    whole = problem.linearised(solution.unknowns)
+    assert whole.joint_covariance is not None  # known from here on, so that it is cut out
+    np.testing.assert_allclose(whole.selected(keep).joint_covariance, anew.joint_covariance, rtol=1e-12, atol=0.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_search_removes_the_same_whether_small_steps_are_taken_for_linear_or_not(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(40 + seed)
+    scene = plane_rooms(rng)
+    moved = int(rng.choice(np.flatnonzero(scene.matched)))
+    pair = observed_rooms(scene, rng, source_rooms=scene.with_plane_moved(moved, 0.03))
+    problem, start, found = room_problem(pair), Unknowns.of_pair(pair.start), []
+    for limit in (solver.LINEAR_STEP, 0.0):
+        monkeypatch.setattr(solver, "LINEAR_STEP", limit)
+        monkeypatch.setattr(snooping, "LINEAR_STEP", limit)
+        found.append(adjust_and_snoop(problem, start, SnoopingRules(0.001, 0.5), roughly_solved))
+    quick, thorough = found
+    assert [step.block for step in quick.steps] == [step.block for step in thorough.steps]
+    assert not quick.used.all()
+    np.testing.assert_allclose(quick.tests.statistics, thorough.tests.statistics, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(quick.solution.pose.as_matrix(), thorough.solution.pose.as_matrix(), rtol=0.0, atol=1e-9)
 
 
 def test_two_observations_that_only_check_each_other_are_named_as_inseparable() -> None:

@@ -75,6 +75,21 @@ def test_a_rough_solution_is_within_hundredths_of_a_standard_deviation_of_the_fi
     assert apart < 0.05 * STDS.min()
 
 
+@pytest.mark.parametrize(("away", "is_small"), [(1e-6, True), (1e-2, False)])
+def test_a_rough_solution_tells_the_step_to_it_where_all_was_taken_for_linear(away: float, is_small: bool) -> None:
+    problem, start = network(8)
+    conditions = free_network_conditions(start, DatumSelection.of_everything(start))
+    near = solve(problem, start, conditions, 30)
+    shaken = near.unknowns.moved(away * np.random.default_rng(8).normal(size=start.count))
+    rough = solve(problem, shaken, conditions, 30, rough=True)
+    assert near.linear_step is None
+    assert (rough.linear_step is not None) == is_small
+    if rough.linear_step is not None:
+        reached = shaken.moved(rough.linear_step)
+        np.testing.assert_allclose(reached.points, rough.unknowns.points, atol=1e-9)
+        np.testing.assert_allclose(reached.poses.as_matrix(), rough.unknowns.poses.as_matrix(), atol=1e-9)
+
+
 def test_a_network_without_noise_is_recovered_up_to_its_datum() -> None:
     problem, start = network(1, noise=0.0)
     solution = free(problem, start)
