@@ -46,7 +46,7 @@ def candidate_motions(
     )
     voted = vote_motions(
         motions,
-        source.index.points.mean(axis=0),
+        source.index.centre_m,
         radius_rad=VOTE_RADIUS_RAD,
         radius_m=2.0 * options.max_distance_m,
         most_rotations=MOST_ROTATIONS,

@@ -34,6 +34,9 @@ LEAST_SCORE_TO_DOUBT = 0.1
 """Poses with lower scores are not believed anyhow, whatever else is possible."""
 ENOUGH_SCORE, ENOUGH_FEATURES = 0.4, 6
 """Where a pose scores so much, and so many lines and planes are common, the other shifts need not be searched."""
+MANY_FEATURES, MANY_FACTOR, MANY_RATIO = 30, 4, 0.3
+"""Nor where so many are, so many times those of the best other pose, which scores no more than the third value times as
+much: 15 pairs of a garage and a yard were right then, and the search found nothing that mattered."""
 LEAST_SUPPORT = 0.02
 """A pose on which less of the surface fits is no pose, and no rival."""
 
@@ -130,7 +133,7 @@ def match_features(
         ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
     else:
         ranked = rank_with_priors(hypotheses, target.index, source.index, priors, noise_m=noise)
-    exhaustive = options.all_shifts and not _convinces(target, source, ranked)
+    exhaustive = options.all_shifts and not convinces(target, source, ranked)
     if exhaustive:
         tell.report(0.6, "testing all shifts")
         ranked = _with_all_shifts(ranked, target, source, options)
@@ -150,10 +153,28 @@ def match_features(
     return result
 
 
-def _convinces(target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses) -> bool:
-    """Say whether the best pose needs no search of all other shifts."""
-    return bool(
-        ranked.scores.score[0] >= ENOUGH_SCORE and _supporters(target, source, ranked.poses[0]) >= ENOUGH_FEATURES
+def convinces(target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses) -> bool:
+    """Say whether the best pose needs no search of all other shifts.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    ranked
+        The poses that lines, planes and surfaces propose.
+    """
+    score, best = ranked.scores.score, ranked.poses[0]
+    supporters = _supporters(target, source, best)
+    if score[0] >= ENOUGH_SCORE and supporters >= ENOUGH_FEATURES:
+        return True
+    if score[0] < LEAST_SCORE_TO_DOUBT or supporters < MANY_FEATURES:
+        return False
+    by_worth = np.argsort(-ranked.scores.charitable, kind="stable").tolist()
+    others = (k for k in by_worth if k and not are_near(best, ranked.poses[k], target.index, source.index))
+    rival = next(others, None)
+    return rival is None or bool(
+        ranked.scores.charitable[rival] <= MANY_RATIO * score[0]
+        and MANY_FACTOR * _supporters(target, source, ranked.poses[rival]) <= supporters
     )
 
 

@@ -34,7 +34,7 @@ class RankedPoses:
         """Sort in other poses of the same scans."""
         names = ("support", "violation", "overlap", "score")
         both = (np.concatenate([getattr(self.scores, name), getattr(other.scores, name)]) for name in names)
-        centre = source.points.mean(axis=0)
+        centre = source.centre_m
         return _in_order((*self.poses, *other.poses), PoseScores(*both), centre, self.tested + other.tested)
 
 
@@ -70,7 +70,7 @@ def rank_hypotheses(
     for points, kept_most in sifts:
         kept = _by_score(kept, target, source, points, rough)[:kept_most]
     kept = _by_score(kept, target, source, MIDDLE_POINTS, middle)
-    centre = source.points.mean(axis=0)
+    centre = source.centre_m
     kept = kept[_distinct(kept, centre, angle_rad=0.05, shift_m=0.35, most=most)]
     kept = settled(kept, target, source, distances_m=(base + 0.25, base + 0.12, base + 0.05), points=POLISH_POINTS)
     scores = score_poses(

@@ -128,10 +128,11 @@ def are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, 
     """
     if not (target.knows_free_space and source.knows_free_space):
         return False
-    if float((other.rotation * pose.rotation.inv()).magnitude()) > NEAR_RAD:
+    trace = float((other.as_matrix()[:3, :3] * pose.as_matrix()[:3, :3]).sum())  # of the turn between both
+    if 0.5 * (trace - 1.0) < np.cos(NEAR_RAD):
         return False
-    distance = min(float(np.median(np.linalg.norm(scan.points - scan.sensor_m, axis=1))) for scan in (target, source))
-    places = np.vstack([source.points.mean(axis=0), source.sensor_m])
+    distance = min(target.median_range_m, source.median_range_m)
+    places = np.vstack([source.centre_m, source.sensor_m])
     return float(np.linalg.norm(other.apply(places) - pose.apply(places), axis=1).max()) <= NEAR_RAD * distance
 
 

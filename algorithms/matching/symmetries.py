@@ -98,7 +98,7 @@ def _found_symmetries(scan: ScanFeatures, options: MatchingOptions) -> list[Rigi
 
 def _moves(motions: Motions, scan: ScanFeatures) -> np.ndarray:
     """Say which motions are clearly none of the identity."""
-    centre = scan.index.points.mean(axis=0)
+    centre = scan.index.centre_m
     traces = np.einsum("hii->h", motions.rotations)
     turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0)) > LEAST_TURN_RAD
     shifted = np.linalg.norm(motions.rotations @ centre + motions.translations_m - centre, axis=1) > LEAST_SHIFT_M

@@ -44,11 +44,8 @@ class Motions:
 
 def motions_of(poses: Sequence[RigidTransform]) -> Motions:
     """Put poses together, with one vote each."""
-    return Motions(
-        np.array([pose.rotation.as_matrix() for pose in poses]).reshape(-1, 3, 3),
-        np.array([pose.translation for pose in poses]).reshape(-1, 3),
-        np.ones(len(poses)),
-    )
+    matrices = np.array([pose.as_matrix() for pose in poses]).reshape(-1, 4, 4)
+    return Motions(matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy(), np.ones(len(poses)))
 
 
 def joined(parts: list[Motions]) -> Motions:

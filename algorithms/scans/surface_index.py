@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -48,6 +49,16 @@ class SurfaceIndex:
     def knows_free_space(self) -> bool:
         """Say whether the sensor's position is known."""
         return bool(self.nearest_m.size)
+
+    @cached_property
+    def centre_m(self) -> Vector3:
+        """(3,) mean of the surface points [m]."""
+        return np.asarray(self.points.mean(axis=0))
+
+    @cached_property
+    def median_range_m(self) -> float:
+        """Median distance of the surface points from the instrument [m]."""
+        return float(np.median(np.linalg.norm(self.points - self.sensor_m, axis=1)))
 
 
 @dataclass(frozen=True, eq=False)

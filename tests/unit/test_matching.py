@@ -11,9 +11,12 @@ from algorithms.errors import DegenerateGeometryError
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.matching.coarse_registration import CoarseRegistration, MatchingOptions, match_features
+from algorithms.matching import coarse_registration
+from algorithms.matching.coarse_registration import CoarseRegistration, MatchingOptions, convinces, match_features
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes, mutual_best
+from algorithms.matching.hypotheses import RankedPoses
 from algorithms.progress import NoProgress
+from algorithms.scans.pose_scores import PoseScores
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
@@ -123,6 +126,45 @@ def test_corresponding_lines_lie_on_each_other() -> None:
     angles = np.linalg.norm(np.cross(turned, ours.directions[pairs[:, 0]]), axis=1)
     assert len(pairs) >= 4
     assert angles.max() < 0.03
+
+
+def ranked(score: float, rival_score: float, *, rival_is_near: bool = False) -> RankedPoses:
+    """Give the right pose of the pipe hall and a rival with made-up scores."""
+    pose = hall().target_from_source
+    away = RigidTransform.from_translation([0.01 if rival_is_near else 7.0, 0.0, 0.0])
+    scores = np.array([score, rival_score])
+    return RankedPoses((pose, away * pose), PoseScores(scores, np.zeros(2), scores, scores), 2)
+
+
+@pytest.mark.parametrize(
+    ("score", "rival_score", "many", "enough"),
+    [
+        (0.5, 0.45, 10**6, True),  # a high score
+        (0.3, 0.08, 5, True),  # many features in common, and a rival far behind
+        (0.3, 0.08, 10**6, False),  # not so many features
+        (0.3, 0.10, 5, False),  # a rival nearer behind
+        (0.05, 0.0, 5, False),  # a score that no one believes
+    ],
+)
+def test_a_high_score_or_many_features_and_no_rival_save_the_search_of_all_shifts(
+    score: float, rival_score: float, many: int, enough: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    features, _ = scene_features("pipe_hall")
+    monkeypatch.setattr(coarse_registration, "MANY_FEATURES", many)
+    assert convinces(features[0], features[1], ranked(score, rival_score)) == enough
+
+
+def test_what_is_near_the_best_pose_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    features, _ = scene_features("pipe_hall")
+    monkeypatch.setattr(coarse_registration, "MANY_FEATURES", 5)
+    assert convinces(features[0], features[1], ranked(0.3, 0.29, rival_is_near=True))
+
+
+def test_a_rival_with_many_features_too_keeps_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    features, _ = scene_features("pipe_hall")
+    monkeypatch.setattr(coarse_registration, "MANY_FEATURES", 5)
+    monkeypatch.setattr(coarse_registration, "_supporters", lambda *_: 40)
+    assert not convinces(features[0], features[1], ranked(0.3, 0.08))
 
 
 def test_correspondences_are_one_to_one() -> None:
