@@ -6,8 +6,9 @@ A worker sends orders over a socket: ``{"number", "step"}`` with three descripto
 computation, ``{"kill": number}`` ends one with all that it started. Answers: ``{"ready"}`` once, ``{"number", "code"}``
 when a computation has ended.
 
-What only the last steps of a job need is loaded while the first ones run; compiled kernels in an idle moment after a
-computation has shown that they are compiled already.
+What only the last steps of a job need is loaded while the first ones run. Compiled kernels are loaded too, for a copy
+would load them anew each time; but where they are not compiled yet that takes minutes, in which no order would be
+followed. So a copy, the scout, tries it first, in an idle moment or after the first pair of scans.
 """
 
 import contextlib
@@ -22,14 +23,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from service.adapters.process_limits import die_with_parent
+from service.adapters.process_limits import be_called, die_with_parent, leave_processors_to_others, let_others_first
 from service.ports import Json
 
 MESSAGE_BYTES = 4096
 DESCRIPTORS = 3
 SHORT_PAUSE_S, LONG_PAUSE_S = 0.3, 2.0
+SCOUT = "tieline-scout"
+"""Name of the copy that practises first."""
 PRACTISED_STEP = "register-pair"
-"""When it has succeeded once, all kernels are compiled."""
+"""When it has succeeded once, nearly all kernels are compiled."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Nursery:
     later
         Loads what the first computations do not need; None: nothing to load.
     practice
-        Loads the compiled kernels; None: nothing to load.
+        Loads the compiled kernels, or compiles them; None: nothing to load.
     """
 
     def __init__(
@@ -66,7 +69,8 @@ class Nursery:
         self._compute = compute
         self._later = later
         self._practice = practice
-        self._may_practise = False
+        self._scout: int | None = None
+        self._paired = self._may_practise = False
         self._running: dict[int, _Computation] = {}
         self._woken, self._waking = os.pipe()
         for descriptor in (self._woken, self._waking):
@@ -94,7 +98,7 @@ class Nursery:
                     self._reap()
                 if self._channel.fileno() in ready and not self._obey():
                     break
-        for process in self._running:
+        for process in [*self._running, *([] if self._scout is None else [self._scout])]:
             _end(process)
 
     def _obey(self) -> bool:
@@ -133,14 +137,7 @@ class Nursery:
         """Compute in this process, which never returns from here."""
         done = False
         try:
-            signal.set_wakeup_fd(-1)
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            os.setsid()
-            die_with_parent(parent)
-            self._channel.close()
-            os.close(self._woken)
-            os.close(self._waking)
+            self._leave(parent)
             request, reports, output = descriptors
             os.dup2(output, sys.stdout.fileno())
             os.dup2(output, sys.stderr.fileno())
@@ -153,6 +150,37 @@ class Nursery:
         finally:
             # nothing of the libraries is waited for, nor may the parent's loop go on here
             os._exit(0 if done else 1)
+
+    def _leave(self, parent: int) -> None:
+        """Make this copy a session of its own that ends with the nursery, and that has nothing of its work."""
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        os.setsid()
+        die_with_parent(parent)
+        self._channel.close()
+        os.close(self._woken)
+        os.close(self._waking)
+
+    def _send_scout(self, practice: Callable[[], None]) -> None:
+        """Let a copy practise: when it has succeeded, everything is compiled, and practising takes a second."""
+        parent = os.getpid()
+        try:
+            self._scout = os.fork()
+        except OSError:  # no memory or no process left: it can be done without
+            self._practice = None
+            return
+        if self._scout == 0:
+            done = False
+            try:
+                self._leave(parent)
+                be_called(SCOUT)
+                # compiling may take minutes: nobody waits for it, unless pairs of scans go on being registered
+                (let_others_first if self._paired else leave_processors_to_others)()
+                practice()
+                done = True
+            finally:
+                os._exit(0 if done else 1)
 
     def _reap(self) -> None:
         """Tell of computations that have ended, after ending what they left running."""
@@ -169,23 +197,34 @@ class Nursery:
             computation = self._running.pop(ended.si_pid, None)
             if computation is not None:
                 code = os.waitstatus_to_exitcode(status)
-                self._may_practise |= code == 0 and computation.step == PRACTISED_STEP
+                self._paired |= code == 0 and computation.step == PRACTISED_STEP
                 self._tell(computation.number, code)
+            elif ended.si_pid == self._scout:
+                self._scout = None
+                self._may_practise = status == 0
+                if status != 0:
+                    self._practice = None
 
     @property
     def _patience_s(self) -> float | None:
         """How long to wait for an order before loading more; None: there is nothing to load now."""
-        if self._later is not None:
+        if self._later is not None or (self._practice is not None and self._may_practise):
             return SHORT_PAUSE_S
-        return LONG_PAUSE_S if self._practice is not None and self._may_practise and not self._running else None
+        if self._practice is None or self._scout is not None:
+            return None
+        if self._paired:
+            return SHORT_PAUSE_S
+        return None if self._running else LONG_PAUSE_S
 
     def _prepare(self) -> None:
         """Load more, once, for all computations to come."""
         if self._later is not None:
             load, self._later = self._later, None
-        elif self._practice is not None:
+        elif self._practice is not None and self._may_practise:
             load, self._practice = self._practice, None
         else:
+            if self._practice is not None and self._scout is None:
+                self._send_scout(self._practice)
             return
         load()
         _freeze()

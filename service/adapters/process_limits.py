@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 from pathlib import Path
+from typing import Any
 
 from service.settings import Settings
 
@@ -20,9 +21,20 @@ def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when its parent ends, and end now if that has happened already."""
     if sys.platform == "linux":
         set_parent_death_signal = 1
-        ctypes.CDLL(None, use_errno=True).prctl(set_parent_death_signal, signal.SIGKILL, 0, 0, 0)
+        _prctl(set_parent_death_signal, signal.SIGKILL)
     if os.getppid() != parent:
         raise SystemExit(1)
+
+
+def be_called(name: str) -> None:
+    """Show this process under a name of its own, of up to 15 letters, among copies of the same program."""
+    if sys.platform == "linux":
+        set_name = 15
+        _prctl(set_name, ctypes.create_string_buffer(name.encode()))
+
+
+def _prctl(option: int, value: Any) -> None:
+    ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
 
 
 def this_host() -> str:
@@ -48,6 +60,13 @@ def let_others_first() -> None:
     # refused where another process was given a priority within the last tenth of a second, and to some containers
     with contextlib.suppress(OSError):
         Path("/proc/self/autogroup").write_text(str(NICENESS))
+
+
+def leave_processors_to_others() -> None:
+    """Compute only while nobody else wants a processor."""
+    let_others_first()
+    if sys.platform == "linux":
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def limit_resources(settings: Settings) -> None:

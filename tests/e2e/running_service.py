@@ -14,6 +14,8 @@ from typing import Any
 import httpx
 import psutil
 
+from service.adapters.nursery import SCOUT
+
 Document = dict[str, Any]
 OF_THE_SERVICE = ("tieline.sqlite", "tieline.sqlite-wal", "tieline.sqlite-shm", "service.lock")
 """What lies in a data directory besides what clients stored."""
@@ -125,8 +127,13 @@ class RunningService:
         return self._running("service.launcher")
 
     def computations(self) -> Sequence[psutil.Process]:
-        """Give the computing processes: copies of a nursery, called like it."""
-        return self._children_of(self._running("service.child"), "service.child")
+        """Give the computing processes: copies of a nursery, called like it, but for those that only practise."""
+        found = []
+        for process in self._children_of(self._running("service.child"), "service.child"):
+            with suppress(psutil.NoSuchProcess):
+                if process.name() != SCOUT:
+                    found.append(process)
+        return found
 
     def nurseries_of_workers(self) -> Sequence[psutil.Process]:
         """Give the processes that the workers' computations are copies of."""

@@ -17,6 +17,15 @@ def trace(arguments: Json, event: str) -> None:
         file.write(f"{event} {arguments['name']} {os.getpid()} {time.time()}\n")
 
 
+def practise() -> None:
+    """Tell who practises, and take the time, or fail, as the test wishes."""
+    with Path(os.environ["PRACTISED"]).open("a") as file:
+        file.write(f"{os.getpid()} {os.getppid()} {Path('/proc/self/comm').read_text()}")
+    time.sleep(float(os.environ["PRACTISING_TAKES_S"]))
+    if "PRACTISING_FAILS" in os.environ:
+        raise RuntimeError("no compiler")
+
+
 def nap(context: StepContext, arguments: Json) -> Json:
     """Sleep and tell of it; noise on standard output must not disturb the reports."""
     trace(arguments, "start")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -14,6 +15,7 @@ import pytest
 from engine_harness import alive, wait_until
 
 from service.adapters.child_process import ChildProcesses
+from service.adapters.nursery import SCOUT
 from service.adapters.nursery_client import WarmUp
 from service.errors import ComputationFailedError
 from service.settings import Settings
@@ -133,6 +135,62 @@ def test_where_there_is_no_nursery_computations_load_their_own_libraries(
     result = asyncio.run(runner.run("nap", nap(tmp_path, "cold"), timeout_s=60))
     runner.close()
     assert result == {"name": "cold"}
+
+
+@dataclass
+class Practice:
+    """A runner that has kernels to practise, and who practised."""
+
+    runner: ChildProcesses
+    told: Path
+
+    def practised(self) -> list[list[str]]:
+        """Give process, parent and name of all that practised."""
+        return [line.split() for line in self.told.read_text().splitlines()] if self.told.exists() else []
+
+
+@pytest.fixture
+def practice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Practice]:
+    monkeypatch.setenv("PRACTISED", str(tmp_path / "practised"))
+    monkeypatch.setenv("PRACTISING_TAKES_S", "0")
+    warm_up = WarmUp(kernels="engine_steps:practise")
+    made = Practice(ChildProcesses(Settings(data_dir=tmp_path), STEPS, warm_up), tmp_path / "practised")
+    yield made
+    made.runner.close()
+
+
+def test_in_an_idle_moment_a_copy_practises_and_when_it_succeeds_the_nursery(practice: Practice) -> None:
+    practice.runner.warm_up()
+    wait_until(lambda: len(practice.practised()) == 2)
+    (_, parent_of_scout, scout), (nursery, _, name) = practice.practised()
+    assert (parent_of_scout, scout) == (nursery, SCOUT)
+    assert name != SCOUT
+
+
+def test_what_cannot_be_practised_is_left_and_computations_run(
+    practice: Practice, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PRACTISING_FAILS", "yes")
+    practice.runner.warm_up()
+    wait_until(lambda: len(practice.practised()) == 1)
+    time.sleep(3.0)  # longer than the nursery would wait before it tried again
+    assert asyncio.run(practice.runner.run("nap", nap(tmp_path, "a"), timeout_s=30)) == {"name": "a"}
+    assert len(practice.practised()) == 1
+
+
+def test_orders_are_followed_while_a_scout_compiles_and_it_ends_with_the_nursery(
+    practice: Practice, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PRACTISING_TAKES_S", "60")
+    practice.runner.warm_up()
+    wait_until(lambda: len(practice.practised()) == 1)
+    begun = time.monotonic()
+    asyncio.run(practice.runner.run("nap", nap(tmp_path, "a"), timeout_s=30))
+    assert time.monotonic() - begun < 2.0
+    scout = int(practice.practised()[0][0])
+    assert alive(scout)
+    practice.runner.close()
+    wait_until(lambda: not alive(scout), 1.0)
 
 
 def test_loading_and_practising_leaves_one_thread(tmp_path: Path) -> None:
