@@ -19,6 +19,7 @@ import selectors
 import signal
 import socket
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -179,6 +180,8 @@ class Nursery:
                 (let_others_first if self._paired else leave_processors_to_others)()
                 practice()
                 done = True
+            except Exception:  # noqa: BLE001 - it can be done without; the worker's log shows why
+                traceback.print_exc()
             finally:
                 os._exit(0 if done else 1)
 
