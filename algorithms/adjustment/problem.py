@@ -50,10 +50,10 @@ class LinearSystem:
             self.plane_roots,
             {station: factor[rows] for station, factor in self.photo_factors.items()},
         )
-        known = self.__dict__.get("joint_covariance")
-        if known is not None:
+        joint = self.joint_covariance
+        if joint is not None:  # cut out rather than computed anew
             numbers = np.flatnonzero(rows)
-            chosen.__dict__["joint_covariance"] = known[np.ix_(numbers, numbers)]
+            chosen.__dict__["joint_covariance"] = joint[np.ix_(numbers, numbers)]
         return chosen
 
     def moved(self, step: Array) -> "LinearSystem":
