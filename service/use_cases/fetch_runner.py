@@ -75,17 +75,18 @@ class FetchingRunner:
         file = await self.patience(intake.files.get, fetch.id)
         if file is None:
             most = await self.patience(intake.room)
-            came = await self.runner.run(
-                FETCH,
-                {"id": fetch.id, "href": fetch.href, "max_bytes": most},
-                timeout_s=timeout_s,
-                on_progress=on_progress,
-            )
-            received = Received(fetch.id, came["name"], came["bytes"], came["sha256"])
+            received = Received(fetch.id, "")
             try:
+                came = await self.runner.run(
+                    FETCH,
+                    {"id": fetch.id, "href": fetch.href, "max_bytes": most},
+                    timeout_s=timeout_s,
+                    on_progress=on_progress,
+                )
+                received = Received(fetch.id, came["name"], came["bytes"], came["sha256"])
                 file = await intake.inspected(received, datetime.now(UTC))
                 file = await self.patience(intake.enter, file)
-            except BaseException:
+            except BaseException:  # also where the job was dismissed just when the file had come
                 intake.drop(received)
                 raise
         return {"id": fetch.id, **file.summary()}

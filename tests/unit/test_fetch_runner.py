@@ -79,6 +79,7 @@ class Processes:
         self.calls: list[str] = []
         self.reports = Reports()
         self.inspection: Json | ServiceError = {"format": "E57", "kind": "scan", "scans": [{"index": 0}], "photos": []}
+        self.nobody_waits_any_more = False
 
     async def run(
         self,
@@ -97,7 +98,10 @@ class Processes:
             return {"ran": step}
         context = StepContext(self.blobs, self.reports, {"min_free_bytes": 0}, self.elsewhere)
         try:
-            return await asyncio.to_thread(fetch_file, context, arguments)
+            fetched = await asyncio.to_thread(fetch_file, context, arguments)
+            if self.nobody_waits_any_more:
+                raise asyncio.CancelledError
+            return fetched
         except ServiceError as error:
             raise StepFailedError(to_problem(error)) from None
 
@@ -211,6 +215,13 @@ def test_what_cannot_be_read_fails_the_job_and_leaves_nothing(
     problem = scene.problem()
     assert (problem["status"], problem["title"]) == (400, title)
     assert problem["errors"][0]["pointer"] == "/inputs/station/scan/href"
+    assert scene.is_empty()
+
+
+def test_what_has_come_when_the_job_is_dismissed_at_that_moment_does_not_stay(scene: Scene) -> None:
+    scene.processes.nobody_waits_any_more = True
+    with pytest.raises(asyncio.CancelledError):
+        scene.run()
     assert scene.is_empty()
 
 
