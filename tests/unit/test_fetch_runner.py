@@ -99,11 +99,11 @@ class Processes:
         context = StepContext(self.blobs, self.reports, {"min_free_bytes": 0}, self.elsewhere)
         try:
             fetched = await asyncio.to_thread(fetch_file, context, arguments)
-            if self.nobody_waits_any_more:
-                raise asyncio.CancelledError
-            return fetched
         except ServiceError as error:
             raise StepFailedError(to_problem(error)) from None
+        if self.nobody_waits_any_more:
+            raise asyncio.CancelledError
+        return fetched
 
 
 class Scene:
