@@ -180,9 +180,9 @@ class Nursery:
                 (let_others_first if self._paired else leave_processors_to_others)()
                 practice()
                 done = True
-            except Exception:  # noqa: BLE001 - it can be done without; the worker's log shows why
-                traceback.print_exc()
             finally:
+                if not done:  # it can be done without; the worker's log shows why
+                    traceback.print_exc()
                 os._exit(0 if done else 1)
 
     def _reap(self) -> None:
