@@ -207,7 +207,7 @@ def _answer(
             if torn and apart_m > allowed_m(problem):
                 good, doubts = None, (_contradiction(attempts[0]),)
     if good is not None and good.comparison is not None:
-        whole = joined(problem, good.fine, surfaces, good.comparison, good.label, options, torn=torn)
+        whole = joined(problem, good.fine, surfaces, good.comparison, good.label, torn=torn)
         final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
         hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
         return _Answer(final, good.fine, hidden)

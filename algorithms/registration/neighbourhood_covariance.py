@@ -13,8 +13,9 @@ import numpy as np
 
 from algorithms.arrays import Array, Points, Scalars
 
-EDGE_FACTORS = (2, 4, 8)
-"""Edges of the larger neighbourhoods that are tried, over the smallest."""
+EDGE_FACTORS = (2, 4, 8, 16, 32)
+"""Edges of the larger neighbourhoods that are tried, over the smallest: a scanner out of adjustment bends whole
+streets."""
 LEAST_DEGREES = 4.0
 """Larger neighbourhoods that leave fewer degrees of freedom to a motion are not used: their covariance is chance."""
 NO_DEGREES = 2.0

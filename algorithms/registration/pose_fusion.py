@@ -195,23 +195,20 @@ def _joined(parts: Sequence[tuple[Matrix6, Array]]) -> tuple[Array, Array]:
     return basis, inverse
 
 
-def share_of_first(first: Matrix6, second: Matrix6, independent: Matrix6) -> float:
-    """Choose ω in N = ω N1 + (1 - ω) N2 + N3 so that the trace of the covariance is least.
+def share_of_first(first: Matrix6, second: Matrix6) -> float:
+    """Choose ω in N = ω N1 + (1 - ω) N2 so that the trace of the covariance is least.
 
     Estimates 1 and 2 rest on the same data, so that their errors are correlated nobody knows how: whatever that
-    correlation is, N promises too little rather than too much (covariance intersection, Julier and Uhlmann 1997; with
-    an independent part, Li and others 2013).
+    correlation is, N promises too little rather than too much (covariance intersection, Julier and Uhlmann 1997).
 
     Parameters
     ----------
     first, second
         (6, 6) information of two estimates from the same data.
-    independent
-        (6, 6) that of an estimate from other data.
     """
 
     def trace(share: float) -> float:
-        values = np.linalg.eigvalsh(share * first + (1.0 - share) * second + independent)
+        values = np.linalg.eigvalsh(share * first + (1.0 - share) * second)
         return float(np.sum(1.0 / np.maximum(values, LEAST_INFORMATION)))
 
     inside = float(optimize.minimize_scalar(trace, bounds=(0.0, 1.0), method="bounded").x)

@@ -16,7 +16,7 @@ class SurfaceOptions:
     max_angle_rad: Annotated[float, Gt(0.0), Le(1.5)] = 0.35
     """Largest angle between the normals of corresponding surfaces [rad]."""
     neighbourhood_m: Annotated[float, Gt(0.0), Le(100.0)] = 0.5
-    """Misfits within a cube of this edge always count as one observation [m]; of larger ones (up to eight times) where
+    """Misfits within a cube of this edge always count as one observation [m]; of larger ones (up to 32 times) where
     that enlarges the covariance."""
     max_iterations: Annotated[int, Ge(1), Le(1000)] = 50
     """Limit of rounds."""

@@ -136,14 +136,14 @@ def test_a_motion_that_two_estimates_leave_open_is_not_determined_by_the_angle_b
 def test_estimates_from_the_same_data_never_add_up() -> None:
     """Twice the same errors: the mixture must not promise more than one of them."""
     own = FRAME.information(PoseEstimate(TRUTH, covariance(np.random.default_rng(4)))).matrix
-    share = share_of_first(own, own, np.zeros((6, 6)))
+    share = share_of_first(own, own)
     np.testing.assert_allclose(share * own + (1.0 - share) * own, own, rtol=1e-12)
 
 
 def test_the_better_one_of_two_estimates_from_the_same_data_is_taken() -> None:
     good = 1e6 * np.eye(6)
-    assert share_of_first(good, 0.1 * good, np.zeros((6, 6))) == pytest.approx(1.0, abs=1e-3)
-    assert share_of_first(0.1 * good, good, np.zeros((6, 6))) == pytest.approx(0.0, abs=1e-3)
+    assert share_of_first(good, 0.1 * good) == pytest.approx(1.0, abs=1e-3)
+    assert share_of_first(0.1 * good, good) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_the_mixture_promises_no_more_than_correlated_errors_allow() -> None:
@@ -152,7 +152,7 @@ def test_the_mixture_promises_no_more_than_correlated_errors_allow() -> None:
     for _ in range(20):
         first, second = covariance(rng), covariance(rng)
         parts = [FRAME.information(PoseEstimate(TRUTH, c)) for c in (first, second)]
-        share = share_of_first(parts[0].matrix, parts[1].matrix, np.zeros((6, 6)))
+        share = share_of_first(parts[0].matrix, parts[1].matrix)
         weights = share * parts[0].matrix, (1.0 - share) * parts[1].matrix
         stated = np.linalg.inv(weights[0] + weights[1])
         roots = [np.linalg.cholesky(np.linalg.inv(part.matrix)) for part in parts]

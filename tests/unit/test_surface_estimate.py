@@ -121,6 +121,33 @@ def test_a_corridor_leaves_the_shift_along_itself_open() -> None:
     np.testing.assert_allclose(np.abs(shift) / np.linalg.norm(shift), [1.0, 0.0, 0.0], atol=0.02)
 
 
+def corridor_with_a_sill(seed: int, length_m: float) -> SurfaceEstimate:
+    """Lay on each other two scans of a corridor with a strip across it, one row of points of some length."""
+    rng = np.random.default_rng(seed)
+    scans = []
+    for pose in (IDENTITY, POSE):
+        points, normals = room("xyzYZ", np.array([*rng.uniform(0.0, 1.0, 2), 0.5]))
+        across = np.abs(normals[:, 0]) > 0.5
+        kept = ~across | ((points[:, 2] < VOXEL_M) & (points[:, 1] < length_m))
+        seen = points[kept] + normals[kept] * rng.normal(size=(np.count_nonzero(kept), 1)) * NOISE_M
+        back = pose.inv()
+        scans.append(features(back.apply(seen), back.rotation.apply(normals[kept])))
+    return estimate_by_surfaces(scans[0], scans[1], near(POSE, 0.01), OPTIONS)
+
+
+def test_less_than_a_hundredth_of_the_surface_determines_a_shift_as_well_as_is_promised() -> None:
+    shifts = []
+    for seed in range(20):
+        estimate = corridor_with_a_sill(seed, 2.2)
+        assert estimate.pose.null_space.shape == (6, 0)
+        shifts.append(error_of(estimate)[3] / np.sqrt(estimate.pose.covariance[3, 3]))
+    assert 0.4 < np.sqrt(np.mean(np.square(shifts))) < 1.2
+
+
+def test_a_thousandth_of_the_surface_determines_nothing() -> None:
+    assert corridor_with_a_sill(1, 0.3).pose.null_space.shape == (6, 1)
+
+
 def test_what_is_open_stays_at_the_start() -> None:
     estimate = estimated("yzYZ")
     centre = estimate.centre_m
@@ -175,6 +202,24 @@ def test_misfits_of_a_neighbourhood_count_as_one_however_many_they_are(groups: i
     # Student's variance with as many degrees of freedom, which is what few neighbourhoods deserve
     assert stated == pytest.approx((groups - 1.0) / (groups - 3.0), rel=0.2)
     assert drawn[:, 0].var() * groups == pytest.approx(1.0, rel=0.4)
+
+
+def test_misfits_that_are_alike_over_ten_metres_count_as_one() -> None:
+    rng = np.random.default_rng(9)
+    blocks, in_block = 16, 400
+    stated, means = [], []
+    for _ in range(60):
+        places = rng.uniform(0.0, 8.0, blocks * in_block) + 16.0 * np.repeat(np.arange(blocks), in_block)
+        positions = np.column_stack([places, np.zeros((len(places), 2))])
+        gaps = np.repeat(rng.normal(size=blocks), in_block) + 0.1 * rng.normal(size=len(places))
+        ones = np.ones((len(places), 1))
+        found = neighbourhood_covariance(
+            ones, ones[:, 0], gaps - gaps.mean(), positions, np.tile([0.0, 0.0, 1.0], (len(places), 1)),
+            bread=1.0, edge_m=0.5, shifts=np.ones((1, 1)),
+        )  # fmt: skip
+        stated.append(float(found.variances[0]))
+        means.append(gaps.mean())
+    assert 0.8 < np.mean(stated) / np.var(means) < 2.0
 
 
 def test_two_neighbourhoods_control_nothing() -> None:
