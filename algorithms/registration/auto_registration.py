@@ -30,7 +30,7 @@ from algorithms.registration.final_pose import (
     of_surfaces,
     refuted_by_own_surfaces,
 )
-from algorithms.registration.final_verdict import allowed_m, hidden_shift_m, status_of_final
+from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, hidden_shift_m, status_of_final
 from algorithms.registration.line_registration import FeatureUse, adjusted_features
 from algorithms.registration.pair_verdict import (
     expected_supporters,
@@ -243,8 +243,9 @@ def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _A
         runner_up_supporters=coarse.runner_up_support,
         lone_spotless=coarse.lone_spotless,
     )
+    doubts = *answer.doubts, *doubts_of_slivers(final, verification)
     status, reasons = status_of_final(
-        problem, coarse, final, verdict, fine=fine, doubts=answer.doubts, hidden_m=answer.hidden_m
+        problem, coarse, final, verdict, fine=fine, doubts=doubts, hidden_m=answer.hidden_m
     )
     shown = None if fine is None else replace(fine, pose=final.pose)
     return PairResult(status, reasons, coarse, shown, verification, final=final)

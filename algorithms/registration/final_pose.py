@@ -14,6 +14,7 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.registration.base import FinalPose, FineRegistration, PosePart, RegistrationProblem
+from algorithms.registration.neighbourhood_covariance import LEAST_NEIGHBOURHOODS
 from algorithms.registration.pose_fusion import (
     Consistency,
     FusionFrame,
@@ -37,8 +38,6 @@ UNEVEN_WALLS = 4.0
 is not plane. In 36 registrations of a car park and a yard with references their errors were 1.8 and 1.9 times what
 they promise (rms), those of the surfaces 1.3 and 1.0 times."""
 PARAMETERS = 6
-LEAST_NEIGHBOURHOODS = 16
-"""Surfaces in fewer neighbourhoods tell too little: ten degrees of freedom more than parameters, as of `adjustment`."""
 
 
 @dataclass(frozen=True, eq=False)

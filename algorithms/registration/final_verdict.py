@@ -7,20 +7,26 @@ from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import noncentrality
 from algorithms.geometry.pose_parameters import shift_of_origin
 from algorithms.matching.coarse_registration import CoarseRegistration
-from algorithms.quality.acceptance import AcceptanceStatus, Verdict
+from algorithms.quality.acceptance import AcceptanceStatus, Verdict, Verification
 from algorithms.registration.base import FinalPose, FineRegistration, PairStatus, RegistrationProblem
-from algorithms.registration.final_pose import LEAST_NEIGHBOURHOODS, PARAMETERS, Joined
+from algorithms.registration.final_pose import PARAMETERS, Joined
+from algorithms.registration.neighbourhood_covariance import LEAST_NEIGHBOURHOODS
 from algorithms.registration.pair_verdict import (
     LEAST_REDUNDANCY,
     WORST_STD_M,
     agreement_doubts,
     remarks_on,
 )
+from algorithms.registration.surface_estimate import WEAK_TESTIMONY
 
 FAR_SHARE = 0.9
 """Within the distance from what is common that this share of a scan's surface keeps, the pose must be known..."""
 FAR_NOISES = 5.0
 """...to `WORST_STD_M`, or to so many standard deviations of single points where they are noisy."""
+
+LEAST_SUPPORT_OF_WEAK = 0.2
+"""So much of the surface must lie on surface where less than `WEAK_TESTIMONY` of it determines a motion: a sliver of a
+sliver may be the error of a scanner (in streets by one out of adjustment such poses lay 0.3 m off)."""
 
 
 def status_of_final(
@@ -140,6 +146,29 @@ def _doubts_far_off(problem: RegistrationProblem, final: FinalPose) -> list[str]
         f"known to {worst.std_m * 1e3:.0f} mm (standard deviation, {limit_m * 1e3:.0f} mm would be allowed)"
     )
     return [doubt]
+
+
+def doubts_of_slivers(final: FinalPose, verification: Verification) -> tuple[str, ...]:
+    """Say where little of the surface lies on surface, and hardly any of that determines a motion.
+
+    Parameters
+    ----------
+    final
+        The pose; where features carry most of it nothing is said.
+    verification
+        Of the surfaces in it.
+    """
+    surfaces = final.surfaces
+    if surfaces is None or final.feature_share > 0.5 or surfaces.least_testimony >= WEAK_TESTIMONY:
+        return ()
+    if verification.support_share >= LEAST_SUPPORT_OF_WEAK:
+        return ()
+    doubt = (
+        f"only {verification.support_share:.0%} of the surface fits, and of that only {surfaces.least_testimony:.1%} "
+        f"stands across one motion: too little controls it ({LEAST_SUPPORT_OF_WEAK:.0%} or {WEAK_TESTIMONY:.0%} would "
+        "be needed)"
+    )
+    return (doubt,)
 
 
 def hidden_shift_m(fine: FineRegistration, whole: Joined) -> float:

@@ -18,6 +18,9 @@ EDGE_FACTORS = (2, 4, 8, 16, 32)
 streets."""
 LEAST_DEGREES = 4.0
 """Larger neighbourhoods that leave fewer degrees of freedom to a motion are not used: their covariance is chance."""
+LEAST_NEIGHBOURHOODS = 16
+"""Surfaces in fewer neighbourhoods tell too little: ten degrees of freedom more than parameters, as of `adjustment`.
+Larger neighbourhoods of which there are fewer are not used."""
 NO_DEGREES = 2.0
 """At so few degrees of freedom Student's distribution has no variance: nothing controls that motion."""
 
@@ -84,7 +87,7 @@ def neighbourhood_covariance(
         for times in EDGE_FACTORS:
             coarser = sums.united(np.unique(cells // times, axis=0, return_inverse=True)[1].ravel())
             found, degrees = _at(normal_matrix, bread, coarser)
-            if degrees < LEAST_DEGREES:
+            if degrees < LEAST_DEGREES or len(coarser.own) < LEAST_NEIGHBOURHOODS:
                 break
             larger = float(np.trace(inverse @ found.matrix))
             if larger > largest:

@@ -70,6 +70,8 @@ class SurfaceEstimate:
     """How many of them there are."""
     hidden_shift_m: float
     """Largest shift of the centre by one neighbourhood that lies wrong by just so much that it does most harm [m]."""
+    least_testimony: float
+    """Share of the corresponding surface that stands across the motion that it determines worst."""
     iterations: int
     """Rounds."""
     converged: bool
@@ -156,8 +158,8 @@ class _Fit:
     """(6,)."""
     known: Array
     """(6, k) motions that the surfaces determine, each an rms displacement of the surface by one metre."""
-    enlarged: Array
-    """(k,) factors on their standard deviations."""
+    testimony: Array
+    """(k,) share of the surface that stands across each of them."""
     open_: Array
     """(6, 6 - k) those that they leave open."""
 
@@ -213,9 +215,8 @@ def _weighed(gaps: SurfaceGaps) -> _Fit:
     told = kernels.testimonies(motions, gaps.positions, gaps.normals, weights, centre, radius, FACING) / weights.sum()
     told_of = told >= LEAST_TESTIMONY
     known, open_ = motions[:, told_of], motions[:, ~told_of]
-    enlarged = np.where(told[told_of] < WEAK_TESTIMONY, WEAK_VARIANCE**0.5, 1.0)
     bread = float(slopes @ gaps.weights / weights.sum())
-    return _Fit(gaps, weights, bread, spread, centre, radius, design, matrix, right, known, enlarged, open_)
+    return _Fit(gaps, weights, bread, spread, centre, radius, design, matrix, right, known, told[told_of], open_)
 
 
 def _motions(normal_matrix: Array, spread: Matrix3) -> Array:
@@ -253,7 +254,8 @@ def _with_covariance(
         edge_m=options.neighbourhood_m,
         shifts=shifts,
     )
-    axes, controlled = fit.known @ (fit.enlarged[:, None] * found.axes), np.isfinite(found.variances)
+    enlarged = np.where(fit.testimony < WEAK_TESTIMONY, WEAK_VARIANCE**0.5, 1.0)
+    axes, controlled = fit.known @ (enlarged[:, None] * found.axes), np.isfinite(found.variances)
     variances = found.variances[controlled] + (COMMON_SPREADS * fit.spread_m) ** 2
     scaled = (axes[:, controlled] * variances) @ axes[:, controlled].T
     to_pose = np.eye(6) / fit.radius_m
@@ -269,6 +271,7 @@ def _with_covariance(
         neighbourhood_m=found.edge_m,
         neighbourhoods=found.count,
         hidden_shift_m=LARGEST_INFLUENCE * fit.spread_m * float(np.linalg.norm(shifts @ found.largest_share, ord=2)),
+        least_testimony=float(fit.testimony.min(initial=1.0)),
         iterations=rounds,
         converged=converged,
     )

@@ -18,7 +18,7 @@ from algorithms.progress import NoProgress
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration import auto_registration
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.final_verdict import allowed_m, status_of_final
+from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, status_of_final
 from algorithms.registration.surface_options import SurfaceOptions
 from schemas.registration_result import Pair
 from service.use_cases.link_store import link_of
@@ -272,6 +272,19 @@ def shifted(planes: Planes, shift_m: float = 0.02) -> Planes:
     axis = POSE.inv().rotation.apply(np.array([1.0, 0.0, 0.0]))
     along = np.abs(planes.normals @ axis) > 0.9
     return replace(planes, centroids=planes.centroids + shift_m * along[:, None] * axis)
+
+
+@pytest.mark.parametrize(
+    ("testimony", "support", "doubtful"), [(0.005, 0.15, True), (0.005, 0.25, False), (0.02, 0.15, False)]
+)
+def test_hardly_any_of_little_common_surface_controls_nothing(testimony: float, support: float, doubtful: bool) -> None:
+    result = pair(planes="")
+    assert result.final is not None
+    assert result.final.surfaces is not None
+    assert result.verification is not None
+    final = replace(result.final, surfaces=replace(result.final.surfaces, least_testimony=testimony))
+    doubts = doubts_of_slivers(final, replace(result.verification, support_share=support))
+    assert bool(doubts) is doubtful
 
 
 def test_a_freedom_that_planes_leave_open_comes_from_the_surfaces() -> None:
