@@ -33,7 +33,7 @@ normal is not exactly known, or because it is the rim of something."""
 LEAST_TESTIMONY = 0.003
 """Motions across which less than this share of the surface stands (weights and squared cosines counted) are open:
 there rims and errors of normals speak. Endless corridors, tunnels, streets, pipes and planes, noise of 2 to 30 mm, had
-at most 0.0003 across what they leave open."""
+less than 0.0001 across what they leave open."""
 WEAK_TESTIMONY, WEAK_VARIANCE = 0.01, 2.0
 """Of motions with a smaller share than the first the misfits promise too little: in 41 corridors and streets with few
 small pieces across (shares of 0.0007 to 0.01) their errors were 1.35 times the standard deviation (rms)."""
@@ -213,10 +213,10 @@ def _weighed(gaps: SurfaceGaps) -> _Fit:
     matrix, right = kernels.normal_equations(design, weights, gaps.gaps_m)
     motions = _motions(matrix / weights.sum(), scatter / radius**2)
     told = kernels.testimonies(motions, gaps.positions, gaps.normals, weights, centre, radius, FACING) / weights.sum()
-    told_of = told >= LEAST_TESTIMONY
-    known, open_ = motions[:, told_of], motions[:, ~told_of]
+    determined = told >= LEAST_TESTIMONY
+    known, open_ = motions[:, determined], motions[:, ~determined]
     bread = float(slopes @ gaps.weights / weights.sum())
-    return _Fit(gaps, weights, bread, spread, centre, radius, design, matrix, right, known, told[told_of], open_)
+    return _Fit(gaps, weights, bread, spread, centre, radius, design, matrix, right, known, told[determined], open_)
 
 
 def _motions(normal_matrix: Array, spread: Matrix3) -> Array:

@@ -204,7 +204,7 @@ def test_misfits_of_a_neighbourhood_count_as_one_however_many_they_are(groups: i
     assert drawn[:, 0].var() * groups == pytest.approx(1.0, rel=0.4)
 
 
-def test_misfits_that_are_alike_over_ten_metres_count_as_one() -> None:
+def test_misfits_that_are_alike_over_eight_metres_count_as_one() -> None:
     rng = np.random.default_rng(9)
     blocks, in_block = 16, 400
     stated, means = [], []
