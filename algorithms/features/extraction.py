@@ -41,6 +41,8 @@ CAP_POINTS = 20.0
 """Largest weight of a voxel: near, dense voxels must not outweigh the rest of a plane."""
 MOST_LEFT = 8_000_000
 """Cylinders are looked for among so many points at most: the only copy of coordinates stays small."""
+DRAWN_POINTS = 80_000
+"""Among so many points the instrument's position is looked for, as far as they lie on surfaces."""
 SEEN_CELL_RAD = float(np.deg2rad(0.5))
 """Direction cells of the range image."""
 STEPS_PER_SEEN_CELL = 1.2
@@ -72,9 +74,9 @@ def extract_features(
     cells, surfaces, noise = cut_into_cells(scan, options)
     sensor = scan.sensor_m
     if sensor is None:
-        flat = np.isfinite(surfaces.residual_std_m)
+        drawn = _flat_points(cells, surfaces, rng)
         sensor = estimate_sensor_position(
-            np.ascontiguousarray(cells.means[flat]), surfaces.normals[flat], candidate_m=-scan.origin_m, rng=rng
+            scan.points[drawn], surfaces.normals[cells.cell_of_point[drawn]], candidate_m=-scan.origin_m, rng=rng
         ).position_m
     surfaces = orient(cells, surfaces, sensor)
     noise = max(noise, typical_noise(cells, surfaces, sensor)) if options.point_std_m is None else options.point_std_m
@@ -138,6 +140,14 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
             return cells, surfaces, 0.0
         size = 1.25 * cells.size_m
+
+
+def _flat_points(cells: SurfaceCells, surfaces: CellSurfaces, rng: np.random.Generator) -> Indices:
+    """Draw points whose cells have a tangent plane, by rising number."""
+    n = len(cells.cell_of_point)
+    drawn = np.sort(rng.choice(n, size=min(n, DRAWN_POINTS), replace=False, shuffle=False))
+    flat = np.append(np.isfinite(surfaces.residual_std_m), False)  # the last stands for points without a cell
+    return np.asarray(drawn[flat[cells.cell_of_point[drawn]]])
 
 
 def _left_over(cells: SurfaceCells, planes: FittedPlanes) -> Indices:

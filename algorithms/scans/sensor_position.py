@@ -1,7 +1,9 @@
 """Where did the instrument stand? Found from the cloud alone.
 
 From its true position a scan (nearly) never sees two surfaces in one direction. The further another position is away,
-the more surfaces hide each other. So the position with the smallest share of hidden points is the instrument's.
+the more surfaces hide each other. So the position with the smallest share of hidden points is the instrument's. Where
+little stands about, as in an open square, many positions hide nothing; but only from the instrument's, which measured
+in steps of equal angles, are all directions seen equally densely: elsewhere points crowd in some of them.
 """
 
 from dataclasses import dataclass
@@ -13,6 +15,9 @@ from algorithms.arrays import Array, Points, Vector3
 
 MAX_HIDDEN_SHARE = 0.22
 """Above this share of hidden points no position explains the cloud as one set-up. True positions: 0.00 to 0.14."""
+CROWDING = 0.05
+"""A point that shares its direction with one of the same surface speaks so much against a position as a hidden one: it
+decides where nothing is hidden, and not where thinning has made the density of all surfaces the same."""
 NEAREST_SURFACE_M = (0.05, 3.5)
 """A terrestrial instrument stands on something: its nearest measured surface is within these bounds [m]. Without this
 bound a bird's-eye view of a street explains the cloud as well as the true position does."""
@@ -20,10 +25,15 @@ FAR_FROM_SURFACE_M = 10.0
 """A given position is not tried when no surface is nearer: the origin of a moved cloud is no instrument [m]."""
 MAX_CANDIDATES = 4_000
 """Positions of the raster that is tried first."""
+ROUGHLY = 0.2
+"""How far these are from surfaces may be wrong by this share."""
 KEPT_SHARE, LEAST_KEPT = 0.125, 200
 """Of the raster's positions so many pass the first sifting."""
-STARTS = 12
-"""Distinct positions from which the search goes downhill."""
+STARTS, LEAST_STARTS = 8, 2
+"""Distinct positions from which the search goes downhill; with every halving of its steps the worse half is dropped."""
+LAST_STEP_M = 0.04
+SAME_POSITION_M = 1.0
+"""No other frame has its origin so near to where the instrument stood."""
 MIN_POINTS = 200
 
 
@@ -65,25 +75,33 @@ class _Cloud:
     cells: int
     spacing_m: float
 
-    def hidden_shares(self, positions: Array) -> Array:
-        """Give for each of m positions (m, 3) the share of points hidden behind a nearer surface."""
+    def seen_from(self, positions: Array) -> Array:
+        """Give for each of m positions the shares of points that are hidden and that are not alone in their direction,
+        and the distance of the nearest one [m], (m, 3).
+        """
         from algorithms.scans import sensor_position_kernels as kernels
         from algorithms.scans.point_blocks import over_blocks
 
-        shares = np.empty(len(positions))
+        found = np.empty((len(positions), 3))
         eyes = np.asarray(positions - self.middle_m, dtype=np.float32)
 
         def work(start: int, end: int) -> None:
-            kernels.hidden_shares(
-                self.coordinates, self.normals, self.known, eyes, self.cells, self.spacing_m, start, end, shares
+            kernels.look_around(
+                self.coordinates, self.normals, self.known, eyes, self.cells, self.spacing_m, start, end, found
             )
 
         over_blocks(work, len(positions), least=1)
-        return shares
+        return found
 
-    def hidden_share(self, position: Vector3) -> float:
-        """Give it for one position."""
-        return float(self.hidden_shares(position[None])[0])
+    def costs(self, positions: Array) -> Array:
+        """Give for each of m positions how much speaks against it, (m,)."""
+        return np.asarray(self.seen_from(positions)[:, :2] @ (1.0, CROWDING))
+
+    def costs_near_surface(self, positions: Array) -> Array:
+        """Give the same, infinite where no instrument can stand."""
+        found = self.seen_from(positions)
+        stands = (found[:, 2] > NEAREST_SURFACE_M[0]) & (found[:, 2] < NEAREST_SURFACE_M[1])
+        return np.where(stands, found[:, :2] @ (1.0, CROWDING), np.inf)
 
 
 def _cloud(points: Points, normals: Points, cells: int, spacing_m: float) -> _Cloud:
@@ -118,13 +136,13 @@ def hidden_shares(points: Points, normals: Points, positions: Array, *, cells: i
     -------
     (m,) shares, 0..1.
     """
-    return _cloud(points, normals, cells, spacing_m).hidden_shares(positions)
+    return np.asarray(_cloud(points, normals, cells, spacing_m).seen_from(positions)[:, 0])
 
 
 def estimate_sensor_position(
     points: Points, normals: Points, *, candidate_m: Vector3 | None = None, rng: np.random.Generator
 ) -> SensorEstimate:
-    """Find the position from which the fewest points of a scan hide behind others.
+    """Find the position from which the fewest points of a scan hide behind others or crowd in one direction.
 
     A raster of positions is sifted with few points, what passes is ranked with more, and from the best distinct ones
     the search goes downhill with up to `FINE.points`.
@@ -132,11 +150,12 @@ def estimate_sensor_position(
     Parameters
     ----------
     points
-        (n, 3) points of one scan, thinned to about equal spacing [m].
+        (n, 3) points of one scan, as densely as they were measured [m]: their density in every direction counts.
     normals
         (n, 3) unit normals of any sign, zero where unknown.
     candidate_m
-        A position to try first, e.g. the origin of the file: taken if no other is clearly better.
+        A position that is likely, e.g. the origin of the file: taken if no other is clearly better, or it is near the
+        best one.
     rng
         Draws the subsets of points and the offsets of the raster of positions.
 
@@ -160,16 +179,18 @@ def estimate_sensor_position(
     if len(raster) == 0:
         return SensorEstimate(None, 1.0)
     kept = max(LEAST_KEPT, int(KEPT_SHARE * len(raster)))
-    sifted = np.argsort(cloud(SIFTING, 1.3 * spacing).hidden_shares(raster), kind="stable")[:kept]
+    sifted = np.argsort(cloud(SIFTING, 1.3 * spacing).costs(raster), kind="stable")[:kept]
     raster = raster[np.sort(sifted)]
-    shares = cloud(COARSE, 1.3 * spacing).hidden_shares(raster)
+    costs = cloud(COARSE, 1.3 * spacing).costs(raster)
     fine = cloud(FINE, spacing)
-    starts = [raster[k] for k in _distinct(raster, shares, apart_m=1.5 * step, most=STARTS)]
-    best_share, best = min((_refine(fine, tree, start, 0.5 * step) for start in starts), key=lambda found: found[0])
-    if candidate_m is not None and NEAREST_SURFACE_M[0] < float(tree.query(candidate_m)[0]) < FAR_FROM_SURFACE_M:
-        share = fine.hidden_share(candidate_m)
+    best = _downhill(fine, raster[_distinct(raster, costs, apart_m=1.5 * step, most=STARTS)], 0.5 * step)
+    best_share = float(fine.seen_from(best[None])[0, 0])
+    if candidate_m is not None:
+        share, _, nearest = fine.seen_from(candidate_m[None])[0].tolist()
         # The file's own origin needs only be about as good as the best of thousands of tried positions.
-        if share <= 1.5 * best_share + 0.01:
+        near = float(np.linalg.norm(candidate_m - best)) <= SAME_POSITION_M and share <= MAX_HIDDEN_SHARE
+        good = near or share <= 1.5 * best_share + 0.01
+        if good and NEAREST_SURFACE_M[0] < nearest < FAR_FROM_SURFACE_M:
             best_share, best = share, candidate_m
     if best_share > MAX_HIDDEN_SHARE:
         return SensorEstimate(None, best_share)
@@ -185,17 +206,17 @@ def _raster(points: Points, tree: "cKDTree[None]", rng: np.random.Generator) -> 
     raster = raster + rng.uniform(-0.3, 0.3, size=raster.shape) * step
     # A raster point may be half a step nearer or farther than the position it stands for.
     farthest = NEAREST_SURFACE_M[1] + 0.5 * step
-    nearest = np.asarray(tree.query(raster, distance_upper_bound=farthest)[0])
+    nearest = np.asarray(tree.query(raster, eps=ROUGHLY, distance_upper_bound=farthest)[0])
     raster = raster[(nearest > NEAREST_SURFACE_M[0]) & (nearest < farthest)]
     if len(raster) > MAX_CANDIDATES:
         raster = raster[np.sort(rng.permutation(len(raster))[:MAX_CANDIDATES])]
     return raster, step
 
 
-def _distinct(positions: Array, shares: Array, *, apart_m: float, most: int) -> list[int]:
-    """Pick the positions with the smallest shares that lie apart from each other."""
+def _distinct(positions: Array, costs: Array, *, apart_m: float, most: int) -> list[int]:
+    """Pick the positions of the smallest costs that lie apart from each other."""
     chosen: list[int] = []
-    for k in np.argsort(shares, kind="stable"):
+    for k in np.argsort(costs, kind="stable"):
         if all(np.linalg.norm(positions[k] - positions[j]) > apart_m for j in chosen):
             chosen.append(int(k))
             if len(chosen) == most:
@@ -203,25 +224,27 @@ def _distinct(positions: Array, shares: Array, *, apart_m: float, most: int) -> 
     return chosen
 
 
-_COMPASS = np.array(
-    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
-    + [[a, b, c] for a in (-0.6, 0.6) for b in (-0.6, 0.6) for c in (-0.6, 0.6)],
-    dtype=np.float64,
-)
+_AROUND = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) / np.sqrt(3.0)
 
 
-def _refine(cloud: _Cloud, tree: "cKDTree[None]", start: Vector3, step: float) -> tuple[float, Vector3]:
-    """Walk downhill from `start` in ever smaller steps: a count has no derivative."""
-    best, best_share = start, cloud.hidden_share(start)
-    while step > 0.04:
-        around = best + step * _COMPASS
-        nearest = np.asarray(tree.query(around)[0])
-        around = around[(nearest > NEAREST_SURFACE_M[0]) & (nearest < NEAREST_SURFACE_M[1])]
-        if len(around):
-            shares = cloud.hidden_shares(around)
-            k = int(np.argmin(shares))
-            if shares[k] < best_share:
-                best, best_share = around[k], float(shares[k])
-                continue
+def _downhill(cloud: _Cloud, starts: Array, step: float) -> Vector3:
+    """Walk downhill from (k, 3) starts in ever smaller steps, with ever fewer of them: a count has no derivative."""
+    while True:
+        found = [_walk(cloud, start, step) for start in starts]
+        order = np.argsort([cost for cost, _ in found], kind="stable")
         step *= 0.5
-    return best_share, best
+        if step <= LAST_STEP_M:
+            return found[order[0]][1]
+        starts = np.array([found[k][1] for k in order[: max(len(order) // 2, LEAST_STARTS)]])
+
+
+def _walk(cloud: _Cloud, start: Vector3, step: float) -> tuple[float, Vector3]:
+    """Go to the best position around as long as that is better; give its cost as well."""
+    best, least = start, float(cloud.costs(start[None])[0])
+    while True:
+        around = best + step * _AROUND
+        costs = cloud.costs_near_surface(around)
+        k = int(np.argmin(costs))
+        if costs[k] >= least:
+            return least, best
+        best, least = around[k], float(costs[k])

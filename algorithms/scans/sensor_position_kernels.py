@@ -1,6 +1,7 @@
 """Compiled loops of the search for the instrument's position."""
 
 import math
+import sys
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ from numba import njit
 
 from algorithms.arrays import Array
 
-LAST_BITS = 0xFFFFFFFF
-"""Where a key of 64 bits holds the number of a point."""
+LOWER, UPPER = (0, 1) if sys.byteorder == "little" else (1, 0)
+"""Where a key of 64 bits holds the number of a point, and where its range."""
 
 
 @njit(cache=True, nogil=True)
@@ -40,7 +41,7 @@ def _see(coordinates: Array, eye: Array, cells: int, cell: Array, ranges: Array)
 
 
 @njit(cache=True, nogil=True)
-def hidden_shares(
+def look_around(
     coordinates: Array,
     normals: Array,
     known: Array,
@@ -49,36 +50,52 @@ def hidden_shares(
     spacing_m: float,
     start: int,
     end: int,
-    shares: Array,
+    found: Array,
 ) -> Any:  # pragma: no cover - compiled
-    """Write for eyes from `start` to `end` the share of points behind another surface seen in the same direction.
+    """Write for eyes from `start` to `end` the shares of points that are hidden and not alone in their cell, and the
+    distance of the nearest point [m].
 
     A point is hidden when the nearest point of its cell is clearly nearer and neither lies on the other's tangent
     plane: floors and walls seen at grazing incidence spread over a range within one cell without hiding themselves.
     """
     n = coordinates.shape[1]
     nearest = np.empty(cells * cells, dtype=np.int64)
+    nearest_words, nearest_ranges = nearest.view(np.int32), nearest.view(np.float32)
     cell = np.empty(n, dtype=np.int32)
     ranges = np.empty(n, dtype=np.float32)
     bits = ranges.view(np.int32)  # positive numbers are in the order of their bits
+    candidates = np.empty(n + 1, dtype=np.int32)
     behind = np.float32(3.0 * spacing_m)
     nearer = np.float32(0.97)
     off = np.float32(2.0 * spacing_m)
+    empty = np.iinfo(np.int64).max
     for c in range(start, end):
         _see(coordinates, eyes[c], cells, cell, ranges)
-        nearest[:] = np.iinfo(np.int64).max
+        nearest[:] = empty
         for k in range(n):
             # range and number in one key: the smallest tells both
             nearest[cell[k]] = min(nearest[cell[k]], (np.int64(bits[k]) << 32) | k)
+        count = 0
+        for k in range(n):  # without branches: nobody can predict them
+            candidates[count] = k
+            count += nearer * ranges[k] - nearest_ranges[2 * cell[k] + UPPER] >= behind
         hidden = 0
-        for k in range(n):
-            j = nearest[cell[k]] & LAST_BITS
-            if nearer * ranges[k] - ranges[j] < behind:
-                continue
+        for i in range(count):
+            k = candidates[i]
+            j = nearest_words[2 * cell[k] + LOWER]
             dx = coordinates[0, k] - coordinates[0, j]
             dy = coordinates[1, k] - coordinates[1, j]
             dz = coordinates[2, k] - coordinates[2, j]
             own = abs(normals[0, k] * dx + normals[1, k] * dy + normals[2, k] * dz)
             other = abs(normals[0, j] * dx + normals[1, j] * dy + normals[2, j] * dz)
-            hidden += not ((known[k] and own < off) or (known[j] and other < off))
-        shares[c] = hidden / n
+            hidden += ((not known[k]) | (own >= off)) & ((not known[j]) | (other >= off))
+        taken = 0
+        for i in range(cells * cells):
+            taken += nearest[i] != empty
+        least = bits[0]
+        for k in range(n):  # of bits: the compiler compares eight at once
+            least = min(least, bits[k])
+        found[c, 0] = hidden / n
+        found[c, 1] = 1.0 - taken / n
+        bits[0] = least
+        found[c, 2] = ranges[0]
