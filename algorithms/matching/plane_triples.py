@@ -22,7 +22,9 @@ from algorithms.matching.votes import Motions, joined, nearest_rotations, rotati
 MAX_PLANES = 60
 MAX_LINES = 60
 MAX_DIRECTIONS = 10
-MAX_ROTATIONS = 48
+MAX_ROTATIONS = 40
+"""Distinct ones; a box laid on a box has 24."""
+SAME_ROTATION_RAD = np.radians(2.0)
 MAX_PEAKS = 8
 SAME_DIRECTION_COSINE = 0.995
 """Normals within 5.7 degrees form one class."""
@@ -149,8 +151,21 @@ def _rotations(target: _Features, source: _Features, max_angle_rad: float) -> Ma
     leaders, _ = rotation_clusters(proposals, votes, radius_rad=3.0 * max_angle_rad, most=4 * MAX_ROTATIONS)
     cosines = np.einsum("hij,sj,ti->hst", leaders, directions_s, directions_t)
     agreeing = np.where(cosines > AGREEING_COSINE, np.minimum(weights_s[:, None], weights_t[None, :]), 0.0)
-    order = np.argsort(-agreeing.max(axis=2).sum(axis=1), kind="stable")[:MAX_ROTATIONS]
-    return nearest_rotations(np.einsum("hst,ti,sj->hij", agreeing[order], directions_t, directions_s))
+    order = np.argsort(-agreeing.max(axis=2).sum(axis=1), kind="stable")
+    return _distinct(nearest_rotations(np.einsum("hst,ti,sj->hij", agreeing[order], directions_t, directions_s)))
+
+
+def _distinct(rotations: Matrices3) -> Array:
+    """Keep the first of those that the agreeing directions have made the same, `MAX_ROTATIONS` in all."""
+    # trace(R1' R2) = 1 + 2 cos(angle)
+    same = np.einsum("aij,bij->ab", rotations, rotations) > 1.0 + 2.0 * np.cos(SAME_ROTATION_RAD)
+    chosen: list[int] = []
+    for k in range(len(rotations)):
+        if not same[k, chosen].any():
+            chosen.append(k)
+            if len(chosen) == MAX_ROTATIONS:
+                break
+    return rotations[chosen]
 
 
 def _direction_pairs(directions: Points) -> Array:
