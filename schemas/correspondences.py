@@ -50,7 +50,7 @@ class Inseparable(Document):
 class Removal(Document):
     """Why a pair does not take part."""
 
-    step: int = Field(description="Number of the adjustment after which it was removed.")
+    step: int = Field(description="Number of the decision, from 1; a plane goes in one with all lines on it.")
     statistic: float
     critical: float
     why: str

@@ -76,8 +76,12 @@ class GrossErrorSearch:
         whitening, system = solution.whitening, solution.system
         self._weighted = whitening.apply_transposed(whitening.apply(system.residuals))  # P v
         self._by_unknowns = whitening.apply_transposed(whitening.apply(system.dense_jacobian))  # P J
+        self._taken_out = np.zeros((0, len(system.residuals)))
         self._block_of_row = system.block_of_row
         self._block_count = sum(n for n, _ in system.shapes)
+        self._block_covariances = self._covariances_of_blocks()
+        self._planes = self._shared(self._distinct_planes(), 3)
+        self._photos = self._shared(self._several_of_photos(), 6)
 
     @property
     def global_statistic(self) -> tuple[float, int]:
@@ -87,22 +91,46 @@ class GrossErrorSearch:
     def tests(self) -> GrossErrorTests:
         """Test every correspondence by itself, every plane that several depend on, and the mount of every photo."""
         count = self._block_count
-        single = [self._of_blocks()]
-        blocks = list(np.arange(count, dtype=np.int64)[:, None])
-        planes: list[Plane | None] = [None] * count
-        for hypothesis in self._plane_hypotheses:
-            planes.append(hypothesis.which)
-            blocks.append(hypothesis.members)
-            single.append(hypothesis.tested)
-        photos: list[Photo | None] = [None] * len(planes)
-        for hypothesis in self._photo_hypotheses:
-            planes.append(None)
-            photos.append(hypothesis.which)
-            blocks.append(hypothesis.members)
-            single.append(hypothesis.tested)
-        statistics, degrees = np.concatenate(single, axis=1)
-        log_p = log_probability(statistics, degrees)
-        return GrossErrorTests(statistics, degrees, log_p, tuple(blocks), tuple(planes), tuple(photos))
+        statistics, degrees = np.concatenate(
+            [self._of_blocks(), self._planes.tested(self._weighted), self._photos.tested(self._weighted)], axis=1
+        )
+        return GrossErrorTests(
+            statistics,
+            degrees,
+            log_probability(statistics, degrees),
+            (*np.arange(count, dtype=np.int64)[:, None], *self._planes.members, *self._photos.members),
+            (*[None] * count, *self._planes.which, *[None] * len(self._photos.which)),
+            (*[None] * (count + len(self._planes.which)), *self._photos.which),
+        )
+
+    def take_out(self, hypothesis: int) -> None:
+        """Give the errors of a correspondence or plane unknowns of their own: `tests` are then of all others beside it.
+
+        As an adjustment without it would, as long as that moves the pose too little for another linearisation. With G
+        of the hypothesis, P Qvv P and P v lose what G explains (MATH 4.4). O(m (u + s)) for s errors.
+
+        Parameters
+        ----------
+        hypothesis
+            Number in `tests()`.
+        """
+        if hypothesis < self._block_count:
+            rows = np.flatnonzero(self._block_of_row == hypothesis)
+            crossed, u, scales = self._crossed_of_rows(rows), self._weighted[rows], self._diagonal_weights[rows]
+            own = crossed[:, rows]
+        else:
+            k = hypothesis - self._block_count
+            design, own, scales = self._planes.designs[k], self._planes.own[k], self._planes.weights[k]
+            crossed, u = self._crossed(design), design @ self._weighted
+        root = _whitened(own[None], scales[None])[0]
+        explained = root @ crossed
+        self._weighted = self._weighted - explained.T @ (root @ u)
+        self._taken_out = np.vstack([self._taken_out, explained])
+        parts = self._solution.system.split(explained.T)
+        self._block_covariances = [
+            mine - part @ np.swapaxes(part, 1, 2) for mine, part in zip(self._block_covariances, parts, strict=True)
+        ]
+        self._planes, self._photos = self._planes.without(explained), self._photos.without(explained)
 
     def of_mount(self, hypothesis: int) -> tuple[Array, Array]:
         """Give u (6,) and its covariance N (6, 6) of the hypothesis that a mount is wrong (MATH 4.4).
@@ -112,8 +140,8 @@ class GrossErrorSearch:
         hypothesis
             Number in `tests()`, of a mount. Its errors count in units of the root of the mount's covariance.
         """
-        photo = self._photo_hypotheses[hypothesis - self._block_count - len(self._plane_hypotheses)]
-        return photo.design @ self._weighted, photo.own
+        k = hypothesis - self._block_count - len(self._planes.which)
+        return self._photos.designs[k] @ self._weighted, self._photos.own[k]
 
     def inseparable(self, hypothesis: int) -> tuple[Partner, ...]:
         """Give what may be wrong instead: other hypotheses whose tests are correlated by more than 0.9 (MATH 4.5).
@@ -129,11 +157,11 @@ class GrossErrorSearch:
         """
         if hypothesis < self._block_count:
             return self._inseparable_blocks(hypothesis)
-        return self._inseparable_planes(self._plane_hypotheses[hypothesis - self._block_count])
+        return self._inseparable_planes(hypothesis - self._block_count)
 
     def _inseparable_blocks(self, block: int) -> tuple[Partner, ...]:
         rows = np.flatnonzero(self._block_of_row == block)
-        crossed = self._weights_of(rows) - self._by_unknowns[rows] @ self._solution.cofactors @ self._by_unknowns.T
+        crossed = self._crossed_of_rows(rows)
         mine = _whitened(crossed[:, rows][None], self._diagonal_weights[rows][None])[0]
         found, first = [], 0
         for own in self._block_covariances:
@@ -147,17 +175,17 @@ class GrossErrorSearch:
             [k for k in range(len(together)) if k != block], [float(r) for r in np.delete(together, block)]
         )
 
-    def _inseparable_planes(self, plane: "_SharedHypothesis") -> tuple[Partner, ...]:
-        crossed = plane.design @ self._weights
-        by_unknowns = plane.design @ self._by_unknowns @ self._solution.cofactors @ self._by_unknowns.T
-        mine = _whitened(plane.own[None], plane.weights[None])[0]
+    def _inseparable_planes(self, plane: int) -> tuple[Partner, ...]:
+        planes = self._planes
+        crossed = self._crossed(planes.designs[plane])
+        mine = _whitened(planes.own[plane][None], planes.weights[plane][None])[0]
         blocks, correlations = [], []
-        for other in self._plane_hypotheses:
-            if np.intersect1d(plane.members, other.members).size:
+        for k, members in enumerate(planes.members):
+            if np.intersect1d(planes.members[plane], members).size:
                 continue
-            root = _whitened(other.own[None], other.weights[None])[0]
-            correlations.append(float(np.linalg.norm(mine @ (crossed - by_unknowns) @ other.design.T @ root.T, ord=2)))
-            blocks.append(int(other.members[-1]))  # the pair of planes itself comes after the lines in it
+            root = _whitened(planes.own[k][None], planes.weights[k][None])[0]
+            correlations.append(float(np.linalg.norm(mine @ crossed @ planes.designs[k].T @ root.T, ord=2)))
+            blocks.append(int(members[-1]))  # the pair of planes itself comes after the lines in it
         return _partners(blocks, correlations)
 
     @cached_property
@@ -172,16 +200,27 @@ class GrossErrorSearch:
     def _diagonal_weights(self) -> Scalars:
         return self._solution.whitening.weight_diagonal()
 
-    def _weights_of(self, rows: Indices) -> Array:
-        """Give rows of P."""
-        if self._weights is not None:
-            return np.asarray(self._weights[rows])
-        matrix = sparse.csc_array(self._solution.whitening.matrix)
-        return np.asarray((matrix[:, rows].T @ matrix).toarray())
+    def _crossed_of_rows(self, rows: Indices) -> Array:
+        """Give rows of P Qvv P beside what is taken out."""
+        weights = self._weights
+        if weights is None:
+            matrix = sparse.csc_array(self._solution.whitening.matrix)
+            chosen = np.asarray((matrix[:, rows].T @ matrix).toarray())
+        else:
+            chosen = weights[rows]
+        return np.asarray(
+            chosen
+            - self._by_unknowns[rows] @ self._solution.cofactors @ self._by_unknowns.T
+            - self._taken_out[:, rows].T @ self._taken_out
+        )
 
-    @cached_property
-    def _block_covariances(self) -> list[Array]:
-        """(P Qvv P) of each block, (n, d, d) for each type: the covariance of u."""
+    def _crossed(self, design: Array) -> Array:
+        """Give Gᵀ P Qvv P beside what is taken out for Gᵀ (s, m) of a plane."""
+        by_unknowns = design @ self._by_unknowns @ self._solution.cofactors @ self._by_unknowns.T
+        return np.asarray(design @ self._weights - by_unknowns - (design @ self._taken_out.T) @ self._taken_out)
+
+    def _covariances_of_blocks(self) -> list[Array]:
+        """Give (P Qvv P) of each block, (n, d, d) for each type: the covariance of u."""
         system, cofactors, first, found = self._solution.system, self._solution.cofactors, 0, []
         for blocks, by_unknowns in zip(system.covariances, system.split(self._by_unknowns), strict=True):
             n, d = blocks.shape[:2]
@@ -202,9 +241,8 @@ class GrossErrorSearch:
             parts.append(quadratic_forms(own, weighted, scale))
         return np.concatenate(parts, axis=1)
 
-    @cached_property
-    def _plane_hypotheses(self) -> list["_SharedHypothesis"]:
-        """Planes that several correspondences depend on.
+    def _distinct_planes(self) -> list["_Objects"]:
+        """Find the planes that several correspondences depend on.
 
         Of two planes with the same dependents (a matched pair) one stands for both: their derivatives span the same.
         """
@@ -217,52 +255,37 @@ class GrossErrorSearch:
                 if members[k].tobytes() not in seen:
                     seen.add(members[k].tobytes())
                     new.append(k)
-            found += self._shared(station, derivatives, members, new)
+            found.append(_Objects(station, derivatives, members, new))
         return found
 
-    @cached_property
-    def _photo_hypotheses(self) -> list["_SharedHypothesis"]:
-        """Photos that several correspondences depend on, in units of the roots of their mounts' covariances."""
+    def _several_of_photos(self) -> list["_Objects"]:
+        """Find the photos that several correspondences depend on, in units of the roots of their mounts' covariances."""
         found = []
         for station, factor in self._solution.system.photo_factors.items():
             members = self._dependents_of(factor, 6)
             several = np.flatnonzero(members.sum(axis=1) >= FEWEST_OF_PLANE).tolist()
-            found += self._shared(station, factor, members, several)
+            found.append(_Objects(station, factor, members, several))
         return found
 
-    def _shared(
-        self, station: int, derivatives: sparse.csr_array, members: Array, chosen: list[int]
-    ) -> list["_SharedHypothesis"]:
-        """Test the chosen ones of a station's p objects that correspondences share.
-
-        Parameters
-        ----------
-        station
-            Its number.
-        derivatives
-            (m, p s) of all residuals by the s errors of each object.
-        members
-            (p, blocks) which correspondences depend on each.
-        chosen
-            Numbers of objects.
-        """
-        if not chosen:
-            return []
-        size = derivatives.shape[1] // len(members)
-        columns = (size * np.array(chosen)[:, None] + np.arange(size)).ravel()
-        designs = derivatives.tocsc()[:, columns].toarray().T.reshape(len(chosen), size, -1)  # Gᵀ
-        weighted_designs = (designs.reshape(len(columns), -1) @ self._weights).reshape(designs.shape)
-        weights = np.einsum("kim,kjm->kij", weighted_designs, designs)
-        by_unknowns = np.einsum("kim,mu->kiu", designs, self._by_unknowns)
+    def _shared(self, objects: "list[_Objects]", size: int) -> "_SharedHypotheses":
+        """Prepare the hypotheses about objects of `size` errors that correspondences share."""
+        m = len(self._weighted)
+        which: list[tuple[int, int]] = []
+        members: list[Array] = []
+        designs = [np.zeros((0, size, m))]
+        for each in objects:
+            columns = (size * np.array(each.chosen, dtype=np.int64)[:, None] + np.arange(size)).ravel()
+            designs.append(each.derivatives.tocsc()[:, columns].toarray().T.reshape(len(each.chosen), size, m))
+            which += [(each.station, k) for k in each.chosen]
+            members += [np.flatnonzero(each.members[k]) for k in each.chosen]
+        together = np.concatenate(designs)
+        if not which:
+            return _SharedHypotheses(which, members, together, np.zeros((0, size, size)), np.zeros((0, size)))
+        weighted = (together.reshape(-1, m) @ self._weights).reshape(together.shape)
+        weights = weighted @ np.swapaxes(together, 1, 2)
+        by_unknowns = together @ self._by_unknowns
         own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
-        scales = np.diagonal(weights, axis1=1, axis2=2)
-        tested = quadratic_forms(own, designs @ self._weighted, scales)
-        return [
-            _SharedHypothesis(
-                (station, k), np.flatnonzero(members[k]), designs[i], own[i], scales[i], tested[:, i : i + 1]
-            )
-            for i, k in enumerate(chosen)
-        ]
+        return _SharedHypotheses(which, members, together, own, np.diagonal(weights, axis1=1, axis2=2))
 
     def _dependents_of(self, derivatives: sparse.csr_array, size: int) -> Array:
         """Give (p, blocks) which correspondences depend on each of p objects with `size` errors."""
@@ -273,20 +296,41 @@ class GrossErrorSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class _SharedHypothesis:
-    """A plane or photo with s errors, and what the tests need of it."""
+class _Objects:
+    """A station's p planes or photos with s errors each."""
 
-    which: Plane | Photo
+    station: int
+    derivatives: sparse.csr_array
+    """(m, p s) of all residuals by their errors."""
     members: Array
-    """Correspondences that depend on it."""
-    design: Array
-    """(s, m) Gᵀ."""
+    """(p, blocks) which correspondences depend on each."""
+    chosen: list[int]
+    """Numbers of those that are asked about."""
+
+
+@dataclass(frozen=True, eq=False)
+class _SharedHypotheses:
+    """The k planes or photos with s errors each, and what the tests need of them."""
+
+    which: list[tuple[int, int]]
+    """Station and number."""
+    members: list[Array]
+    """Correspondences that depend on each."""
+    designs: Array
+    """(k, s, m) Gᵀ."""
     own: Array
-    """(s, s) N, the covariance of u."""
+    """(k, s, s) N, the covariances of u."""
     weights: Array
-    """(s,) diagonal of Gᵀ P G, to which control is relative."""
-    tested: Array
-    """(2, 1) T and degrees of freedom."""
+    """(k, s) diagonals of Gᵀ P G, to which control is relative."""
+
+    def tested(self, weighted: Array) -> Array:
+        """Give T and degrees of freedom of each from P v (m,), (2, k)."""
+        return quadratic_forms(self.own, self.designs @ weighted, self.weights)
+
+    def without(self, explained: Array) -> "_SharedHypotheses":
+        """Take from the covariances what (s, m) other errors explain."""
+        part = self.designs @ explained.T
+        return replace(self, own=self.own - part @ np.swapaxes(part, 1, 2))
 
 
 def _partners(blocks: list[int], correlations: list[float]) -> tuple[Partner, ...]:

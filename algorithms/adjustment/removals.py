@@ -28,7 +28,7 @@ class Removal:
     """One change of the set of used correspondences, with its reason."""
 
     step: int
-    """Number of the adjustment after which it happened."""
+    """Number of the decision, from 1; a plane goes in one with all that depends on it."""
     change: Change
     correspondence: int
     """Number of the correspondence: lines first, then planes, each in the order given."""

@@ -1,8 +1,9 @@
-"""Finding wrong correspondences: one object at a time, adjusted anew, re-tested and put back (MATH 4.5)."""
+"""Finding wrong correspondences: one object at a time, all others re-tested beside it, and put back (MATH 4.5)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
+from itertools import count
 from typing import TypeAlias
 
 import numpy as np
@@ -24,6 +25,9 @@ Adjust: TypeAlias = Callable[[AnyProblem, Unknowns, LinearSystem, bool], Solutio
 """Adjusts observations from start values, at which they are linearised already, each time with the datum or rank that
 they allow; roughly where figures need not be final (`solve`)."""
 
+FITS_WELL = 0.05
+"""Probability of a larger test value above which correspondences that were out come back together: they agree with the
+solution so well that none of them moves it by anything that matters to the others."""
 MEDIAN_SPREAD = 1.15
 """Standard deviation of sqrt(n) times the median of n values of T over its expectation, three degrees of freedom."""
 
@@ -51,7 +55,7 @@ class SnoopingStep:
     """One change of the set of used correspondences."""
 
     step: int
-    """Number of the adjustment after which it happened, from 1."""
+    """Number of the decision, from 1; a plane goes in one with all that depends on it."""
     change: Change
     block: int
     """Number of the correspondence."""
@@ -114,8 +118,10 @@ def adjust_and_snoop(
 ) -> SnoopingResult:
     """Adjust, remove the worst object while one fails, re-test what is out and put back the good (MATH 4.5).
 
-    An object is a correspondence, or a plane with all that depends on it (`gross_errors`). Where the mount of a photo
-    is the worst, nothing is removed: its lines still know where they are to each other, so the mount is trusted less.
+    Objects go one at a time, all others re-tested beside those that are out: by the cheap step of MATH 4.5 until none
+    fails, then by an adjustment, linearised at the better pose, that tests all of it again. An object is a
+    correspondence, or a plane with all that depends on it (`gross_errors`). Where the mount of a photo is the worst,
+    nothing is removed: its lines still know where they are to each other, so the mount is trusted less.
 
     Parameters
     ----------
@@ -158,11 +164,10 @@ def _snooped(
     fewest = max(int(used.sum()) - int(rules.max_removed_share * used.sum()), FEWEST_BLOCKS)
     steps: list[SnoopingStep] = []
     mounts: list[MountError] = []
-    every, adjustments = _Linearised(problem, start), 0
+    every, decisions = _Linearised(problem, start), 0
     while True:
         part, of_part = (problem, every.system) if used.all() else (problem.selected(used), every.system.selected(used))
         solution = adjust(part, every.values, of_part, True)
-        adjustments += 1
         every.follow(solution)
         search = GrossErrorSearch(solution)
         found = search.tests().with_variance(factor)
@@ -172,24 +177,23 @@ def _snooped(
             problem = with_less_trust(problem, wrong)
             every = _Linearised(problem, solution.unknowns)
             continue
-        removed = _worst(search, found, np.flatnonzero(used), reinstated, rules, int(used.sum()) - fewest)
+        removed = _wrong(search, found, np.flatnonzero(used), reinstated, rules, factor, int(used.sum()) - fewest)
         if removed:
-            steps.extend(replace(step, step=adjustments) for step in removed)
+            steps.extend(replace(step, step=decisions + step.step) for step in removed)
+            decisions = steps[-1].step
             used[[step.block for step in removed]] = False
             continue
         tests = _all_tests(every.system, used, solution).with_variance(factor)
-        best = int(np.argmax(np.where(used, -1.0, tests.p_values)))
-        critical = rules.limit(float(tests.degrees[best]))
-        if not used[best] and tests.degrees[best] > 0 and tests.statistics[best] <= critical:
-            steps.append(
-                SnoopingStep(adjustments, Change.REINSTATED, best, float(tests.statistics[best]), critical, ())
-            )
-            used[best] = reinstated[best] = True
+        good = _good(tests, used, rules)
+        if good:
+            steps.extend(replace(step, step=decisions + step.step) for step in good)
+            decisions = steps[-1].step
+            used[[step.block for step in good]] = reinstated[[step.block for step in good]] = True
             continue
         solution = adjusted(part, solution.unknowns, adjust)
         every = _Linearised(problem, solution.unknowns)
         tests = _all_tests(every.system, used, solution).with_variance(factor)
-        steps.extend(_never_used(adjustments, used, steps, tests, rules))
+        steps.extend(_never_used(decisions + 1, used, steps, tests, rules))
         return SnoopingResult(solution, used, reinstated, tests, factor, tuple(steps), tuple(mounts))
 
 
@@ -296,15 +300,30 @@ def _wrong_mounts(
     return ()
 
 
-def _worst(
+def _good(tests: BlockTests, used: Flags, rules: SnoopingRules) -> list[SnoopingStep]:
+    """Find what is out and agrees with what is used: all that fits well, or else the one that fits best."""
+    out = np.flatnonzero(~used & (tests.degrees > 0))
+    order = out[np.argsort(-tests.p_values[out], kind="stable")]
+    steps = []
+    for block in order.tolist():
+        critical = rules.limit(float(tests.degrees[block]))
+        if tests.statistics[block] > critical or (steps and tests.p_values[block] < FITS_WELL):
+            break
+        statistic = float(tests.statistics[block])
+        steps.append(SnoopingStep(len(steps) + 1, Change.REINSTATED, block, statistic, critical, ()))
+    return steps
+
+
+def _wrong(
     search: GrossErrorSearch,
     tests: GrossErrorTests,
     numbers: Array,
     reinstated: Flags,
     rules: SnoopingRules,
+    factor: float,
     allowance: int,
 ) -> list[SnoopingStep]:
-    """Find the least probable hypothesis that fails its test, and give a step for each correspondence it rejects.
+    """Find the least probable hypothesis that fails its test, the next one beside it, and so on until none fails.
 
     Parameters
     ----------
@@ -316,19 +335,54 @@ def _worst(
         (number of blocks,) True for those that came back: they stay, so that the search ends.
     rules
         Level.
+    factor
+        Variance factor of the tests.
+    allowance
+        So many may still be removed.
+
+    Returns
+    -------
+    A step for each correspondence that is rejected, numbered from 1.
+    """
+    steps: list[SnoopingStep] = []
+    stays = reinstated.copy()
+    for number in count(1):
+        k = _worst(tests, numbers, stays, rules, allowance - len(steps))
+        if k is None:
+            break
+        members = numbers[tests.blocks[k]]
+        partners = tuple(replace(partner, block=int(numbers[partner.block])) for partner in search.inseparable(k))
+        statistic, critical = float(tests.statistics[k]), rules.limit(float(tests.degrees[k]))
+        steps += [
+            SnoopingStep(number, Change.REMOVED, int(block), statistic, critical, partners, tests.planes[k])
+            for block in members
+        ]
+        stays[members] = True  # nothing is removed twice; what else depends on them is asked about after an adjustment
+        search.take_out(k)
+        tests = search.tests().with_variance(factor)
+    return steps
+
+
+def _worst(tests: GrossErrorTests, numbers: Array, stays: Flags, rules: SnoopingRules, allowance: int) -> int | None:
+    """Give the number of the least probable hypothesis that fails its test; None if there is none.
+
+    Parameters
+    ----------
+    tests
+        Of the used correspondences.
+    numbers
+        Their numbers among all.
+    stays
+        (number of blocks,) True for those that must not be removed.
+    rules
+        Level.
     allowance
         So many may still be removed.
     """
     for k in np.argsort(tests.log_p, kind="stable").tolist():
-        members, critical = numbers[tests.blocks[k]], rules.limit(float(tests.degrees[k]))
-        if tests.photos[k] is not None or len(members) > allowance or reinstated[members].any():
+        members = numbers[tests.blocks[k]]
+        if tests.photos[k] is not None or len(members) > allowance or stays[members].any():
             continue
-        if tests.statistics[k] <= critical:
-            continue
-        plane = tests.planes[k]
-        partners = tuple(replace(partner, block=int(numbers[partner.block])) for partner in search.inseparable(k))
-        return [
-            SnoopingStep(0, Change.REMOVED, int(block), float(tests.statistics[k]), critical, partners, plane)
-            for block in members
-        ]
-    return []
+        if tests.statistics[k] > rules.limit(float(tests.degrees[k])):
+            return int(k)
+    return None

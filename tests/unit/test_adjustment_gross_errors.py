@@ -81,6 +81,43 @@ def test_the_test_value_of_a_plane_is_the_drop_of_omega_when_its_errors_are_unkn
     assert checked > 5
 
 
+def test_with_a_line_taken_out_the_tests_are_those_of_an_adjustment_without_it() -> None:
+    problem, solution = independent()
+    search = GrossErrorSearch(solution)
+    taken_out = [3, 8]
+    for block in taken_out:
+        search.take_out(block)
+    found = search.tests()
+    others = np.setdiff1d(np.arange(len(problem)), taken_out)
+    without = GrossErrorSearch(solved(problem.selected(np.isin(np.arange(len(problem)), others)), solution.unknowns))
+    # the weights of the others are evaluated at a pose that differs by fractions of a millimetre
+    np.testing.assert_allclose(found.statistics[others], without.tests().statistics, rtol=0.02, atol=0.02)
+    assert (found.degrees[taken_out] == 0.0).all()
+    assert [partner.block for partner in search.inseparable(0)] == [
+        others[partner.block] for partner in without.inseparable(0)
+    ]
+
+
+def test_with_planes_taken_out_a_test_value_is_the_further_drop_of_omega_when_its_errors_are_unknowns_too() -> None:
+    _, solution = rooms()
+    system, whitening = solution.system, solution.whitening
+    search = GrossErrorSearch(solution)
+    tests = search.tests()
+    planes = [k for k, plane in enumerate(tests.planes) if plane is not None]
+    residuals = whitening.apply(system.residuals)
+    extended, omega = whitening.apply(system.jacobian.toarray()), solution.omega
+    for k in planes[:4]:
+        station, number = tests.planes[k] or (0, 0)
+        design = system.plane_jacobians[station].toarray()[:, 3 * number : 3 * number + 3]
+        extended = np.hstack([extended, whitening.apply(design)])
+        scaled = extended / np.linalg.norm(extended, axis=0)
+        left = residuals - scaled @ np.linalg.lstsq(scaled, residuals, rcond=1e-9)[0]
+        statistic = float(search.tests().statistics[k])
+        search.take_out(k)
+        assert statistic == pytest.approx(omega - left @ left, rel=1e-6, abs=1e-6)
+        omega = float(left @ left)
+
+
 def test_planes_list_what_depends_on_them_and_a_matched_pair_counts_once() -> None:
     problem, solution = rooms()
     tests = GrossErrorSearch(solution).tests()
