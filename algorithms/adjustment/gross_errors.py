@@ -259,7 +259,7 @@ class GrossErrorSearch:
         return found
 
     def _several_of_photos(self) -> list["_Objects"]:
-        """Find the photos that several correspondences depend on, in units of the roots of their mounts' covariances."""
+        """Find the photos that several correspondences depend on; errors in units of the roots of their covariances."""
         found = []
         for station, factor in self._solution.system.photo_factors.items():
             members = self._dependents_of(factor, 6)

@@ -304,7 +304,7 @@ def _good(tests: BlockTests, used: Flags, rules: SnoopingRules) -> list[Snooping
     """Find what is out and agrees with what is used: all that fits well, or else the one that fits best."""
     out = np.flatnonzero(~used & (tests.degrees > 0))
     order = out[np.argsort(-tests.p_values[out], kind="stable")]
-    steps = []
+    steps: list[SnoopingStep] = []
     for block in order.tolist():
         critical = rules.limit(float(tests.degrees[block]))
         if tests.statistics[block] > critical or (steps and tests.p_values[block] < FITS_WELL):

@@ -113,12 +113,14 @@ def line_pair_motions(
     if len(matches) == 0:
         return Motions.empty()
     numbers = [pairs[0][matches[:, 0]], pairs[1][matches[:, 1]]]
-    return joined([_motions(described, numbers, signs, max_angle_rad, max_distance_m) for signs in SIGNS])
+    signed = [_signed(lines, pairs) for lines, pairs in zip(described, numbers, strict=True)]
+    return joined([_motions(described, numbers, signed, signs, max_angle_rad, max_distance_m) for signs in SIGNS])
 
 
 def _motions(
     described: list[DescribedLines],
     numbers: list[IndexPairs],
+    signed: list[tuple[Array, Array]],
     signs: tuple[float, float],
     max_angle_rad: float,
     max_distance_m: float,
@@ -130,7 +132,7 @@ def _motions(
     """
     # what can be told without the rotation saves it for three in four
     possible = np.ones(len(numbers[0]), dtype=np.bool_)
-    ours, theirs = (_signed(lines, pairs) for lines, pairs in zip(described, numbers, strict=True))
+    ours, theirs = signed
     for side in (0, 1):
         possible &= (np.abs(ours[side] - signs[side] * theirs[side]) < 6.0 * max_angle_rad).all(axis=1)
     wanted, given = (pairs[possible] for pairs in numbers)

@@ -234,7 +234,7 @@ def _downhill(cloud: _Cloud, starts: Array, step: float) -> Vector3:
         order = np.argsort([cost for cost, _ in found], kind="stable")
         step *= 0.5
         if step <= LAST_STEP_M:
-            return found[order[0]][1]
+            return np.asarray(found[order[0]][1])
         starts = np.array([found[k][1] for k in order[: max(len(order) // 2, LEAST_STARTS)]])
 
 
