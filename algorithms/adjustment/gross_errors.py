@@ -189,25 +189,17 @@ class GrossErrorSearch:
         return _partners(blocks, correlations)
 
     @cached_property
-    def _weights(self) -> Array | None:
-        """P, (m, m), where residuals are correlated."""
-        if self._solution.system.joint_covariance is None:
-            return None
-        matrix = self._solution.whitening.matrix
-        return np.asarray(matrix.T @ matrix)
-
-    @cached_property
     def _diagonal_weights(self) -> Scalars:
         return self._solution.whitening.weight_diagonal()
 
     def _crossed_of_rows(self, rows: Indices) -> Array:
         """Give rows of P Qvv P beside what is taken out."""
-        weights = self._weights
-        if weights is None:
-            matrix = sparse.csc_array(self._solution.whitening.matrix)
-            chosen = np.asarray((matrix[:, rows].T @ matrix).toarray())
+        matrix = self._solution.whitening.matrix
+        if isinstance(matrix, np.ndarray):
+            chosen = matrix[:, rows].T @ matrix
         else:
-            chosen = weights[rows]
+            columns = sparse.csc_array(matrix)
+            chosen = np.asarray((columns[:, rows].T @ columns).toarray())
         return np.asarray(
             chosen
             - self._by_unknowns[rows] @ self._solution.cofactors @ self._by_unknowns.T
@@ -217,18 +209,21 @@ class GrossErrorSearch:
     def _crossed(self, design: Array) -> Array:
         """Give Gᵀ P Qvv P beside what is taken out for Gᵀ (s, m) of a plane."""
         by_unknowns = design @ self._by_unknowns @ self._solution.cofactors @ self._by_unknowns.T
-        return np.asarray(design @ self._weights - by_unknowns - (design @ self._taken_out.T) @ self._taken_out)
+        whitening = self._solution.whitening
+        weighted = whitening.apply_transposed(whitening.apply(design.T)).T
+        return np.asarray(weighted - by_unknowns - (design @ self._taken_out.T) @ self._taken_out)
 
     def _covariances_of_blocks(self) -> list[Array]:
         """Give (P Qvv P) of each block, (n, d, d) for each type: the covariance of u."""
         system, cofactors, first, found = self._solution.system, self._solution.cofactors, 0, []
+        matrix = self._solution.whitening.matrix
         for blocks, by_unknowns in zip(system.covariances, system.split(self._by_unknowns), strict=True):
             n, d = blocks.shape[:2]
-            if self._weights is None:
-                weights = np.linalg.inv(blocks)
+            if isinstance(matrix, np.ndarray):
+                columns = matrix[:, first : first + n * d].T.reshape(n, d, -1)
+                weights = columns @ np.swapaxes(columns, 1, 2)
             else:
-                places = first + np.arange(n * d).reshape(n, d)
-                weights = self._weights[places[:, :, None], places[:, None, :]]
+                weights = np.linalg.inv(blocks)
             found.append(weights - by_unknowns @ cofactors @ np.swapaxes(by_unknowns, 1, 2))
             first += n * d
         return found
@@ -281,8 +276,8 @@ class GrossErrorSearch:
         together = np.concatenate(designs)
         if not which:
             return _SharedHypotheses(which, members, together, np.zeros((0, size, size)), np.zeros((0, size)))
-        weighted = (together.reshape(-1, m) @ self._weights).reshape(together.shape)
-        weights = weighted @ np.swapaxes(together, 1, 2)
+        whitened = self._solution.whitening.apply(together.reshape(-1, m).T).T.reshape(len(which), size, -1)
+        weights = whitened @ np.swapaxes(whitened, 1, 2)
         by_unknowns = together @ self._by_unknowns
         own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)
         return _SharedHypotheses(which, members, together, own, np.diagonal(weights, axis1=1, axis2=2))
