@@ -70,5 +70,5 @@ def tiny_room(*, structured: bool) -> Scan:
         points=rays * ranges[:, None],
         origin_m=np.zeros(3),
         grid=ScanGrid(index) if structured else None,
-        sensor_m=np.zeros(3),
+        sensor_m=np.zeros(3) if structured else None,
     )

@@ -57,6 +57,38 @@ def test_the_position_is_found_wherever_the_scan_was_moved() -> None:
     assert np.linalg.norm(estimate.position_m - motion.apply(sensor)) < 1.5
 
 
+def test_in_an_open_square_where_nothing_hides_anything_equal_steps_of_angle_tell_the_position() -> None:
+    zenith, azimuth = np.meshgrid(np.radians(np.arange(40.0, 130.0, 0.8)), np.radians(np.arange(0.0, 360.0, 0.8)))
+    rays = np.column_stack(
+        [(np.sin(zenith) * np.cos(azimuth)).ravel(), (np.sin(zenith) * np.sin(azimuth)).ravel(), np.cos(zenith).ravel()]
+    )
+    sensor = np.array([0.0, 0.0, 1.7])
+    with np.errstate(divide="ignore"):
+        to_ground, to_facade = -sensor[2] / rays[:, 2], 15.0 / rays[:, 0]
+    ranges = np.where(to_ground > 0.0, to_ground, np.inf), np.where(to_facade > 0.0, to_facade, np.inf)
+    nearest = np.minimum(*ranges)
+    seen = nearest < 30.0
+    points = sensor + rays[seen] * nearest[seen, None]
+    normals = np.where((ranges[0] < ranges[1])[seen, None], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0])
+    motion = RigidTransform.from_components([-6.0, 11.0, 3.0], Rotation.random(random_state=5))
+    estimate = estimate_sensor_position(
+        motion.apply(points), motion.rotation.apply(normals), rng=np.random.default_rng(0)
+    )
+    assert estimate.position_m is not None
+    # Positions 20 m away hide nothing either.
+    assert np.linalg.norm(estimate.position_m - motion.apply(sensor)) < 1.0
+
+
+def test_a_candidate_next_to_the_best_position_is_taken_although_it_is_worse() -> None:
+    sensor = np.array([4.5, 3.8, 1.6])
+    points, normals = room_with_columns(sensor)
+    best = estimate_sensor_position(points, normals, rng=np.random.default_rng(0)).position_m
+    assert best is not None
+    candidate = best + np.array([0.3, -0.2, 0.1])
+    estimate = estimate_sensor_position(points, normals, candidate_m=candidate, rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(estimate.position_m, candidate)
+
+
 def test_the_given_candidate_is_taken_when_nothing_speaks_against_it() -> None:
     sensor = np.array([4.5, 3.8, 1.6])
     points, normals = room_with_columns(sensor)
