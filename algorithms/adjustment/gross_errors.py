@@ -220,7 +220,7 @@ class GrossErrorSearch:
         for blocks, by_unknowns in zip(system.covariances, system.split(self._by_unknowns), strict=True):
             n, d = blocks.shape[:2]
             if isinstance(matrix, np.ndarray):
-                columns = matrix[:, first : first + n * d].T.reshape(n, d, -1)
+                columns = matrix[:, first : first + n * d].T.reshape(n, d, len(matrix))
                 weights = columns @ np.swapaxes(columns, 1, 2)
             else:
                 weights = np.linalg.inv(blocks)
@@ -276,7 +276,8 @@ class GrossErrorSearch:
         together = np.concatenate(designs)
         if not which:
             return _SharedHypotheses(which, members, together, np.zeros((0, size, size)), np.zeros((0, size)))
-        whitened = self._solution.whitening.apply(together.reshape(-1, m).T).T.reshape(len(which), size, -1)
+        whitening = self._solution.whitening
+        whitened = whitening.apply(together.reshape(-1, m).T).T.reshape(len(which), size, whitening.rank)
         weights = whitened @ np.swapaxes(whitened, 1, 2)
         by_unknowns = together @ self._by_unknowns
         own = weights - by_unknowns @ self._solution.cofactors @ np.swapaxes(by_unknowns, 1, 2)

@@ -132,6 +132,19 @@ def test_planes_list_what_depends_on_them_and_a_matched_pair_counts_once() -> No
         assert blocks.tolist() == [*edges, *pairs]
 
 
+def test_planes_without_any_line_are_tested_and_taken_out() -> None:
+    pair = observed_rooms(plane_rooms(np.random.default_rng(2)), np.random.default_rng(2))
+    problem = room_problem(pair)
+    lines, planes = problem.observations
+    only_planes = problem.selected(np.arange(len(problem)) >= len(lines))
+    search = GrossErrorSearch(solved(only_planes, Unknowns.of_pair(pair.start)))
+    search.take_out(0)
+    tests = search.tests()
+    assert len(tests.statistics) == len(planes)
+    assert tests.degrees[0] == 0.0
+    assert (tests.degrees[1:] > 0.0).all()
+
+
 def test_without_errors_the_test_values_follow_chi_square() -> None:
     probabilities = []
     for seed in range(20):
