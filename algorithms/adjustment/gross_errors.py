@@ -62,17 +62,20 @@ class GrossErrorTests:
     photos: tuple[Photo | None, ...]
     """The photo whose mount may be wrong, or None for a single correspondence or a plane."""
 
-    def with_variance(self, factor: float) -> "GrossErrorTests":
-        """Give the tests for covariances multiplied by a variance factor."""
-        statistics = self.statistics / factor
-        return replace(self, statistics=statistics, log_p=log_probability(statistics, self.degrees))
-
 
 class GrossErrorSearch:
-    """Hypotheses about one solution (MATH 4.4, 4.5; Baarda 1968). O(m²) with shared planes, else O(m u)."""
+    """Hypotheses about one solution (MATH 4.4, 4.5; Baarda 1968). O(m²) with shared planes, else O(m u).
 
-    def __init__(self, solution: Solution) -> None:
-        self._solution = solution
+    Parameters
+    ----------
+    solution
+        Of an adjustment.
+    variance_factor
+        Its covariances are multiplied by this in tests.
+    """
+
+    def __init__(self, solution: Solution, variance_factor: float = 1.0) -> None:
+        self._solution, self._variance_factor = solution, variance_factor
         whitening, system = solution.whitening, solution.system
         self._weighted = whitening.apply_transposed(whitening.apply(system.residuals))  # P v
         self._by_unknowns = whitening.apply_transposed(whitening.apply(system.dense_jacobian))  # P J
@@ -94,6 +97,7 @@ class GrossErrorSearch:
         statistics, degrees = np.concatenate(
             [self._of_blocks(), self._planes.tested(self._weighted), self._photos.tested(self._weighted)], axis=1
         )
+        statistics = statistics / self._variance_factor
         return GrossErrorTests(
             statistics,
             degrees,

@@ -169,15 +169,15 @@ def _snooped(
         part, of_part = (problem, every.system) if used.all() else (problem.selected(used), every.system.selected(used))
         solution = adjust(part, every.values, of_part, True)
         every.follow(solution)
-        search = GrossErrorSearch(solution)
-        found = search.tests().with_variance(factor)
+        search = GrossErrorSearch(solution, factor)
+        found = search.tests()
         wrong = _wrong_mounts(problem, search, found, rules, mounts)
         if wrong:
             mounts.extend(wrong)
             problem = with_less_trust(problem, wrong)
             every = _Linearised(problem, solution.unknowns)
             continue
-        removed = _wrong(search, found, np.flatnonzero(used), reinstated, rules, factor, int(used.sum()) - fewest)
+        removed = _wrong(search, found, np.flatnonzero(used), reinstated, rules, int(used.sum()) - fewest, mounts)
         if removed:
             steps.extend(replace(step, step=decisions + step.step) for step in removed)
             decisions = steps[-1].step
@@ -287,17 +287,21 @@ def _wrong_mounts(
 
     Those that are `known` several times already have been trusted less often enough.
     """
-    if rules.max_removed_share <= 0.0:
-        return ()
+    k = _worst_mount(tests, rules, known) if rules.max_removed_share > 0.0 else None
+    return () if k is None else mount_errors(problem, search, tests, k, rules.limit)
+
+
+def _worst_mount(tests: GrossErrorTests, rules: SnoopingRules, known: list[MountError]) -> int | None:
+    """Give the number of a mount that fails its test, less probable than all else that fails; None without one."""
     for k in np.argsort(tests.log_p, kind="stable").tolist():
         photo, critical = tests.photos[k], rules.limit(float(tests.degrees[k]))
         if photo is None:
             if tests.statistics[k] > critical:
-                return ()
+                return None
             continue
         if tests.statistics[k] > critical and may_be_trusted_less(photo, known):
-            return mount_errors(problem, search, tests, k, rules.limit)
-    return ()
+            return int(k)
+    return None
 
 
 def _good(tests: BlockTests, used: Flags, rules: SnoopingRules) -> list[SnoopingStep]:
@@ -320,8 +324,8 @@ def _wrong(
     numbers: Array,
     reinstated: Flags,
     rules: SnoopingRules,
-    factor: float,
     allowance: int,
+    known: list[MountError],
 ) -> list[SnoopingStep]:
     """Find the least probable hypothesis that fails its test, the next one beside it, and so on until none fails.
 
@@ -335,10 +339,10 @@ def _wrong(
         (number of blocks,) True for those that came back: they stay, so that the search ends.
     rules
         Level.
-    factor
-        Variance factor of the tests.
     allowance
         So many may still be removed.
+    known
+        Mounts that are trusted less already; where another one comes first, the next adjustment sees to it.
 
     Returns
     -------
@@ -348,7 +352,7 @@ def _wrong(
     stays = reinstated.copy()
     for number in count(1):
         k = _worst(tests, numbers, stays, rules, allowance - len(steps))
-        if k is None:
+        if k is None or (steps and _worst_mount(tests, rules, known) is not None):
             break
         members = numbers[tests.blocks[k]]
         partners = tuple(replace(partner, block=int(numbers[partner.block])) for partner in search.inseparable(k))
@@ -359,7 +363,7 @@ def _wrong(
         ]
         stays[members] = True  # nothing is removed twice; what else depends on them is asked about after an adjustment
         search.take_out(k)
-        tests = search.tests().with_variance(factor)
+        tests = search.tests()
     return steps
 
 
