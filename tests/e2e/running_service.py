@@ -105,6 +105,13 @@ class RunningService:
         self._launcher.wait()
         wait_until(lambda: not any(alive(process) for process in family), 5.0)
 
+    def answers(self) -> bool:
+        """Say whether the API answers, through a connection of its own."""
+        try:
+            return httpx.get(f"{self.url}/healthz", timeout=5.0).is_success
+        except httpx.TransportError:
+            return False
+
     # processes
 
     def processes(self) -> Sequence[psutil.Process]:

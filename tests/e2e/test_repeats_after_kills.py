@@ -59,15 +59,8 @@ def repeated(service: RunningService) -> dict[str, list[httpx.Response]]:
         with suppress(httpx.TransportError):
             asked(service, point)
         wait_until(lambda: not all(alive(api) for api in apis), 30.0)  # noqa: B023
-        wait_until(lambda: _answers(service), WITHIN_S)
+        wait_until(service.answers, WITHIN_S)
     return {point: [asked_until_answered(service, point) for _ in range(2)] for point in DEATHS}
-
-
-def _answers(service: RunningService) -> bool:
-    try:
-        return httpx.get(f"{service.url}/healthz", timeout=5.0).status_code == httpx.codes.OK
-    except httpx.TransportError:
-        return False
 
 
 def jobs(service: RunningService) -> list[Document]:

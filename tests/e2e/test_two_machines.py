@@ -8,7 +8,7 @@ import httpx
 import numpy as np
 import pytest
 
-from tests.e2e.running_service import Document, RunningService, wait_until
+from tests.e2e.running_service import Document, RunningService, alive, wait_until
 from tests.e2e.virtual_scans import first_from_second, simulate, write_scans
 from tests.object_server import ObjectServer
 from tests.postgres_server import PostgresServer, postgres_server
@@ -91,8 +91,10 @@ def test_a_resumable_upload_goes_on_through_any_machine(
         assert answer.status_code == 204, answer.text
         offset = int(machines[(number + 1) % 2].http.head(path, headers=TUS).headers["upload-offset"])
         if number == 1:
-            machines[0].apis()[0].kill()
-            wait_until(lambda: len(machines[0].apis()) == 1 and machines[0].http.get("/healthz").is_success, 60.0)
+            killed = machines[0].apis()[0]
+            killed.kill()
+            wait_until(lambda: not alive(killed), 5.0)  # noqa: B023
+            wait_until(machines[0].answers)
     assert offset == len(content)
     file = path.rpartition("/")[2]
     answers = [machine.http.get(f"/files/{file}/content").content for machine in machines]
