@@ -111,7 +111,7 @@ class GrossErrorSearch:
         """Give the errors of a correspondence or plane unknowns of their own: `tests` are then of all others beside it.
 
         As an adjustment without it would, as long as that moves the pose too little for another linearisation. With G
-        of the hypothesis, P Qvv P and P v lose what G explains (MATH 4.4). O(m (u + s)) for s errors.
+        of the hypothesis, P Qvv P and P v lose what G explains (MATH 4.5). O(m (m + t)) with t errors out, m residuals.
 
         Parameters
         ----------

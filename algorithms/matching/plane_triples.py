@@ -25,6 +25,7 @@ MAX_DIRECTIONS = 10
 MAX_ROTATIONS = 40
 """Distinct ones; a box laid on a box has 24."""
 SAME_ROTATION_RAD = np.radians(2.0)
+"""Rotations nearer to each other than this count as one [rad]."""
 MAX_PEAKS = 8
 SAME_DIRECTION_COSINE = 0.995
 """Normals within 5.7 degrees form one class."""

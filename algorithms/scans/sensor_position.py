@@ -16,8 +16,8 @@ from algorithms.arrays import Array, Points, Vector3
 MAX_HIDDEN_SHARE = 0.22
 """Above this share of hidden points no position explains the cloud as one set-up. True positions: 0.00 to 0.14."""
 CROWDING = 0.05
-"""A point that shares its direction with one of the same surface speaks so much against a position as a hidden one: it
-decides where nothing is hidden, and not where thinning has made the density of all surfaces the same."""
+"""What a point that is not alone in its direction counts, a hidden one being 1: it decides where nothing is hidden, and
+hardly where thinning has made the density of all surfaces the same."""
 NEAREST_SURFACE_M = (0.05, 3.5)
 """A terrestrial instrument stands on something: its nearest measured surface is within these bounds [m]. Without this
 bound a bird's-eye view of a street explains the cloud as well as the true position does."""
@@ -32,8 +32,9 @@ KEPT_SHARE, LEAST_KEPT = 0.125, 200
 STARTS, LEAST_STARTS = 8, 2
 """Distinct positions from which the search goes downhill; with every halving of its steps the worse half is dropped."""
 LAST_STEP_M = 0.04
+"""The search ends where its steps would not be longer [m]."""
 SAME_POSITION_M = 1.0
-"""No other frame has its origin so near to where the instrument stood."""
+"""The origin of another frame is seldom so near to where the instrument stood [m]."""
 MIN_POINTS = 200
 
 
