@@ -120,12 +120,15 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
     """Cut a scan into cells, give each its tangent plane, and tell the noise that the ranges of a grid show [m]."""
     if scan.grid is not None:
         sensor: Vector3 = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
-        ranges = grid_ranges(scan.points, scan.grid, sensor)
-        cells = grid_cells(scan.points, scan.grid, sensor, ranges)
+        # all that follows takes three quarters of the time where neighbours in a row are neighbours in memory
+        by_columns = scan.grid.is_recorded_by_columns
+        grid = scan.grid.turned() if by_columns else scan.grid
+        ranges = grid_ranges(scan.points, grid, sensor)
+        cells = grid_cells(scan.points, grid, sensor, ranges)
         pooled = pool_cells(cells, cap=CAP_POINTS, min_count=6.0)
         noise = options.point_std_m
         if noise is None:
-            noise = max(range_noise(ranges), typical_noise(cells, pooled.surfaces, sensor))
+            noise = max(range_noise(ranges.T if by_columns else ranges), typical_noise(cells, pooled.surfaces, sensor))
         return cells, widened(cells, pooled, WIDTH_IN_NOISE * noise), noise
     size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
     while True:

@@ -9,6 +9,8 @@ from algorithms.arrays import Array
 
 TILE = 64
 """Blocks are visited in squares of so many: whether a scan was recorded by rows or by columns, its points are near."""
+STEPS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+"""From a block to its neighbours: rows, columns."""
 
 
 @njit(cache=True, nogil=True)
@@ -178,8 +180,8 @@ def block_neighbours(  # noqa: C901 - one compiled loop
     """Link blocks that touch in the grid and in space, for some rows of blocks.
 
     Two blocks are linked when the difference of their ranges is no more than a surface of the given slope shows over
-    their distance across the ray, and that distance is no more than three blocks; so the last column is linked to the
-    first only where the scan goes full circle. Writes (m, 8) neighbours, -1 where there is none, and (m,) the mean
+    their distance across the ray, and that distance is no more than three blocks; so the last column (or
+    row) is linked to the first only where the scan goes full circle. Writes (m, 8) neighbours, -1 where there is none, and (m,) the mean
     distance of each cell from its linked neighbours.
     """
     block_rows, block_columns = cell_of_block.shape
@@ -198,13 +200,14 @@ def block_neighbours(  # noqa: C901 - one compiled loop
                 continue
             total = 0.0
             links = 0
-            for k in range(9):
-                if k == 4:
-                    continue
-                ni = bi + k // 3 - 1
-                if ni < 0 or ni >= block_rows:
-                    continue
-                other = cell_of_block[ni, (bj + k % 3 - 1) % block_columns]
+            for k in range(8):
+                step_i, step_j = STEPS[k]
+                # comparisons, as a division would take longer than all the rest
+                ni = bi + step_i
+                ni = ni + block_rows if ni < 0 else ni - block_rows if ni >= block_rows else ni
+                nj = bj + step_j
+                nj = nj + block_columns if nj < 0 else nj - block_columns if nj >= block_columns else nj
+                other = cell_of_block[ni, nj]
                 if other < 0 or other == cell:
                     continue
                 dx = moments[other, 1] - moments[cell, 1]
@@ -215,7 +218,7 @@ def block_neighbours(  # noqa: C901 - one compiled loop
                 across = math.sqrt(max(square - along * along, 0.0))
                 if across > 3.0 * r * step_rad or abs(along) > slope * across + least_jump:
                     continue
-                neighbours[cell, k if k < 4 else k - 1] = other
+                neighbours[cell, k] = other
                 total += math.sqrt(square)
                 links += 1
             if links > 0:

@@ -29,7 +29,7 @@ def range_noise(ranges: Array) -> float:
         (rows, columns) ranges along vertical circles, 0 where nothing came back [m].
     """
     step = max(1, ranges.size // MOST_TRIPLETS)
-    contradiction = contradictions(ranges, step, FLATTEST_STEP)
+    contradiction = contradictions(np.ascontiguousarray(ranges[:, ::step]), FLATTEST_STEP)
     if len(contradiction) < FEW_TRIPLETS:
         return 0.0
     # errors of the outer reciprocals, seen at the middle range, count a quarter each: 1 + 1/4 + 1/4

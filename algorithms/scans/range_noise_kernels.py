@@ -7,16 +7,16 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def contradictions(ranges: Array, step: int, flattest_step: float) -> Array:
+def contradictions(ranges: Array, flattest_step: float) -> Array:
     """Give by how much the middle one of three ranges differs from what the outer ones let expect [m].
 
-    Every `step`-th column is used, and of it the triplets whose outer ranges differ by less than a share of the middle.
+    Of each column the triplets are used whose outer ranges differ by less than a share of the middle one.
     """
     rows, columns = ranges.shape
-    out = np.empty(max(rows - 2, 0) * ((columns + step - 1) // step))
+    out = np.empty(max(rows - 2, 0) * columns)
     found = 0
     for i in range(1, rows - 1):
-        for j in range(0, columns, step):
+        for j in range(columns):
             before = np.float64(ranges[i - 1, j])
             own = np.float64(ranges[i, j])
             after = np.float64(ranges[i + 1, j])

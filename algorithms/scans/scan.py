@@ -7,6 +7,9 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Floats32, GridIndex, Points, Vector3
 
+SAMPLED_LINES = 32
+"""Of so many rows and columns the order of the points is seen."""
+
 
 @dataclass(frozen=True, eq=False)
 class ScanGrid:
@@ -24,6 +27,23 @@ class ScanGrid:
     def columns(self) -> int:
         """Number of columns (horizontal circle)."""
         return int(self.index.shape[1])
+
+    @property
+    def is_recorded_by_columns(self) -> bool:
+        """Whether points come in the order of the columns rather than of the rows, as far as a sample tells."""
+        rows, columns = (max(1, length // SAMPLED_LINES) for length in self.index.shape)
+        return _median_step(self.index[:, ::columns].T) < _median_step(self.index[::rows])
+
+    def turned(self) -> "ScanGrid":
+        """Give the grid with rows and columns exchanged."""
+        return ScanGrid(np.ascontiguousarray(self.index.T))
+
+
+def _median_step(lines: GridIndex) -> float:
+    """Give the median difference between the numbers of neighbours in a line; infinite where there are none."""
+    both = (lines[:, 1:] >= 0) & (lines[:, :-1] >= 0)
+    steps = np.abs(lines[:, 1:] - lines[:, :-1])[both]
+    return float(np.median(steps)) if len(steps) else np.inf
 
 
 @dataclass(frozen=True, eq=False)

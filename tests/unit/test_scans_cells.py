@@ -5,10 +5,12 @@ import pytest
 from feature_scenes import rectangle
 
 from algorithms.errors import InvalidInputError
+from algorithms.features.extraction import cut_into_cells
+from algorithms.features.options import FeatureOptions
 from algorithms.scans.grid_cells import grid_cells
 from algorithms.scans.mixed_pixels import angular_step, mixed_pixels
 from algorithms.scans.normals_kernels import smallest_axis
-from algorithms.scans.scan import ScanGrid
+from algorithms.scans.scan import Scan, ScanGrid
 from algorithms.scans.surface_cells import cell_surfaces, orient
 from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
 
@@ -81,6 +83,46 @@ def test_a_single_scan_line_has_no_normal():
     cells = voxel_cells(np.column_stack([x, noise]), 0.2)
     surfaces = cell_surfaces(cells, cap=20.0, min_count=8.0, least_width_m=0.09)
     assert not surfaces.normals.any()
+
+
+def by_columns(points, grid):
+    """Give the same scan with its points in the order of the columns."""
+    order = grid.index.T.ravel()
+    index = np.empty_like(grid.index)
+    index.T.flat = np.arange(len(points))
+    return points[order], ScanGrid(index)
+
+
+def test_a_grid_knows_in_which_order_its_points_come():
+    points, grid = polar_scan(lambda a, e: np.full_like(a, 5.0))
+    thinned = np.where(np.random.default_rng(6).random(grid.index.shape) < 0.3, np.int32(-1), grid.index)
+    assert not grid.is_recorded_by_columns
+    assert not ScanGrid(thinned).is_recorded_by_columns
+    assert by_columns(points, grid)[1].is_recorded_by_columns
+    assert grid.turned().is_recorded_by_columns
+    assert (grid.turned().turned().index == grid.index).all()
+
+
+def test_an_empty_grid_is_recorded_by_rows():
+    assert not ScanGrid(np.full((5, 7), -1, dtype=np.int32)).is_recorded_by_columns
+
+
+def test_cells_of_a_grid_do_not_depend_on_the_order_in_which_it_was_recorded():
+    noise = np.random.default_rng(7).normal(0.0, 0.002, (40, 90))
+    points, grid = polar_scan(lambda a, e: np.where(a < 3.0, 5.0, 7.0) / np.cos(e) + noise)
+    tables, noises = [], []
+    for some, index in ((points, grid), by_columns(points, grid)):
+        cells, surfaces, found = cut_into_cells(
+            Scan(some, np.zeros(3), grid=index, sensor_m=np.zeros(3)), FeatureOptions()
+        )
+        linked = np.sort((cells.neighbours >= 0).sum(axis=1))
+        table = np.column_stack([cells.means, np.abs(surfaces.normals), surfaces.residual_std_m])
+        tables.append((table[np.lexsort(cells.means.T)], linked, cells.size_m))
+        noises.append(found)
+    (ours, links, size), (theirs, other_links, other_size) = tables
+    assert ours == pytest.approx(theirs, abs=1e-9)
+    assert (links == other_links).all()
+    assert (size, noises[0]) == pytest.approx((other_size, noises[1]), rel=1e-12)
 
 
 def test_grid_blocks_close_the_circle():
