@@ -165,7 +165,7 @@ def _add_block(
 
 
 @njit(cache=True, nogil=True)
-def block_neighbours(  # noqa: C901 - one compiled loop
+def block_neighbours(
     moments: Array,
     cell_of_block: Array,
     sensor: Array,
@@ -180,9 +180,9 @@ def block_neighbours(  # noqa: C901 - one compiled loop
     """Link blocks that touch in the grid and in space, for some rows of blocks.
 
     Two blocks are linked when the difference of their ranges is no more than a surface of the given slope shows over
-    their distance across the ray, and that distance is no more than three blocks; so the last column (or
-    row) is linked to the first only where the scan goes full circle. Writes (m, 8) neighbours, -1 where there is none, and (m,) the mean
-    distance of each cell from its linked neighbours.
+    their distance across the ray, and that distance is no more than three blocks; so the last column, or row, is linked
+    to the first only where the scan goes full circle. Writes (m, 8) neighbours, -1 where there is none, and (m,) the
+    mean distance of each cell from its linked neighbours.
     """
     block_rows, block_columns = cell_of_block.shape
     for bi in range(first_row, end_row):

@@ -94,7 +94,7 @@ def by_columns(points, grid):
 
 
 def test_a_grid_knows_in_which_order_its_points_come():
-    points, grid = polar_scan(lambda a, e: np.full_like(a, 5.0))
+    points, grid = polar_scan(lambda a, e: 5.0 + 0.0 * a * e)
     thinned = np.where(np.random.default_rng(6).random(grid.index.shape) < 0.3, np.int32(-1), grid.index)
     assert not grid.is_recorded_by_columns
     assert not ScanGrid(thinned).is_recorded_by_columns
