@@ -157,7 +157,7 @@ def direction_weights(normals: Points) -> Scalars:
     weights = np.ones(len(normals))
     for _ in range(3):
         scatter = (normals * weights[:, None]).T @ normals / weights.sum()
-        leverage = np.einsum("ij,jk,ik->i", normals, np.linalg.inv(scatter + 0.02 * np.eye(3)), normals)
+        leverage = np.einsum("ij,ij->i", normals @ np.linalg.inv(scatter + 0.02 * np.eye(3)), normals)
         weights = np.clip(weights * leverage, 0.2, 5.0)
         weights /= weights.mean()
     return weights
@@ -239,13 +239,16 @@ def _owners(points: Points, spacing_m: float) -> tuple[float, Vector3, Array]:
         cell *= 1.2
     low = low - 2.0 * cell
     shape = tuple(int(k) for k in np.ceil((high - low) / cell) + 3)
-    occupied = np.unique(np.ravel_multi_index(tuple(((points - low) / cell).astype(np.int64).T), shape))
+    numbers = np.ravel_multi_index(tuple(((points - low) / cell).astype(np.int64).T), shape)
+    order = np.argsort(numbers)
+    ranked = numbers[order]
+    occupied = ranked[np.append(True, ranked[1:] > ranked[:-1])]
     owner = np.full(shape, -1, dtype=np.int32)
     # the space around the surface, cell by cell: as far from occupied ones as the square root of five
     kernels.mark_around(occupied, 2, 5, owner)
     cells = np.flatnonzero(owner.ravel() == kernels.MARK)
     owner.ravel()[cells] = np.arange(len(cells), dtype=np.int32)
     nearest = np.full(len(cells), -1, dtype=np.int32)
-    kernels.nearest_points(points, low, cell, OWNER_REACH, owner, nearest)
+    kernels.nearest_points(points, order, low, cell, OWNER_REACH, owner, nearest)
     owner.ravel()[cells] = nearest
     return cell, low, owner

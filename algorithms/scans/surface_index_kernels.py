@@ -33,9 +33,9 @@ def mark_around(occupied: Array, reach: int, most: int, raster: Array) -> Any:  
 
 @njit(cache=True, nogil=True)
 def nearest_points(
-    points: Array, low: Array, cell_m: float, reach: float, numbers: Array, nearest: Array
+    points: Array, order: Array, low: Array, cell_m: float, reach: float, numbers: Array, nearest: Array
 ) -> Any:  # pragma: no cover - compiled
-    """Write the point nearest to the centre of each cell, of equally near ones the first.
+    """Write the point nearest to the centre of each cell, of equally near ones that of the lowest number.
 
     `numbers` (nx, ny, nz) tells where in `nearest` each cell stands, -1 for those that do not matter. Points farther
     than `reach` cells from a centre do not count; there `nearest` stays as it is.
@@ -43,7 +43,7 @@ def nearest_points(
     nx, ny, nz = numbers.shape
     best = np.full(nearest.shape[0], reach * reach)
     steps = math.ceil(reach)
-    for k in range(points.shape[0]):
+    for k in order:
         x = (points[k, 0] - low[0]) / cell_m - 0.5
         y = (points[k, 1] - low[1]) / cell_m - 0.5
         z = (points[k, 2] - low[2]) / cell_m - 0.5
@@ -57,7 +57,7 @@ def nearest_points(
                 for c in range(max(m - steps, 0), min(m + steps + 1, nz)):
                     far = far_b + (z - c) ** 2
                     q = numbers[a, b, c]
-                    if q >= 0 and far < best[q]:
+                    if q >= 0 and (far < best[q] or (far == best[q] and k < nearest[q])):
                         best[q] = far
                         nearest[q] = k
 
