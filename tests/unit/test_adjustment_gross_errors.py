@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from line_scenes import ObservedPair, observed_pair, one_line_shifted, room_lines
 from plane_rooms import observed_rooms, plane_rooms
-from scipy import stats
+from scipy import linalg, stats
 
 from algorithms.adjustment import snooping, solver
 from algorithms.adjustment.gross_errors import GrossErrorSearch, log_probability
@@ -178,6 +178,21 @@ def test_selected_correspondences_keep_the_covariance_they_have_together() -> No
     whole = problem.linearised(solution.unknowns)
     assert anew.joint_covariance is not None
     np.testing.assert_allclose(whole.selected(keep).joint_covariance, anew.joint_covariance, rtol=1e-12, atol=0.0)
+
+
+def test_weights_of_lines_and_their_planes_are_those_of_the_combinations_that_are_not_bound() -> None:
+    system = rooms()[1].system
+    joint, whitening = system.joint_covariance, whitening_of(system)
+    assert joint is not None
+    roots = linalg.block_diag(*(np.linalg.inv(np.linalg.cholesky(c)) for blocks in system.covariances for c in blocks))
+    values, vectors = np.linalg.eigh(roots @ joint @ roots.T)
+    assert whitening.rank < 0.8 * len(joint)
+    assert values[-whitening.rank] > 100 * values[-whitening.rank - 1]
+    kept = vectors[:, -whitening.rank :] / np.sqrt(values[-whitening.rank :])
+    expected = roots.T @ kept @ kept.T @ roots
+    scale = np.sqrt(np.diag(expected))
+    found = whitening.apply_transposed(whitening.apply(np.eye(len(joint))))
+    np.testing.assert_allclose(found / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(5))
