@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Matrices3, Matrix3, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.line_pairs_geometry import bisector_frames
 from algorithms.geometry.lines import bases_of
@@ -115,18 +115,13 @@ def offset_votes(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: f
 
 def direction_classes(normals: Points, weights: Scalars) -> tuple[Array, Array]:
     """Gather normals into classes of one direction (signed), by falling weight; give mean directions and weights."""
-    remaining = np.ones(len(normals), dtype=np.bool_)
-    means, totals = [], []
-    for k in np.argsort(-weights, kind="stable"):
-        if not remaining[k]:
-            continue
-        near = remaining & (normals @ normals[k] > SAME_DIRECTION_COSINE)
-        remaining &= ~near
-        mean = (normals[near] * weights[near][:, None]).sum(axis=0)
-        means.append(mean / max(float(np.linalg.norm(mean)), 1e-12))
-        totals.append(float(weights[near].sum()))
-    order = np.argsort(-np.array(totals), kind="stable")
-    return np.array(means).reshape(-1, 3)[order], np.array(totals)[order]
+    from algorithms.matching import plane_triples_kernels as kernels
+
+    means, totals = np.empty((len(normals), 3)), np.empty(len(normals))
+    heaviest_first = np.argsort(-weights, kind="stable")
+    found = kernels.direction_classes(normals, weights, heaviest_first, SAME_DIRECTION_COSINE, means, totals)
+    order = np.argsort(-totals[:found], kind="stable")
+    return means[order], totals[order]
 
 
 def _rotations(target: _Features, source: _Features, max_angle_rad: float) -> Matrices3:
@@ -235,38 +230,16 @@ def _across_lines(directions: Array, lengths: Array, first: Vector3) -> Points:
 
 def _independent(directions: Points) -> Array:
     """Pick three directions, the heaviest first, each far from the span of those before; fewer if there are none."""
-    chosen: list[Vector3] = []
-    for direction in directions:
-        rest = direction.copy()
-        for axis in _orthonormal(chosen):
-            rest -= (rest @ axis) * axis
-        if np.linalg.norm(rest) > LEAST_SINE:
-            chosen.append(direction)
-        if len(chosen) == 3:
-            break
-    return np.array(chosen).reshape(-1, 3)
+    from algorithms.matching import plane_triples_kernels as kernels
 
-
-def _orthonormal(vectors: list[Vector3]) -> Array:
-    """Give an orthonormal basis of the span, one vector a row."""
-    if not vectors:
-        return np.empty((0, 3))
-    return np.asarray(np.linalg.qr(np.array(vectors).T)[0].T)
+    chosen = np.empty(3, dtype=np.int64)
+    return np.asarray(directions[chosen[: kernels.independent(directions, LEAST_SINE, chosen)]])
 
 
 def _peaks(offsets: Scalars, weights: Scalars) -> tuple[Array, Array]:
     """Find the offsets with most votes: mean of the votes within a bin's width around each peak."""
-    bins: Indices = np.floor((offsets - offsets.min()) / VOTE_BIN_M).astype(np.int64)
-    counts = np.bincount(bins, weights=weights, minlength=int(bins.max()) + 1)
-    sums = np.bincount(bins, weights=weights * offsets, minlength=len(counts))
-    smooth = np.convolve(counts, [0.5, 1.0, 0.5], mode="same") if len(counts) >= 3 else counts.copy()
-    found, strengths = [], []
-    for _ in range(MAX_PEAKS):
-        peak = int(np.argmax(smooth))
-        if smooth[peak] <= 0.0:
-            break
-        near = slice(max(0, peak - 1), peak + 2)
-        found.append(sums[near].sum() / counts[near].sum())
-        strengths.append(smooth[peak])
-        smooth[max(0, peak - 2) : peak + 3] = 0.0
-    return np.array(found), np.array(strengths)
+    from algorithms.matching import plane_triples_kernels as kernels
+
+    means, votes = np.empty((2, MAX_PEAKS))
+    found = kernels.peaks(offsets, weights, VOTE_BIN_M, means, votes)
+    return means[:found], votes[:found]

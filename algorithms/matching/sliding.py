@@ -59,12 +59,11 @@ def _slid(votes: OffsetVotes, pair: tuple[int, int], target: SurfaceIndex, sourc
     known = [votes.offsets_m[number][:MOST_OFFSETS] for number in pair]
     sides = np.stack(np.meshgrid(*known, indexing="ij"), axis=-1).reshape(-1, 2)
     starts: Array = np.linalg.lstsq(axes, sides.T, rcond=None)[0].T
-    rotation = np.ascontiguousarray(votes.rotation.T)
     offsets, counts = np.empty((2, len(starts), MOST_PLACES))
     kernels.slide(
         target.points[:SEARCHED_POINTS], target.normals[:SEARCHED_POINTS],
-        source.points[:SEARCHED_POINTS] @ rotation, source.normals[:SEARCHED_POINTS] @ rotation,
-        frame, starts @ frame.T, np.array([LEAST_COSINE, FACING_POINTS, CELL_M, BIN_M]), offsets, counts,
+        source.points[:SEARCHED_POINTS], source.normals[:SEARCHED_POINTS],
+        frame, frame @ votes.rotation, starts @ frame.T, np.array([LEAST_COSINE, FACING_POINTS, CELL_M, BIN_M]), offsets, counts,
     )  # fmt: skip
     translations = starts[:, None, :] + offsets[:, :, None] * along
     found = counts > 0.0

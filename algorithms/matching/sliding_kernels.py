@@ -71,6 +71,7 @@ def slide(
     moved_points: Array,
     moved_normals: Array,
     frame: Array,
+    moved_frame: Array,
     shifts: Array,
     settings: Array,
     offsets: Array,
@@ -78,13 +79,14 @@ def slide(
 ) -> Any:  # pragma: no cover - compiled
     """Write for each shift how far to move further along the first row of the frame so that most surface meets.
 
-    `frame` has the direction and two unit vectors across it as rows; `shifts` (k, 3) are given in it. `settings`: least
+    `frame` has the direction and two unit vectors across it as rows, `moved_frame` the same as seen from the scan that
+    is moved, before it is turned; `shifts` (k, 3) are given in it. `settings`: least
     cosine of normals with the direction, most points of each scan, edge of the cells across, width of the bins along.
     `offsets` and `votes` (k, most peaks): the strongest first, no votes where there are no more.
     """
     least_cosine, most, cell, bin_m = settings[0], int(settings[1]), settings[2], settings[3]
     own, own_sides = _facing(points, normals, frame, least_cosine, most)
-    moved, moved_sides = _facing(moved_points, moved_normals, frame, least_cosine, most)
+    moved, moved_sides = _facing(moved_points, moved_normals, moved_frame, least_cosine, most)
     votes[:] = 0.0
     offsets[:] = 0.0
     if len(own) == 0 or len(moved) == 0:
