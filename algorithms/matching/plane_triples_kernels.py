@@ -40,7 +40,7 @@ def direction_classes(
 
 @njit(cache=True, nogil=True)
 def independent(directions: Array, least_sine: float, chosen: Array) -> Any:  # pragma: no cover - compiled
-    """Write the numbers of the first three directions that are far from the span of those chosen before; their count."""
+    """Write the numbers of the first three directions that are far from the span of those before; give their count."""
     basis = np.zeros((3, 3))
     count = 0
     for k in range(len(directions)):

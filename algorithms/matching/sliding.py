@@ -63,7 +63,8 @@ def _slid(votes: OffsetVotes, pair: tuple[int, int], target: SurfaceIndex, sourc
     kernels.slide(
         target.points[:SEARCHED_POINTS], target.normals[:SEARCHED_POINTS],
         source.points[:SEARCHED_POINTS], source.normals[:SEARCHED_POINTS],
-        frame, frame @ votes.rotation, starts @ frame.T, np.array([LEAST_COSINE, FACING_POINTS, CELL_M, BIN_M]), offsets, counts,
+        frame, frame @ votes.rotation, starts @ frame.T,
+        np.array([LEAST_COSINE, FACING_POINTS, CELL_M, BIN_M]), offsets, counts,
     )  # fmt: skip
     translations = starts[:, None, :] + offsets[:, :, None] * along
     found = counts > 0.0
