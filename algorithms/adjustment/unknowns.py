@@ -54,7 +54,7 @@ class Unknowns:
     @cached_property
     def rotations(self) -> Float64[Array, "poses 3 3"]:
         """Rotation matrices of all poses."""
-        return np.asarray(self.poses.rotation.as_matrix())
+        return np.asarray(self.poses.as_matrix()[:, :3, :3])
 
     def relative(self, target: int, source: int) -> RigidTransform:
         """Give target_from_source of two stations; computed once."""

@@ -81,7 +81,7 @@ class LineLine(BetweenStations):
         """
         target, source = self.matched_target, self.matched_source
         n = len(target)
-        rotation, translation = pose.rotation.as_matrix(), np.asarray(pose.translation)
+        rotation, translation = pose.as_matrix()[:3, :3], np.asarray(pose.translation)
         moved = source.directions @ rotation.T
         signs = np.where(_dots(moved, target.directions) < 0.0, -1.0, 1.0)
         moved = moved * signs[:, None]

@@ -66,7 +66,7 @@ class PlanePlane(BetweenStations):
         h = n'.(c' - c2)/q.
         """
         i, j = self.pairs[:, 0], self.pairs[:, 1]
-        rotation, translation = pose.rotation.as_matrix(), np.asarray(pose.translation)
+        rotation, translation = pose.as_matrix()[:3, :3], np.asarray(pose.translation)
         normals = self.source.normals[j] @ rotation.T
         centroids = self.source.centroids[j] @ rotation.T + translation
         target_normals = self.target.normals[i]
