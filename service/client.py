@@ -12,7 +12,8 @@ import httpx
 from service.errors import Problem
 
 CHUNK = 1 << 20
-POLL_S = 0.4
+SOONEST_S, LATEST_S, PAUSE_SHARE = 0.1, 1.0, 0.03
+"""Pauses between two looks at a job: a share of how long it has taken so far, within bounds."""
 Document = dict[str, Any]
 
 
@@ -122,12 +123,13 @@ class ServiceClient:
         UnreachableError
             The service does not answer.
         """
+        began = time.monotonic()
         while True:
             job = self._ask("GET", f"/jobs/{job_id}")
             on_progress(job["progress"], job["message"])
             if job["status"] not in {"accepted", "running"}:
                 return self._ask("GET", f"/jobs/{job_id}/results")
-            time.sleep(POLL_S)
+            time.sleep(min(max(SOONEST_S, PAUSE_SHARE * (time.monotonic() - began)), LATEST_S))
 
     def dismiss(self, job_id: str) -> None:
         """Stop a job."""

@@ -17,7 +17,7 @@ APPLICATION_VERSION = "2"
 begun again at start."""
 PROJECT, COMPUTE = "project", "compute"
 PROJECT_CONCURRENCY = 64
-POLLING_S = {PROJECT: 0.5, COMPUTE: 0.1}
+POLLING_S = {PROJECT: 0.25, COMPUTE: 0.1}
 """Many steps take less than a second, so that waiting for the next look at their queue would double them. Ten looks a
 second cost an idle worker 2 % of a processor."""
 CLIENT_CONNECTIONS = 2
