@@ -187,7 +187,7 @@ def _with_all_shifts(
     if len(shifts) == 0:
         return ranked
     noise = max(target.noise_std_m, source.noise_std_m)
-    found = rank_hypotheses(shifts, target.index, source.index, noise_m=noise, sifts=FINE_SIFTS)
+    found = rank_hypotheses(shifts, target.index, source.index, noise_m=noise, sifts=FINE_SIFTS, settle_first=True)
     return ranked.joined(found, source.index)
 
 
