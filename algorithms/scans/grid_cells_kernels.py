@@ -202,7 +202,7 @@ def block_neighbours(
             links = 0
             for k in range(8):
                 step_i, step_j = STEPS[k]
-                # comparisons, as a division would take longer than all the rest
+                # around the circle by comparisons, which are quicker than remainders
                 ni = bi + step_i
                 ni = ni + block_rows if ni < 0 else ni - block_rows if ni >= block_rows else ni
                 nj = bj + step_j
