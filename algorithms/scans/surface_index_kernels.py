@@ -38,7 +38,8 @@ def nearest_points(
     """Write the point nearest to the centre of each cell, of equally near ones that of the lowest number.
 
     `numbers` (nx, ny, nz) tells where in `nearest` each cell stands, -1 for those that do not matter. Points farther
-    than `reach` cells from a centre do not count; there `nearest` stays as it is.
+    than `reach` cells from a centre do not count; there `nearest` stays as it is. `order` lists the points so that
+    neighbours come one after the other: the cells around them are still at hand then.
     """
     nx, ny, nz = numbers.shape
     best = np.full(nearest.shape[0], reach * reach)

@@ -192,7 +192,7 @@ def test_weights_of_lines_and_their_planes_are_those_of_the_combinations_that_ar
     expected = roots.T @ kept @ kept.T @ roots
     scale = np.sqrt(np.diag(expected))
     found = whitening.apply_transposed(whitening.apply(np.eye(len(joint))))
-    np.testing.assert_allclose(found / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-4)
+    np.testing.assert_allclose(found / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_surface_correlation import index, room
+from indexed_rooms import index, room
 
 from algorithms.matching.hypotheses import FINE_SIFTS, rank_hypotheses
 from algorithms.matching.votes import Motions
