@@ -83,7 +83,7 @@ def extract_features(
     progress.report(0.3, "planes")
     regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
-        scan.points, cells.cell_of_point, candidates_of(cells, regions), regions.normals, regions.centroids,
+        scan.points, cells, candidates_of(cells, regions), regions.normals, regions.centroids,
         regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), sensor_m=sensor,
         min_points=options.min_plane_points,
     )  # fmt: skip

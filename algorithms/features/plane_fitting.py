@@ -18,12 +18,14 @@ from algorithms.features.plane_points import (
     LabelledPoints,
     frames_of_moments,
     label_points,
+    part_cells,
     plane_frames,
     planes_moments,
 )
 from algorithms.features.plane_points_kernels import patch_systems, sum_patches
 from algorithms.geometry.lines import bases_of
 from algorithms.scans.point_blocks import over_blocks
+from algorithms.scans.surface_cells import SurfaceCells
 
 PATCHES = 32
 """Aimed number of patches per plane: enough to estimate a variance, large enough to carry long waves."""
@@ -87,7 +89,7 @@ def renumber(labels: Labels, kept: Int64[Array, "k"]) -> Labels:
 
 def fit_planes(
     points: Points,
-    cell_of_point: Labels,
+    cells: SurfaceCells,
     candidates: CellPlanes,
     normals: Float64[Array, "k 3"],
     centroids: Float64[Array, "k 3"],
@@ -104,8 +106,8 @@ def fit_planes(
     ----------
     points
         (n, 3) points.
-    cell_of_point
-        (n,) cell of each point.
+    cells
+        The cells that partition them.
     candidates
         Planes that may hold points of each cell.
     normals, centroids
@@ -126,8 +128,9 @@ def fit_planes(
     The fitted planes, and which of the approximate planes they were.
     """
     frames = plane_frames(normals, centroids, bases_of(normals), thickness_m)
+    parted = part_cells(points, cells, candidates, frames)
     for _ in range(rounds - 1):
-        moments = planes_moments(points, cell_of_point, candidates, frames)
+        moments = planes_moments(points, cells, candidates, parted, frames)
         bases, fitted, deviations = frames_of_moments(moments)
         flip = np.einsum("ij,ij->i", fitted, normals) < 0
         fitted[flip] *= -1.0
@@ -137,7 +140,7 @@ def fit_planes(
         enough = moments[:, 0] >= 4
         frames = np.where(enough[:, None], plane_frames(fitted, moments[:, 1:4], bases, limits), frames)
         frames[:, 12] = limits
-    labelled = label_points(points, cell_of_point, candidates, frames)
+    labelled = label_points(points, cells.cell_of_point, candidates, frames)
     moments = labelled.moments
     _, _, deviations = frames_of_moments(moments)
     kept = np.flatnonzero((moments[:, 0] >= min_points) & (deviations[:, 1] > LEAST_WIDTH * deviations[:, 2]))

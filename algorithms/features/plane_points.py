@@ -8,6 +8,11 @@ from jaxtyping import Bool, Float64, Int32, Int64
 from algorithms.arrays import Array, Bases, Labels, Points, Scalars
 from algorithms.features import plane_points_kernels as kernels
 from algorithms.scans.point_blocks import over_blocks
+from algorithms.scans.surface_cells import LEAST_CELLS, SurfaceCells
+
+WHOLE = 0.5
+"""Cells whose points deviate from their only plane by less than that share of its tolerance (root mean square) lie on
+it as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,6 +23,16 @@ class CellPlanes:
     """(m,) the plane where there is but one, -1 for none, -2 - q for those in row q of `several`."""
     several: Int32[Array, "rows width"]
     """(rows, width) planes, -1 padded."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartedCells:
+    """Which cells belong to a plane as a whole, and which points must be looked at."""
+
+    whole: Int32[Array, "m"]
+    """(m,) plane of every cell that lies on it as a whole, -1 for others."""
+    points: Int64[Array, "r"]
+    """(r,) points of the other cells that have a plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +70,46 @@ def frames_of_moments(
     return bases, normals, np.sqrt(np.maximum(values[:, ::-1], 0.0))
 
 
+def part_cells(
+    points: Points, cells: SurfaceCells, candidates: CellPlanes, frames: Float64[Array, "k 13"]
+) -> PartedCells:
+    """Tell cells that lie on their only plane as a whole from those whose points must be looked at one by one."""
+    whole, parted = np.empty_like(candidates.only), np.empty_like(candidates.only)
+
+    def work(start: int, end: int) -> None:
+        kernels.part_cells(cells.moments, candidates.only, frames, WHOLE, start, end, whole, parted)
+
+    over_blocks(work, len(whole), least=LEAST_CELLS)
+    lists = over_blocks(
+        lambda start, end: kernels.points_of_cells(cells.cell_of_point, parted, start, end), len(points)
+    )
+    return PartedCells(whole, np.concatenate(lists))
+
+
 def planes_moments(
-    points: Points, cell_of_point: Labels, candidates: CellPlanes, frames: Float64[Array, "k 13"]
+    points: Points,
+    cells: SurfaceCells,
+    candidates: CellPlanes,
+    parted: PartedCells,
+    frames: Float64[Array, "k 13"],
 ) -> Float64[Array, "k 10"]:
-    """Sum the points that are nearest to each plane, and near no other, among the candidates of their cell."""
-    only, several = candidates.only, candidates.several
+    """Sum the points that are nearest to each plane, and near no other, among the candidates of their cell.
 
-    def work(start: int, end: int) -> Array:
-        return kernels.sum_planes(points, cell_of_point, only, several, frames, start, end)
+    Cells that lie on their plane as a whole are added without a look at their points. So points of theirs that lie off
+    it by more than its tolerance count here; there are few, and this takes a fifth of the time.
+    """
+    single = parted.points
 
-    return _added(over_blocks(work, len(points)), frames)
+    def add_cells(start: int, end: int) -> Array:
+        return kernels.sum_cells(cells.moments, parted.whole, frames, start, end)
+
+    def add_points(start: int, end: int) -> Array:
+        return kernels.sum_planes(
+            points, single, cells.cell_of_point, candidates.only, candidates.several, frames, start, end
+        )
+
+    sums = over_blocks(add_cells, len(parted.whole), least=LEAST_CELLS)
+    return _added(sums + over_blocks(add_points, len(single)), frames)
 
 
 def label_points(

@@ -51,11 +51,99 @@ def _widen(extents: Array, p: int, u_min: float, v_min: float, u_max: float, v_m
     extents[p, 3] = max(extents[p, 3], v_max)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _sums_about(moments: Array, cell: int, frames: Array, p: int) -> tuple[float, ...]:
+    """Give the sums of a cell's points about the centroid of plane p: count, coordinates, their products."""
+    n = moments[cell, 0]
+    x = moments[cell, 1] - frames[p, 3]
+    y = moments[cell, 2] - frames[p, 4]
+    z = moments[cell, 3] - frames[p, 5]
+    return (
+        n,
+        n * x,
+        n * y,
+        n * z,
+        moments[cell, 4] + n * x * x,
+        moments[cell, 5] + n * x * y,
+        moments[cell, 6] + n * x * z,
+        moments[cell, 7] + n * y * y,
+        moments[cell, 8] + n * y * z,
+        moments[cell, 9] + n * z * z,
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _mean_square(sums: tuple[float, ...], frames: Array, p: int) -> float:
+    """Give the mean of the squares of the distances from plane p, from what `_sums_about` gives."""
+    n, _, _, _, xx, xy, xz, yy, yz, zz = sums
+    x, y, z = frames[p, 0], frames[p, 1], frames[p, 2]
+    total: float = x * (x * xx + 2.0 * (y * xy + z * xz)) + y * (y * yy + 2.0 * z * yz) + z * z * zz
+    return total / n
+
+
+@njit(cache=True, nogil=True)
+def part_cells(
+    moments: Array, plane_of_cell: Array, frames: Array, share: float, start: int, end: int, whole: Array, parted: Array
+) -> None:
+    """Write the plane of cells that lie on their only one as a whole into `whole`, that of all others into `parted`.
+
+    The points of the former deviate from it, in the root mean square, by at most `share` of its tolerance. The other
+    array gets -1.
+    """
+    for cell in range(start, end):
+        p = plane_of_cell[cell]
+        on_plane = False
+        if p >= 0:
+            square = _mean_square(_sums_about(moments, cell, frames, p), frames, p)
+            on_plane = square <= (share * frames[p, 12]) ** 2
+        whole[cell] = p if on_plane else -1
+        parted[cell] = -1 if on_plane else p
+
+
+@njit(cache=True, nogil=True)
+def points_of_cells(cell_of_point: Array, plane_of_cell: Array, start: int, end: int) -> Array:
+    """List the points from `start` to `end` whose cell has a plane."""
+    out = np.empty(end - start, dtype=np.int64)
+    found = 0
+    for i in range(start, end):
+        cell = cell_of_point[i]
+        if cell >= 0 and plane_of_cell[cell] != -1:
+            out[found] = i
+            found += 1
+    return out[:found].copy()
+
+
+@njit(cache=True, nogil=True)
+def sum_cells(moments: Array, plane_of_cell: Array, frames: Array, start: int, end: int) -> Array:
+    """Sum the cells from `start` to `end` as `sum_planes` does points: those as near to their plane as its tolerance.
+
+    What counts is the root mean square of the distances of a cell's points.
+    """
+    out = np.zeros((frames.shape[0], 10))
+    for cell in range(start, end):
+        p = plane_of_cell[cell]
+        if p < 0:
+            continue
+        sums = _sums_about(moments, cell, frames, p)
+        if _mean_square(sums, frames, p) <= frames[p, 12] ** 2:
+            _add(out, p, sums)
+    return out
+
+
 @njit(cache=True, nogil=True)
 def sum_planes(
-    points: Array, cell_of_point: Array, plane_of_cell: Array, several: Array, frames: Array, start: int, end: int
+    points: Array,
+    which: Array,
+    cell_of_point: Array,
+    plane_of_cell: Array,
+    several: Array,
+    frames: Array,
+    start: int,
+    end: int,
 ) -> Array:
     """Sum the points nearest to each plane: (k, 10) count, coordinates about its centroid, their products.
+
+    The points are those listed from `start` to `end` in `which`, and all of them have a cell with a plane.
 
     Points within the tolerance of two planes are left out: near an edge they belong to both, and must not shape one.
     """
@@ -63,13 +151,8 @@ def sum_planes(
     plane = -1  # sums stay in registers while neighbours in recording order lie on the same plane
     n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
     nx = ny = nz = cx = cy = cz = tolerance = 0.0
-    for i in range(start, end):
-        cell = cell_of_point[i]
-        if cell < 0:
-            continue
-        p = plane_of_cell[cell]
-        if p == -1:
-            continue
+    for i in which[start:end]:
+        p = plane_of_cell[cell_of_point[i]]
         if p < -1:
             p, hits = _nearest(points, i, several[-2 - p], frames)
             if hits != 1:

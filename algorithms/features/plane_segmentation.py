@@ -40,7 +40,7 @@ FACING = 0.7
 """Least cosine of incidence of surfaces that face the instrument."""
 FEW_FACING = 30
 """Fewer such neighbourhoods tell nothing; then all count."""
-ENOUGH = 200_000
+ENOUGH = 50_000
 """A quartile needs no more than the neighbourhoods of about so many cells."""
 LEAST_SHARE = 0.5
 """Least share of the noise of ranges that is expected across a surface, however slanted it is seen."""
@@ -143,7 +143,10 @@ def segment_planes(
     moments = _region_moments(cells, labels, count, cap)
     _, normals, deviations = frames_of_moments(moments)
     # to the side that most of the cells' normals point to
-    normals[agreements(labels, pieces, normals) < 0] *= -1.0
+    agreeing = over_blocks(
+        lambda start, end: agreements(labels, pieces, normals, start, end), len(labels), least=LEAST_CELLS
+    )
+    normals[np.sum(agreeing, axis=0) < 0] *= -1.0
     centroids = np.ascontiguousarray(moments[:, 1:4])
     noise = noise_across(noise_std_m, centroids, normals, sensor_m)
     tolerances = 3.0 * np.maximum(deviations[:, 2], np.maximum(noise, NUMERICAL_STD_M))
@@ -230,11 +233,11 @@ def _merge(
     over_blocks(
         lambda start, end: touching_labels(labels, cells.neighbours, start, end, touch), len(labels), least=LEAST_CELLS
     )
+    pairs = np.argwhere(np.triu(touch, 1))
     numbers: Array = np.arange(count)
     for _ in range(5):
         _, normals, _ = frames_of_moments(moments)
         noise = noise_across(noise_std_m, np.ascontiguousarray(moments[:, 1:4]), normals, sensor_m)
-        pairs = np.argwhere(np.triu(touch, 1))
         joined = pairs[_are_one_plane(pairs, moments, normals, noise)]
         if len(joined) == 0:
             break
@@ -242,10 +245,8 @@ def _merge(
         groups, group = connected_components(graph, directed=False)
         numbers = group[numbers]
         moments = _added(moments, group.astype(np.int32), int(groups))
-        wider = np.zeros((groups, groups), dtype=np.bool_)
-        i, j = np.nonzero(touch)
-        wider[group[i], group[j]] = True
-        touch = wider
+        first, second = np.sort(group[pairs].T.astype(np.int64), axis=0)
+        pairs = np.column_stack(np.divmod(np.unique((first * groups + second)[first != second]), groups))
     _renumber(labels, numbers.astype(np.int64))
     return len(moments)
 

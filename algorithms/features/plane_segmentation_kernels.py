@@ -334,10 +334,10 @@ def incidences(positions: Array, normals: Array, sensor: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def agreements(labels: Array, pieces: Array, region_normals: Array) -> Array:
-    """Add the scalar products of the cells' normals, which begin the rows of `pieces`, with their region's, (k,)."""
+def agreements(labels: Array, pieces: Array, region_normals: Array, start: int, end: int) -> Array:
+    """Add the scalar products of the normals of cells, which begin the rows of `pieces`, with their region's, (k,)."""
     out = np.zeros(region_normals.shape[0])
-    for cell in range(labels.shape[0]):
+    for cell in range(start, end):
         p = labels[cell]
         if p >= 0:
             for a in range(3):

@@ -16,6 +16,8 @@ MOST_CELLS = 800_000
 """Grids of more pixels are cut into larger blocks: single pixels of dense scans tell more about noise than surface."""
 STEEPEST_RAD = float(np.deg2rad(80.0))
 """Blocks are neighbours on a surface that is met at no flatter angle than this."""
+ENOUGH = 50_000
+"""A median needs no more than the distances of about so many blocks."""
 LEAST_JUMP_M = 0.01
 """Differences of range below this never part blocks [m]."""
 
@@ -70,5 +72,6 @@ def grid_cells(
 
     over_blocks(add_up, len(cell_of_block), least=least)
     over_blocks(link, len(cell_of_block), least=least)
+    spacing = spacing[:: max(1, count // ENOUGH)]
     linked = spacing > 0
     return SurfaceCells(cell_of_point, moments, neighbours, float(np.median(spacing[linked])) if linked.any() else step)

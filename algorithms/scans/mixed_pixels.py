@@ -14,7 +14,7 @@ LEAST_JUMP_M = 0.005
 """Jumps below the noise of instruments are none [m]."""
 
 
-LINES = 32
+LINES = 16
 """Rows, and columns, from which the angular step is taken."""
 LEAST_PIXELS = 1 << 16
 """Fewer pixels are not worth a block of rows of their own."""

@@ -78,11 +78,12 @@ def torn_pixels(
             if own <= 0.0:
                 continue
             limit = slope * own * step_rad + least_jump
-            if 0 < j < columns - 1:
+            # most pixels lie on a surface, which one neighbour shows already
+            if 0 < j < columns - 1 and abs(own - ranges[i, j - 1]) >= limit:
                 before2 = ranges[i, j - 2] if j > 1 else 0.0
                 after2 = ranges[i, j + 2] if j < columns - 2 else 0.0
                 out[i, j] = _torn(before2, ranges[i, j - 1], own, ranges[i, j + 1], after2, limit)
-            if 0 < i < rows - 1 and not out[i, j]:
+            if 0 < i < rows - 1 and not out[i, j] and abs(own - ranges[i - 1, j]) >= limit:
                 before2 = ranges[i - 2, j] if i > 1 else 0.0
                 after2 = ranges[i + 2, j] if i < rows - 2 else 0.0
                 out[i, j] = _torn(before2, ranges[i - 1, j], own, ranges[i + 1, j], after2, limit)

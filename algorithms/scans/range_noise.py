@@ -7,7 +7,7 @@ from algorithms.scans.range_noise_kernels import contradictions
 
 FEW_TRIPLETS = 100
 """Fewer usable triplets of neighbours tell nothing."""
-MOST_TRIPLETS = 400_000
+MOST_TRIPLETS = 100_000
 """Columns are thinned to about so many triplets: a median needs no more."""
 FLATTEST_STEP = 0.2
 """Neighbours whose ranges differ by a larger share of themselves lie on different things."""

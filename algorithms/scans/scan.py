@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Floats32, GridIndex, Points, Vector3
 
-SAMPLED_LINES = 32
+SAMPLED_LINES = 8
 """Of so many rows and columns the order of the points is seen."""
 
 

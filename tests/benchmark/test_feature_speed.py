@@ -40,7 +40,7 @@ def without_grid(scan):
     return dataclasses.replace(scan, points=scan.points[order], grid=None, intensity=None, color=None)
 
 
-def rates(kind, repeats=3):
+def rates(kind, repeats=8):
     """Print the time of all stages, of the fastest of several runs, and give points per second on two idle cores."""
     *figures, points, planes, lines, cylinders = run_alone(
         f"""

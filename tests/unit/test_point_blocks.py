@@ -9,7 +9,7 @@ import pytest
 from feature_stages import hall_scan, timed_features
 
 from algorithms.features import plane_points_kernels
-from algorithms.features.plane_points import CellPlanes, label_points, plane_frames, planes_moments
+from algorithms.features.plane_points import CellPlanes, label_points, part_cells, plane_frames, planes_moments
 from algorithms.geometry.lines import bases_of
 from algorithms.scans.point_blocks import LEAST_BLOCK, MOST_BLOCKS, blocks_of, over_blocks
 from algorithms.scans.range_image_kernels import _angle
@@ -122,8 +122,33 @@ def test_points_of_two_planes_extend_both_but_shape_none(corner):
         assert labelled.moments[plane] == pytest.approx(expected, rel=1e-9, abs=1e-9)  # rounding of 500 squares
 
 
+def moments_and_parts(points, cells, candidates, frames):
+    parted = part_cells(points, cells, candidates, frames)
+    return planes_moments(points, cells, candidates, parted, frames), parted
+
+
 def test_sums_of_planes_are_the_same_with_and_without_labels(corner):
-    assert planes_moments(*corner) == pytest.approx(label_points(*corner).moments, rel=1e-12, abs=1e-12)
+    points, _, candidates, frames = corner
+    moments, parted = moments_and_parts(points, voxel_cells(points, 10.0), candidates, frames)
+    assert list(parted.whole) == [-1]
+    assert moments == pytest.approx(label_points(*corner).moments, rel=1e-12, abs=1e-12)
+
+
+def test_cells_on_their_only_plane_are_added_whole_and_others_point_by_point():
+    rng = np.random.default_rng(6)
+    floor = np.column_stack([rng.random((5000, 2)), rng.normal(0.3, 0.001, 5000)])
+    floor[7, 2] += 0.1  # in the same voxel, but not on the plane
+    cells = voxel_cells(floor, 0.25)
+    normal = np.array([[0.0, 0.0, 1.0]])
+    frames = plane_frames(normal, np.array([[0.4, 0.5, 0.3]]), bases_of(normal), np.full(1, 0.006))
+    candidates = CellPlanes(np.zeros(len(cells), dtype=np.int32), np.empty((0, 2), dtype=np.int32))
+    moments, parted = moments_and_parts(floor, cells, candidates, frames)
+    torn = cells.cell_of_point[7]
+    assert list(np.flatnonzero(parted.whole < 0)) == [torn]
+    assert np.array_equal(parted.points, np.flatnonzero(cells.cell_of_point == torn))
+    expected = label_points(floor, cells.cell_of_point, candidates, frames).moments
+    assert expected[0, 0] == len(floor) - 1
+    assert moments == pytest.approx(expected, rel=1e-9, abs=1e-9)  # rounding of 5000 squares
 
 
 def test_points_without_a_plane_are_left_over():
