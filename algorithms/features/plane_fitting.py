@@ -130,7 +130,7 @@ def fit_planes(
     frames = plane_frames(normals, centroids, bases_of(normals), thickness_m)
     parted = part_cells(points, cells, candidates, frames)
     for _ in range(rounds - 1):
-        moments = planes_moments(points, cells, candidates, parted, frames)
+        moments = planes_moments(cells, candidates, parted, frames)
         bases, fitted, deviations = frames_of_moments(moments)
         flip = np.einsum("ij,ij->i", fitted, normals) < 0
         fitted[flip] *= -1.0

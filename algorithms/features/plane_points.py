@@ -31,8 +31,10 @@ class PartedCells:
 
     whole: Int32[Array, "m"]
     """(m,) plane of every cell that lies on it as a whole, -1 for others."""
-    points: Int64[Array, "r"]
-    """(r,) points of the other cells that have a plane."""
+    points: Float64[Array, "r 3"]
+    """(r, 3) points of the other cells that have a plane, in the order of the scan [m]."""
+    cell_of_point: Int32[Array, "r"]
+    """(r,) their cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,36 +82,31 @@ def part_cells(
         kernels.part_cells(cells.moments, candidates.only, frames, WHOLE, start, end, whole, parted)
 
     over_blocks(work, len(whole), least=LEAST_CELLS)
-    lists = over_blocks(
-        lambda start, end: kernels.points_of_cells(cells.cell_of_point, parted, start, end), len(points)
+    parts = over_blocks(
+        lambda start, end: kernels.points_of_cells(points, cells.cell_of_point, parted, start, end), len(points)
     )
-    return PartedCells(whole, np.concatenate(lists))
+    return PartedCells(whole, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def planes_moments(
-    points: Points,
-    cells: SurfaceCells,
-    candidates: CellPlanes,
-    parted: PartedCells,
-    frames: Float64[Array, "k 13"],
+    cells: SurfaceCells, candidates: CellPlanes, parted: PartedCells, frames: Float64[Array, "k 13"]
 ) -> Float64[Array, "k 10"]:
     """Sum the points that are nearest to each plane, and near no other, among the candidates of their cell.
 
     Cells that lie on their plane as a whole are added without a look at their points. So points of theirs that lie off
     it by more than its tolerance count here; there are few, and this takes a fifth of the time.
     """
-    single = parted.points
 
     def add_cells(start: int, end: int) -> Array:
         return kernels.sum_cells(cells.moments, parted.whole, frames, start, end)
 
     def add_points(start: int, end: int) -> Array:
         return kernels.sum_planes(
-            points, single, cells.cell_of_point, candidates.only, candidates.several, frames, start, end
+            parted.points, parted.cell_of_point, candidates.only, candidates.several, frames, start, end
         )
 
     sums = over_blocks(add_cells, len(parted.whole), least=LEAST_CELLS)
-    return _added(sums + over_blocks(add_points, len(single)), frames)
+    return _added(sums + over_blocks(add_points, len(parted.points)), frames)
 
 
 def label_points(

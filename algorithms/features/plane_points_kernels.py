@@ -13,12 +13,13 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def _nearest(points: Array, i: int, row: Array, frames: Array) -> tuple[int, int]:
+def _nearest(points: Array, i: int, several: Array, row: int, frames: Array) -> tuple[int, int]:
     """Give the nearest of the planes in a row, -1 for none, and how many hold point i within their tolerance."""
     best = np.inf
     label = -1
     hits = 0
-    for p in row:
+    for k in range(several.shape[1]):
+        p = several[row, k]
         if p < 0:
             break
         gap = abs(
@@ -101,16 +102,25 @@ def part_cells(
 
 
 @njit(cache=True, nogil=True)
-def points_of_cells(cell_of_point: Array, plane_of_cell: Array, start: int, end: int) -> Array:
-    """List the points from `start` to `end` whose cell has a plane."""
-    out = np.empty(end - start, dtype=np.int64)
+def points_of_cells(
+    points: Array, cell_of_point: Array, plane_of_cell: Array, start: int, end: int
+) -> tuple[Array, Array]:
+    """Copy the points from `start` to `end` whose cell has a plane, and give the cell of each."""
+    which = np.empty(end - start, dtype=np.int32)
     found = 0
-    for i in range(start, end):
-        cell = cell_of_point[i]
+    for k in range(end - start):
+        cell = cell_of_point[start + k]
         if cell >= 0 and plane_of_cell[cell] != -1:
-            out[found] = i
+            which[found] = k
             found += 1
-    return out[:found].copy()
+    copied = np.empty((found, 3))
+    cells = np.empty(found, dtype=np.int32)
+    for k in range(found):
+        i = start + which[k]
+        cells[k] = cell_of_point[i]
+        for a in range(3):
+            copied[k, a] = points[i, a]
+    return copied, cells
 
 
 @njit(cache=True, nogil=True)
@@ -132,18 +142,11 @@ def sum_cells(moments: Array, plane_of_cell: Array, frames: Array, start: int, e
 
 @njit(cache=True, nogil=True)
 def sum_planes(
-    points: Array,
-    which: Array,
-    cell_of_point: Array,
-    plane_of_cell: Array,
-    several: Array,
-    frames: Array,
-    start: int,
-    end: int,
+    points: Array, cell_of_point: Array, plane_of_cell: Array, several: Array, frames: Array, start: int, end: int
 ) -> Array:
     """Sum the points nearest to each plane: (k, 10) count, coordinates about its centroid, their products.
 
-    The points are those listed from `start` to `end` in `which`, and all of them have a cell with a plane.
+    All of them have a cell with a plane.
 
     Points within the tolerance of two planes are left out: near an edge they belong to both, and must not shape one.
     """
@@ -151,10 +154,10 @@ def sum_planes(
     plane = -1  # sums stay in registers while neighbours in recording order lie on the same plane
     n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
     nx = ny = nz = cx = cy = cz = tolerance = 0.0
-    for i in which[start:end]:
+    for i in range(start, end):
         p = plane_of_cell[cell_of_point[i]]
         if p < -1:
-            p, hits = _nearest(points, i, several[-2 - p], frames)
+            p, hits = _nearest(points, i, several, -2 - p, frames)
             if hits != 1:
                 continue
         if p != plane:
@@ -219,7 +222,7 @@ def label_points(  # noqa: PLR0915 - one compiled loop
         p = -1 if cell < 0 else plane_of_cell[cell]
         hits = 1
         if p < -1:
-            p, hits = _nearest(points, i, several[-2 - p], frames)
+            p, hits = _nearest(points, i, several, -2 - p, frames)
         shared[i] = hits > 1
         if p < 0:
             labels[i] = -1

@@ -124,7 +124,7 @@ def test_points_of_two_planes_extend_both_but_shape_none(corner):
 
 def moments_and_parts(points, cells, candidates, frames):
     parted = part_cells(points, cells, candidates, frames)
-    return planes_moments(points, cells, candidates, parted, frames), parted
+    return planes_moments(cells, candidates, parted, frames), parted
 
 
 def test_sums_of_planes_are_the_same_with_and_without_labels(corner):
@@ -145,7 +145,7 @@ def test_cells_on_their_only_plane_are_added_whole_and_others_point_by_point():
     moments, parted = moments_and_parts(floor, cells, candidates, frames)
     torn = cells.cell_of_point[7]
     assert list(np.flatnonzero(parted.whole < 0)) == [torn]
-    assert np.array_equal(parted.points, np.flatnonzero(cells.cell_of_point == torn))
+    assert np.array_equal(parted.points, floor[cells.cell_of_point == torn])
     expected = label_points(floor, cells.cell_of_point, candidates, frames).moments
     assert expected[0, 0] == len(floor) - 1
     assert moments == pytest.approx(expected, rel=1e-9, abs=1e-9)  # rounding of 5000 squares
