@@ -295,24 +295,35 @@ def sum_patches(
     `per_patch` (k, 2) the reciprocal of their sizes.
     """
     out = np.zeros((starts[-1], 5))
-    patch = -1  # as in `sum_planes`
+    plane = patch = -1  # frame and sums stay in registers, as in `sum_planes`
     n = su = sv = sr = srr = 0.0
+    cx = cy = cz = nx = ny = nz = ex = ey = ez = fx = fy = fz = u_min = v_min = per_u = per_v = 0.0
+    first = height = width = 0
     for i in range(start, end):
         if labels[i] < 0 or shared[i]:
             continue
         p = numbers[labels[i]]
         if p < 0:
             continue
-        x = points[i, 0] - frames[p, 3]
-        y = points[i, 1] - frames[p, 4]
-        z = points[i, 2] - frames[p, 5]
-        r = x * frames[p, 0] + y * frames[p, 1] + z * frames[p, 2]
-        u = x * frames[p, 6] + y * frames[p, 7] + z * frames[p, 8]
-        v = x * frames[p, 9] + y * frames[p, 10] + z * frames[p, 11]
+        if p != plane:
+            plane = p
+            nx, ny, nz = frames[p, 0], frames[p, 1], frames[p, 2]
+            cx, cy, cz = frames[p, 3], frames[p, 4], frames[p, 5]
+            ex, ey, ez = frames[p, 6], frames[p, 7], frames[p, 8]
+            fx, fy, fz = frames[p, 9], frames[p, 10], frames[p, 11]
+            u_min, v_min = corners[p, 0], corners[p, 1]
+            per_u, per_v = per_patch[p, 0], per_patch[p, 1]
+            first, height, width = starts[p], rows[p], columns[p]
+        x = points[i, 0] - cx
+        y = points[i, 1] - cy
+        z = points[i, 2] - cz
+        r = x * nx + y * ny + z * nz
+        u = x * ex + y * ey + z * ez
+        v = x * fx + y * fy + z * fz
         # points at the rim may lie outside by rounding and by the tilt since the rectangle was measured
-        column = min(max(int((u - corners[p, 0]) * per_patch[p, 0]), 0), columns[p] - 1)
-        row = min(max(int((v - corners[p, 1]) * per_patch[p, 1]), 0), rows[p] - 1)
-        s = int(starts[p] + row * columns[p] + column)
+        column = min(max(int((u - u_min) * per_u), 0), width - 1)
+        row = min(max(int((v - v_min) * per_v), 0), height - 1)
+        s = first + row * width + column
         if s != patch:
             if patch >= 0:
                 _add(out, patch, (n, su, sv, sr, srr))
@@ -408,20 +419,28 @@ def fill_rasters(
 
     `per_cell` (k,) is the reciprocal of the size of the cells.
     """
+    plane = -1  # its frame stays in registers, as in `sum_planes`
+    cx = cy = cz = ex = ey = ez = fx = fy = fz = u_min = v_min = per = 0.0
+    first = height = width = 0
     for i in range(start, end):
         if labels[i] < 0:
             continue
         p = numbers[labels[i]]
         if p < 0:
             continue
-        x = points[i, 0] - frames[p, 3]
-        y = points[i, 1] - frames[p, 4]
-        z = points[i, 2] - frames[p, 5]
-        u = x * frames[p, 6] + y * frames[p, 7] + z * frames[p, 8]
-        v = x * frames[p, 9] + y * frames[p, 10] + z * frames[p, 11]
-        row = min(max(int((v - origins[p, 1]) * per_cell[p]), 0), rows[p] - 1)
-        column = min(max(int((u - origins[p, 0]) * per_cell[p]), 0), columns[p] - 1)
-        out[starts[p] + row * columns[p] + column] = 1
+        if p != plane:
+            plane = p
+            cx, cy, cz = frames[p, 3], frames[p, 4], frames[p, 5]
+            ex, ey, ez = frames[p, 6], frames[p, 7], frames[p, 8]
+            fx, fy, fz = frames[p, 9], frames[p, 10], frames[p, 11]
+            u_min, v_min, per = origins[p, 0], origins[p, 1], per_cell[p]
+            first, height, width = starts[p], rows[p], columns[p]
+        x = points[i, 0] - cx
+        y = points[i, 1] - cy
+        z = points[i, 2] - cz
+        row = min(max(int((x * fx + y * fy + z * fz - v_min) * per), 0), height - 1)
+        column = min(max(int((x * ex + y * ey + z * ez - u_min) * per), 0), width - 1)
+        out[first + row * width + column] = 1
 
 
 @njit(cache=True, nogil=True)

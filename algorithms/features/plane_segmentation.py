@@ -139,8 +139,7 @@ def segment_planes(
     labels, count = grow_regions(ordered_seeds(steps), pieces, cells.neighbours, NORMAL_LIMIT, min_cells)
     curved = _curved(cells, labels, count)
     _renumber(labels, np.where(curved, -1, np.cumsum(~curved) - 1))
-    count = _merge(cells, labels, count - int(curved.sum()), noise_std_m, sensor_m, cap)
-    moments = _region_moments(cells, labels, count, cap)
+    moments = _merge(cells, labels, count - int(curved.sum()), noise_std_m, sensor_m, cap)
     _, normals, deviations = frames_of_moments(moments)
     # to the side that most of the cells' normals point to
     agreeing = over_blocks(
@@ -224,11 +223,14 @@ def _curved(cells: SurfaceCells, labels: Labels, count: int) -> Bool[Array, "k"]
 
 def _merge(
     cells: SurfaceCells, labels: Labels, count: int, noise_std_m: float, sensor_m: Vector3 | None, cap: float
-) -> int:
-    """Unite touching regions that are one plane within the noise: renumber `labels` and tell how many are left."""
-    if count < 2:
-        return count
+) -> Float64[Array, "k 10"]:
+    """Unite touching regions that are one plane within the noise: renumber `labels` and give the sums of what is left.
+
+    These are count, mean and central sums of products.
+    """
     moments = _region_moments(cells, labels, count, cap)
+    if count < 2:
+        return moments
     touch = np.zeros((count, count), dtype=np.bool_)
     over_blocks(
         lambda start, end: touching_labels(labels, cells.neighbours, start, end, touch), len(labels), least=LEAST_CELLS
@@ -248,7 +250,7 @@ def _merge(
         first, second = np.sort(group[pairs].T.astype(np.int64), axis=0)
         pairs = np.column_stack(np.divmod(np.unique((first * groups + second)[first != second]), groups))
     _renumber(labels, numbers.astype(np.int64))
-    return len(moments)
+    return moments
 
 
 def _are_one_plane(

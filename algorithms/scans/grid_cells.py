@@ -54,7 +54,8 @@ def grid_cells(
         len(cell_of_block), least=least,
     )  # fmt: skip
     count = int(kernels.number_blocks(cell_of_block))
-    cell_of_point = np.full(len(points), -1, dtype=np.int32)
+    cell_of_point = np.empty(len(points), dtype=np.int32)
+    over_blocks(lambda start, end: cell_of_point[start:end].fill(-1), len(points))
     moments = np.empty((count, 10))
     neighbours = np.empty((count, 8), dtype=np.int32)
     spacing = np.empty(count)

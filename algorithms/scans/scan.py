@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Floats32, GridIndex, Points, Vector3
+from algorithms.scans.point_blocks import over_blocks
 
 SAMPLED_LINES = 8
 """Of so many rows and columns the order of the points is seen."""
@@ -36,7 +37,9 @@ class ScanGrid:
 
     def turned(self) -> "ScanGrid":
         """Give the grid with rows and columns exchanged."""
-        return ScanGrid(np.ascontiguousarray(self.index.T))
+        index = np.empty((self.columns, self.rows), dtype=np.int32)
+        over_blocks(lambda start, end: np.copyto(index[start:end], self.index[:, start:end].T), self.columns, least=128)
+        return ScanGrid(index)
 
 
 def _median_step(lines: GridIndex) -> float:
