@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Flags, IndexPairs, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
+from algorithms.geometry.rotations import rotation_matrix
 from algorithms.matching.line_pairs import DescribedLines, described_lines
 
 GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
@@ -100,7 +101,7 @@ def lines_near(
     max_angle_rad, max_distance_m
         Largest angle, and largest distance in the middle of the common piece or of the gap.
     """
-    rotation = target_from_source.rotation.as_matrix()
+    rotation = rotation_matrix(target_from_source)
     directions = theirs.lines.directions @ rotation.T
     anchors = target_from_source.apply(theirs.lines.anchors) if len(theirs.lines) else theirs.lines.anchors
     cosines = ours.lines.directions @ directions.T
@@ -161,7 +162,7 @@ def corresponding_planes(
     ours, theirs = target.planes, source.planes
     if len(ours) == 0 or len(theirs) == 0:
         return np.empty((0, 2), dtype=np.int64)
-    normals = target_from_source.rotation.apply(theirs.normals)
+    normals = theirs.normals @ rotation_matrix(target_from_source).T
     centroids = target_from_source.apply(theirs.centroids)
     angles = np.arccos(np.clip(ours.normals @ normals.T, -1.0, 1.0))
     between = centroids[None, :, :] - ours.centroids[:, None, :]

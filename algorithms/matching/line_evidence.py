@@ -16,6 +16,7 @@ from scipy.stats import fisher_exact
 from algorithms.arrays import Flags, Indices, Matrix3, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines, LineSource, bases_of, concatenated_lines
+from algorithms.geometry.rotations import rotation_matrix, turn_between
 from algorithms.matching.correspondences import lines_near
 from algorithms.matching.line_pairs import described_lines
 from algorithms.matching.polish import fitting
@@ -65,8 +66,23 @@ class LineEvidence:
         return LineEvidence(self.expected + other.expected, self.found + other.found)
 
 
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """What becomes of n lines of a scan where a motion lays them on a scan."""
+
+    between: Flags
+    """(n,) True for lines that this scan should have seen because it has both surfaces beside them."""
+    beside: Flags
+    """(n,) True for those that it should have seen if one of these surfaces suffices."""
+    found: Flags
+    """(n,) True for lines that this scan has."""
+
+
 class LineWitness:
-    """Two scans whose lines are asked about pairs of poses. Holds search trees; O(n log n) to build."""
+    """Two scans whose lines are asked about pairs of poses. Holds search trees; O(n log n) to build.
+
+    What one pose shows is remembered: it is asked beside many others.
+    """
 
     def __init__(self, target: ScanFeatures, source: ScanFeatures) -> None:
         """Prepare both scans.
@@ -78,6 +94,7 @@ class LineWitness:
         """
         self._scans = (_Witness(target), _Witness(source))
         self._distance_m = max(FOUND_DISTANCE_M, FOUND_NOISES * max(target.noise_std_m, source.noise_std_m))
+        self._laid: dict[tuple[int, int, bytes], _Laid] = {}
 
     def compare(
         self, pose: RigidTransform, other: RigidTransform, *, alike_views: bool = False
@@ -92,21 +109,26 @@ class LineWitness:
             Count the lines that both poses show from nearly the same direction, where one surface beside them suffices:
             a window's reveal that is not there cannot be seen, but the wall on which it should be can.
         """
-        counts = np.zeros((2, 2), dtype=np.int64)
-        there = (other.inv(), pose.inv())
-        for number, (seen_from_target, seen_from_source) in enumerate(((pose.inv(), pose), (other.inv(), other))):
-            for scan, partner, motion, rival in (
-                (*self._scans, seen_from_target, there[number]),
-                (*self._scans[::-1], seen_from_source, (other, pose)[number]),
-            ):
-                tells = moved_across(scan.features.lines, motion, rival) > SENSITIVE_FACTOR * self._distance_m
-                if alike_views:
-                    tells &= scan.viewed_alike(partner, motion, rival)
-                expected = tells & scan.expected_in(partner, motion, one_side=alike_views)
-                found = scan.found_in(partner, motion, self._distance_m)
-                counts[number] += [np.count_nonzero(expected), np.count_nonzero(expected & found)]
-        first, second = (LineEvidence(int(expected), int(found)) for expected, found in counts)
-        return first, second
+        back, there = pose.inv(), other.inv()
+        here = self._count(0, 1, back, (back, there), alike_views) + self._count(1, 0, pose, (pose, other), alike_views)
+        return here, (
+            self._count(0, 1, there, (there, back), alike_views) + self._count(1, 0, other, (other, pose), alike_views)
+        )
+
+    def _count(
+        self, own: int, partner: int, motion: RigidTransform, apart: tuple[RigidTransform, RigidTransform], alike: bool
+    ) -> LineEvidence:
+        """Count the lines of a scan, laid on its partner by a motion, that lie elsewhere between two motions."""
+        scan, key = self._scans[own], (own, partner, motion.as_matrix().tobytes())
+        laid = self._laid.get(key)
+        if laid is None:
+            laid = self._laid[key] = scan.laid_on(self._scans[partner], motion, self._distance_m)
+        asked = moved_across(scan.features.lines, *apart) > SENSITIVE_FACTOR * self._distance_m
+        if alike:
+            asked &= laid.beside & scan.viewed_alike(self._scans[partner], *apart)
+        else:
+            asked &= laid.between
+        return LineEvidence(int(np.count_nonzero(asked)), int(np.count_nonzero(asked & laid.found)))
 
     def refutation(
         self, pose: RigidTransform, other: RigidTransform, *, alpha: float
@@ -126,8 +148,10 @@ class LineWitness:
         """
         for alike_views in (False, True):
             here, there = self.compare(pose, other, alike_views=alike_views)
+            if here.found < LEAST_FOUND:
+                continue
             there = there + self.self_likeness(pose, other, alike_views=alike_views)
-            if here.found < LEAST_FOUND or there.expected < LEAST_EXPECTED or there.rate > MOST_RATE * here.rate:
+            if there.expected < LEAST_EXPECTED or there.rate > MOST_RATE * here.rate:
                 continue
             table = np.array([[e.found, e.expected - e.found] for e in (here, there)])
             if fisher_exact(table, alternative="greater").pvalue <= alpha:
@@ -147,23 +171,16 @@ class LineWitness:
         alike_views
             As for `compare`.
         """
-        expected, found = 0, 0
-        for scan, motion in zip(self._scans, (other * pose.inv(), pose.inv() * other), strict=True):
+        evidence, rest = LineEvidence(0, 0), RigidTransform.identity()
+        for k, motion in enumerate((other * pose.inv(), pose.inv() * other)):
             for each in (motion, motion.inv()):
-                across = moved_across(scan.features.lines, RigidTransform.identity(), each)
-                asked = (across > SENSITIVE_FACTOR * self._distance_m) & scan.expected_in(
-                    scan, each, one_side=alike_views
-                )
-                if alike_views:
-                    asked &= scan.viewed_alike(scan, RigidTransform.identity(), each)
-                expected += int(np.count_nonzero(asked))
-                found += int(np.count_nonzero(asked & scan.found_in(scan, each, self._distance_m)))
-        return LineEvidence(expected, found)
+                evidence = evidence + self._count(k, k, each, (rest, each), alike_views)
+        return evidence
 
 
 def moved_across(lines: Lines, motion: RigidTransform, other: RigidTransform) -> Scalars:
     """Measure how far each line lies from itself between two motions, across it at the nearer end, (n,) [m]."""
-    directions = motion.rotation.apply(lines.directions) if len(lines) else lines.directions
+    directions = lines.directions @ rotation_matrix(motion).T
     across = []
     for ends in lines.end_points:
         shift = other.apply(ends) - motion.apply(ends) if len(lines) else ends
@@ -195,25 +212,32 @@ class _Witness:
         self._of_photos = features.lines.sources == int(LineSource.PHOTO_EDGE)
         self._views = _views(scan)
 
-    def expected_in(self, other: "_Witness", other_from_own: RigidTransform, *, one_side: bool = False) -> Flags:
-        """Say which of the own lines the other scan should have seen: both surfaces beside them, or one."""
+    def laid_on(self, other: "_Witness", other_from_own: RigidTransform, distance_m: float) -> _Laid:
+        """Say which of the own lines the other scan should have seen, and which it has."""
+        found = self._found_in(other, other_from_own, distance_m)
         if len(self._samples) == 0:
-            return np.zeros(len(self.features.lines), dtype=bool)
+            nothing = np.zeros(len(self.features.lines), dtype=bool)
+            return _Laid(nothing, nothing, found)
         places = other_from_own.apply(self._samples)
-        fits = []
-        for offsets, normals, present in self._sides:
-            points = self._samples + offsets[self._owners]
-            fit = fitting(other_from_own, points, normals[self._owners], other.index, _side_limits(other.index))
-            fits.append(fit & present[self._owners] if one_side else fit | ~present[self._owners])
-        seen = self._near_enough(other, places) & (np.any if one_side else np.all)(fits, axis=0)
+        shown = self._near_enough(other, places)
         in_photos = self._of_photos[self._owners]
-        seen[in_photos] &= other.in_photos(places[in_photos])
-        return np.bincount(self._owners, seen, len(self._counts)) >= SEEN_SHARE * self._counts
+        shown[in_photos] &= other.in_photos(places[in_photos])
+        all_fit, one_fits = shown.copy(), np.zeros(len(shown), dtype=bool)
+        for offsets, normals, present in self._sides:
+            points, there = self._samples + offsets[self._owners], present[self._owners]
+            fit = fitting(other_from_own, points, normals[self._owners], other.index, _side_limits(other.index))
+            all_fit &= fit | ~there
+            one_fits |= fit & there
+        enough = SEEN_SHARE * self._counts
+        between, beside = (
+            np.bincount(self._owners, seen, len(self._counts)) >= enough for seen in (all_fit, one_fits & shown)
+        )
+        return _Laid(between, beside, found)
 
     def viewed_alike(self, other: "_Witness", motion: RigidTransform, rival: RigidTransform) -> Flags:
         """Say which of the own lines the other instrument sees from nearly the same direction after both motions."""
         lines, sensor = self.features.lines, other.features.sensor_m
-        if len(lines) == 0 or sensor is None or (motion.rotation * rival.rotation.inv()).magnitude() > ALIKE_VIEWS_RAD:
+        if len(lines) == 0 or sensor is None or turn_between(motion, rival) > ALIKE_VIEWS_RAD:
             return np.zeros(len(lines), dtype=bool)
         middles = np.mean(lines.end_points, axis=0)
         here, there = motion.apply(middles), rival.apply(middles)
@@ -230,7 +254,7 @@ class _Witness:
             shown[ahead] |= outline.find_simplex(flat) >= 0
         return shown
 
-    def found_in(self, other: "_Witness", other_from_own: RigidTransform, distance_m: float) -> Flags:
+    def _found_in(self, other: "_Witness", other_from_own: RigidTransform, distance_m: float) -> Flags:
         """Say which of the own lines the other scan has."""
         near = lines_near(
             self.described,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Flags, Points, Scalars, Vector3
+from algorithms.geometry.rotations import rotation_matrix
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 
 LEAST_GAPS = 30
@@ -103,7 +104,7 @@ def surface_gaps(
         match, here, back, there = match[stays], here[stays], back[stay_back], there[stay_back]
     moved = pose.apply(source.points[match])
     other = pose.apply(source.points[there])
-    normals = np.vstack([target.normals[here], pose.rotation.apply(source.normals[there])])
+    normals = np.vstack([target.normals[here], source.normals[there] @ rotation_matrix(pose).T])
     return SurfaceGaps(
         positions=np.vstack([moved, target.points[back]]),
         normals=normals,
@@ -179,7 +180,7 @@ def _matches(
 
     match = np.empty(len(points), dtype=np.int64)
     kernels.matched_surface(
-        np.ascontiguousarray(fixed_from_moved.rotation.as_matrix()),
+        np.ascontiguousarray(rotation_matrix(fixed_from_moved)),
         np.ascontiguousarray(fixed_from_moved.translation, dtype=np.float64),
         np.ascontiguousarray(points.T), normals, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m,
         limits.as_array(), match,

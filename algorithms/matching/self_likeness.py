@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.geometry.rotations import rotation_matrix, turn_between
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex
 
@@ -98,7 +99,7 @@ def is_possible_alternative(
     near = relative < NEAR_RELATIVE_SUPPORT and are_near(pose, other, target, source)
     if near or alternative.support < FAINT_SUPPORT:
         return False
-    turned = bool((other.rotation * pose.rotation.inv()).magnitude() >= LEAST_TURN_RAD)
+    turned = bool(turn_between(other, pose) >= LEAST_TURN_RAD)
     lone = best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT
     if alternative.support < LEAST_SUPPORT or (lone and relative < TURNED_RELATIVE_SUPPORT):
         spotless = turned and alternative.share <= SPOTLESS and relative >= FAINT_RELATIVE_SUPPORT
@@ -128,8 +129,7 @@ def are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, 
     """
     if not (target.knows_free_space and source.knows_free_space):
         return False
-    trace = float((other.as_matrix()[:3, :3] * pose.as_matrix()[:3, :3]).sum())  # of the turn between both
-    if 0.5 * (trace - 1.0) < np.cos(NEAR_RAD):
+    if turn_between(other, pose) > NEAR_RAD:
         return False
     distance = min(target.median_range_m, source.median_range_m)
     places = np.vstack([source.centre_m, source.sensor_m])
@@ -149,7 +149,7 @@ def self_likeness(scan: SurfaceIndex, motion: RigidTransform, noise_m: float) ->
         Standard deviation of single points [m].
     """
     scores = score_poses(
-        motion.rotation.as_matrix()[None],
+        rotation_matrix(motion)[None],
         np.asarray(motion.translation, dtype=np.float64)[None],
         scan,
         scan,

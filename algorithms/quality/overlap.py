@@ -6,6 +6,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Indices, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
+from algorithms.geometry.rotations import rotation_matrix
 from algorithms.quality.acceptance import Verification
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
 
@@ -27,7 +28,7 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
     noise = max(target.noise_std_m, source.noise_std_m)
     spacing = max(index.spacing_m for index in indices)
     scores = score_poses(
-        target_from_source.rotation.as_matrix()[None],
+        rotation_matrix(target_from_source)[None],
         np.asarray(target_from_source.translation, dtype=np.float64)[None],
         indices[0],
         indices[1],
