@@ -37,6 +37,8 @@ DIRECTION_CREDIT = 0.1
 all that two scans share."""
 LEAST_SCORE = 0.002
 """Shifts of a lower score are none."""
+ROUNDING = 1e-4
+"""Scores that differ by a smaller share are equal: the transforms are in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,7 @@ class _Rasters:
 def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, source: SurfaceIndex) -> Motions:
     """Find, for each rotation that planes propose, the shifts at which most surface meets and least is contradicted.
 
-    Costs about 0.1 s of one processor for each rotation, whatever the scans.
+    Costs about 0.06 s of one processor for each rotation, whatever the scans.
 
     Parameters
     ----------
@@ -122,7 +124,7 @@ def _rasters(
             rotation, low, cell_m, scan.nearest_m, scan.sensor_m, scan.cell_rad, MARGIN_M, MARGIN_RELATIVE, free
         )
     counts = surface.reshape(2, 3, -1).sum(axis=(0, 2))
-    return _Rasters(low, size, _transformed(surface, shape), fft.rfftn(free, shape), counts)
+    return _Rasters(low, size, _transformed(surface, shape), _transformed(free[None], shape)[0], counts)
 
 
 def _marked(
@@ -139,7 +141,12 @@ def _marked(
 
 
 def _transformed(fields: Array, shape: tuple[int, ...]) -> Array:
-    return np.stack([fft.rfftn(each, shape) for each in fields])
+    """Transform fields (k, ...), with zeros behind them up to a shape, axis by axis: rows of zeros need not be."""
+    out = np.empty((len(fields), *shape[:2], shape[2] // 2 + 1), dtype=np.complex64)
+    for each, transform in zip(fields, out, strict=True):
+        by_rows = fft.fft(fft.rfft(each, shape[2], axis=2), shape[1], axis=1)
+        transform[:] = fft.fft(by_rows, shape[0], axis=0)
+    return out
 
 
 def _correlated(
@@ -160,13 +167,13 @@ def _correlated(
         supports.reshape(3, -1), fft.irfftn(0.5 * against, shape).reshape(-1), FREE_SHARE, PENALTY, DIRECTION_CREDIT,
         LEAST_SCORE, score.reshape(-1),
     )  # fmt: skip
-    found = kernels.peaks(score, LEAST_SCORE)
-    found = found[np.argsort(-score.reshape(-1)[found], kind="stable")[:MOST_PEAKS]]
-    steps = np.stack(np.unravel_index(found, shape), axis=1)
+    cells, steps = kernels.peaks(score, LEAST_SCORE, ROUNDING)
+    votes = score[tuple(cells.T)].astype(np.float64)
+    best = np.argsort(-votes, kind="stable")[:MOST_PEAKS]
     # transforms are periodic: what is beyond the target is a shift the other way
-    steps = np.where(steps >= np.array(ours.size), steps - np.array(shape), steps)
+    steps = steps[best] - np.where(cells[best] >= np.array(ours.size), shape, 0)
     return Motions(
-        np.broadcast_to(rotation, (len(found), 3, 3)).copy(),
+        np.broadcast_to(rotation, (len(best), 3, 3)).copy(),
         np.ascontiguousarray(ours.low_m - theirs.low_m + cell_m * steps),
-        score.reshape(-1)[found].astype(np.float64),
+        votes[best],
     )

@@ -91,25 +91,64 @@ def weigh(
 
 
 @njit(cache=True, nogil=True)
-def _is_highest(score: Array, i: int, j: int, k: int) -> bool:
-    """Say whether none of the 26 neighbours of a cell, round the edges too, scores more."""
+def _tied(score: Array, i: int, j: int, k: int, tolerance: float) -> int:
+    """Count the neighbours of a cell, round the edges too, that score as much; -1 where one of the 26 scores more."""
     nx, ny, nz = score.shape
     own = score[i, j, k]
+    tied = 0
     for step in range(27):
         u, v, w = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
-        if score[(i + u) % nx, (j + v) % ny, (k + w) % nz] > own:
-            return False
-    return True
+        other = score[(i + u) % nx, (j + v) % ny, (k + w) % nz]
+        if other > own * (1.0 + tolerance):
+            return -1
+        tied += other >= own * (1.0 - tolerance)
+    return tied - 1
 
 
 @njit(cache=True, nogil=True)
-def peaks(score: Array, least: float) -> Any:
-    """List the cells that score at least `least` and no less than their neighbours."""
+def _middle(score: Array, i: int, j: int, k: int, tied: int, tolerance: float) -> tuple[float, float, float]:
+    """Give the middle of a cell and the neighbours that score as much; nan where one of them stands for it.
+
+    That is the one that has more such neighbours than this cell has, of equals the first.
+    """
     nx, ny, nz = score.shape
-    found = []
+    least = score[i, j, k] * (1.0 - tolerance)
+    x = y = z = 0
+    for step in range(27):
+        u, v, w = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+        ni, nj, nk = (i + u) % nx, (j + v) % ny, (k + w) % nz
+        if step == 13 or score[ni, nj, nk] < least:
+            continue
+        others = _tied(score, ni, nj, nk, tolerance)
+        if others > tied or (others == tied and step < 13):
+            return np.nan, np.nan, np.nan
+        x += u
+        y += v
+        z += w
+    count = tied + 1
+    return i + x / count, j + y / count, k + z / count
+
+
+@njit(cache=True, nogil=True)
+def peaks(score: Array, least: float, tolerance: float) -> tuple[Array, Array]:
+    """Find the cells that score at least `least` and no less than their neighbours.
+
+    Scores that differ by less than a share of `tolerance` are the same but for rounding; of cells side by side that
+    score the same, the one amid most of them stands for all. Returns (p, 3) cells and (p, 3) the middles of what they
+    stand for.
+    """
+    nx, ny, nz = score.shape
+    cells: list[int] = []
+    middles: list[float] = []
     for i in range(nx):
         for j in range(ny):
             for k in range(nz):
-                if score[i, j, k] >= least and _is_highest(score, i, j, k):
-                    found.append((i * ny + j) * nz + k)  # noqa: PERF401 - compiled lists do not take generators
-    return np.array(found, dtype=np.int64)
+                tied = _tied(score, i, j, k, tolerance) if score[i, j, k] >= least else -1
+                if tied < 0:
+                    continue
+                middle = _middle(score, i, j, k, tied, tolerance)
+                if not math.isnan(middle[0]):
+                    cells.extend((i, j, k))
+                    middles.extend(middle)
+    count = len(cells) // 3
+    return np.array(cells, dtype=np.int64).reshape(count, 3), np.array(middles, dtype=np.float64).reshape(count, 3)

@@ -5,7 +5,8 @@ import pytest
 from indexed_rooms import index, room, walls
 
 from algorithms.matching.plane_triples import OffsetVotes
-from algorithms.matching.surface_correlation import LEAST_CELL_M, correlated_motions
+from algorithms.matching.surface_correlation import LEAST_CELL_M, ROUNDING, _transformed, correlated_motions
+from algorithms.matching.surface_correlation_kernels import peaks
 from algorithms.scans.surface_index import surface_index
 
 NOTHING = np.empty(0)
@@ -88,3 +89,26 @@ def test_a_direction_in_which_nothing_is_common_does_not_rule_a_place_out():
     found = correlated_motions([votes()], target, source)
     right = np.abs(found.translations_m - shift).max(axis=1) <= 0.75 * LEAST_CELL_M
     assert found.votes[right].max(initial=0.0) > 0.2
+
+
+def test_shifts_that_score_alike_side_by_side_count_once_from_their_middle():
+    score = np.zeros((12, 10, 8), dtype=np.float32)
+    score[3:5, 4:7, 2] = 1.0
+    score[3, 4, 2] -= 1e-6  # rounding
+    score[9, 2, 6] = 0.5
+    score[[11, 0], 8, 4] = 0.25  # round the edge
+    cells, middles = peaks(score, 0.1, ROUNDING)
+    assert middles[np.argsort(-score[tuple(cells.T)])[:2]].tolist() == [[3.5, 5.0, 2.0], [9.0, 2.0, 6.0]]
+    assert sorted(middles[:, 0] % 12) == [3.5, 9.0, 11.5]
+
+
+def test_where_nothing_scores_there_is_no_peak():
+    cells, middles = peaks(np.zeros((4, 5, 6), dtype=np.float32), 0.1, ROUNDING)
+    assert (cells.shape, middles.shape) == ((0, 3), (0, 3))
+
+
+def test_fields_in_the_corner_of_a_raster_are_transformed_as_if_it_were_filled_up_with_zeros():
+    fields = np.random.default_rng(3).random((2, 5, 7, 9)).astype(np.float32)
+    shape = (12, 15, 20)
+    expected = np.fft.rfftn(fields, shape, axes=(1, 2, 3))
+    assert np.abs(_transformed(fields, shape) - expected).max() < 1e-5 * np.abs(expected).max()  # single precision
