@@ -48,6 +48,10 @@ MOST_DENSE = 300
 FIRST_DAMPING, DAMPING_GROWTH, MOST_DAMPING = 1e-3, 10.0, 1e9
 """Damping of the scaled normal equations after a step that made the residuals worse, and its changes."""
 
+RUN_AWAY = 1e6
+"""An adjustment that moves an unknown by so many times the problem's size is held by nothing: what observations say of
+something fades with its distance, so the sum of squares goes on falling."""
+
 WORSE = 1e-6
 """Growth of the weighted squared residuals (share) that counts as worse."""
 
@@ -127,7 +131,7 @@ def solve(
     Raises
     ------
     DegenerateGeometryError
-        When the conditions leave something undetermined.
+        When the conditions leave something undetermined, or so weakly determined that the unknowns run away.
     """
     scales = start.scales(problem.extent_m())
     unknowns, system = start, problem.linearised(start) if linearised is None else linearised[0]
@@ -137,6 +141,7 @@ def solve(
     )
     moved_since_weights, step_std, iterations, converged, damping = 0.0, np.inf, 0, False, 0.0
     linear_step: Array | None = np.zeros(start.count)
+    travelled = np.zeros(start.count)
     omega = _omega(whitening, system)
     while not converged and iterations < max_iterations:
         iterations += 1
@@ -156,6 +161,9 @@ def solve(
         undamped = damping == 0.0
         damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
         unknowns, system = trial, trial_system
+        travelled += step
+        if float(np.abs(travelled / scales).max(initial=0.0)) > RUN_AWAY:
+            raise equations.undetermined("a combination of unknowns along which the adjustment runs away")
         linear_step = linear_step + step if linear and linear_step is not None else None
         moved_since_weights += share
         if system.blocks_are_independent:
@@ -202,15 +210,37 @@ class NormalEquations:
             solver = _dense_solver(scaled + damping * np.eye(len(scaled)), border)
         else:
             solver = _sparse_solver(scaled + damping * sparse.eye_array(len(self._scale)), border)
+        self._scaled, self._border = scaled, border
         if solver is None:
-            dense = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
-            raise _undetermined(dense, border, self._scale)
+            raise self.undetermined("a combination of unknowns that no observation depends on")
         self._solver = solver
 
     @property
     def matrix(self) -> Array:
         """(u, u) N = Jᵀ P J."""
         return self._normal if isinstance(self._normal, np.ndarray) else np.asarray(self._normal.toarray())
+
+    def undetermined(self, what: str) -> DegenerateGeometryError:
+        """Find what the observations and the conditions leave free, or hold least. O(u³).
+
+        Parameters
+        ----------
+        what
+            Names it in words.
+        """
+        dense = self._scaled if isinstance(self._scaled, np.ndarray) else self._scaled.toarray()
+        u, k = self._border.shape
+        allowed = np.linalg.svd(self._border, full_matrices=True)[0][:, k:] if k else np.eye(u)
+        values, vectors = np.linalg.eigh(allowed.T @ dense @ allowed)
+        free = values < FREE_SHARE * max(values[-1], np.finfo(np.float64).tiny)
+        free[0] = True  # the factorisation failed, or the adjustment: so the least one is free
+        return DegenerateGeometryError(
+            u - int(free.sum()),
+            (what,),
+            self._scale[:, None] * (allowed @ vectors[:, free]),
+            "add observations, or a datum that holds it",
+            parameters=u,
+        )
 
     def step(self) -> Array:
         """Solve for the step dx, (u,)."""
@@ -252,22 +282,6 @@ def _sparse_solver(matrix: sparse.sparray, border: Array) -> Callable[[Array], A
     if np.abs(factors.U.diagonal()).min(initial=np.inf) < SMALLEST_PIVOT:
         return None
     return lambda right: np.asarray(factors.solve(np.pad(right, ((0, k), (0, 0))))[:u])
-
-
-def _undetermined(matrix: Array, border: Array, scale: Array) -> DegenerateGeometryError:
-    """Find what the scaled normal matrix and the conditions leave free. O(u³)."""
-    u, k = border.shape
-    allowed = np.linalg.svd(border, full_matrices=True)[0][:, k:] if k else np.eye(u)
-    values, vectors = np.linalg.eigh(allowed.T @ matrix @ allowed)
-    free = values < FREE_SHARE * max(values[-1], np.finfo(np.float64).tiny)
-    free[0] = True  # the factorisation failed, so the least one is free
-    return DegenerateGeometryError(
-        u - int(free.sum()),
-        ("a combination of unknowns that no observation depends on",),
-        scale[:, None] * (allowed @ vectors[:, free]),
-        "add observations, or a datum that holds it",
-        parameters=u,
-    )
 
 
 def _omega(whitening: Whitening, system: LinearSystem) -> float:

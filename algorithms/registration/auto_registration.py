@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.errors import TooFewCorrespondencesError
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
@@ -164,7 +164,7 @@ def _attempts(
     for label, use, start in ways:
         try:
             fine = adjusted_features(problem, use, options, start)
-        except TooFewCorrespondencesError as error:
+        except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
             remarks.append(f"{label}: {error}")
             continue
         if surfaces is not None and not fine.adjustment.converged:

@@ -10,7 +10,7 @@ from algorithms.adjustment.observations.plane_plane import PlanePlane
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.arrays import Array, Flags, IndexPairs, OtherIndexPairs
-from algorithms.errors import TooFewCorrespondencesError
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
 from algorithms.matching.open_shifts import shifted_by_lines
 from algorithms.matching.options import MatchingOptions
@@ -65,6 +65,11 @@ def register_by_features(
         return PairResult(
             PairStatus.REJECTED, (f"a pose was found, but nothing to adjust it by: {error}",), coarse, None, None
         )
+    except DegenerateGeometryError as error:
+        return PairResult(
+            PairStatus.DEGENERATE, (f"a pose was found, but not adjusted: {error}",), coarse, None, None,
+            free_directions=error.free_directions, advice=error.advice,
+        )  # fmt: skip
     progress.report(0.9, "verification")
     verification = verify_pose(problem.target, problem.source, fine.adjustment.pose.target_from_source)
     verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=expected_supporters(fine))
@@ -92,6 +97,8 @@ def adjusted_features(
     ------
     TooFewCorrespondencesError
         Below two corresponding features.
+    DegenerateGeometryError
+        When those there are hold the pose so weakly that the adjustment runs away.
     """
     fine = _in_rounds(problem, use, options, start)
     shifted = _along_open_shift(problem, fine) if use.lines else None

@@ -182,6 +182,24 @@ def test_a_step_that_would_overshoot_is_damped() -> None:
     np.testing.assert_allclose(solution.unknowns.points, true, atol=1e-8)
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-3, 0.1])
+def test_lines_of_sight_that_do_not_meet_are_refused_instead_of_followed_to_infinity(apart: float) -> None:
+    # directions say less of a point the farther it is, so the sum of squares falls all the way
+    stations = RigidTransform.from_components([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]], Rotation.identity(2))
+    sights = Polar(
+        np.array([0, 0, 1, 1], dtype=np.int64),
+        np.zeros(4, dtype=np.int64),
+        np.tile(np.array([PolarComponent.HORIZONTAL, PolarComponent.ZENITH], dtype=np.int32), 2),
+        0.5 * np.array([np.pi + apart, np.pi, np.pi - apart, np.pi]),
+        np.full(4, 1e-4),
+    )
+    start = Unknowns(stations, np.array([[5.0, 20.0, 0.01]]), np.ones(2, dtype=bool), np.zeros(1, dtype=bool))
+    with pytest.raises(
+        DegenerateGeometryError, match=r"2 of 3 parameters, free: .* along which the adjustment runs away"
+    ):
+        solve(Problem((sights,)), start, np.zeros((3, 0)), 60)
+
+
 def test_two_targets_and_the_vertical_determine_a_pose_that_neither_does_alone() -> None:
     coordinates = np.array([[3.0, 1.0, 0.5], [-2.0, 4.0, 1.5]])
     # a levelled pair: the vertical of both instruments is the z axis

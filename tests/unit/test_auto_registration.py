@@ -9,6 +9,7 @@ from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.options import AdjustmentOptions
+from algorithms.errors import DegenerateGeometryError
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.lines import bases_of
 from algorithms.geometry.planes import Planes
@@ -16,7 +17,7 @@ from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
-from algorithms.registration import auto_registration
+from algorithms.registration import auto_registration, line_registration
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, status_of_final
 from algorithms.registration.surface_options import SurfaceOptions
@@ -198,6 +199,34 @@ def test_an_adjustment_that_does_not_settle_leaves_the_pose_to_the_surfaces(monk
     assert estimator(result) == "surfaces"
     assert error_m(result) < 0.001
     assert "the adjustment does not settle" in document(result).reasons[0]
+
+
+def run_away(*_: Any) -> Any:
+    raise DegenerateGeometryError(5, ("a combination of unknowns",), advice="add observations")
+
+
+def test_an_adjustment_that_runs_away_leaves_the_pose_to_the_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(auto_registration, "adjusted_features", run_away)
+    result = pair()
+    assert estimator(result) == "surfaces"
+    assert error_m(result) < 0.001
+    assert any("only 5 of 6 parameters, free: a combination of unknowns" in r for r in document(result).reasons)
+
+
+def test_an_adjustment_that_runs_away_makes_the_pair_degenerate_where_features_alone_are_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    coarse = auto_registration.searched(None, None)  # type: ignore[arg-type]  # the fixture's, which asks for nothing
+    monkeypatch.setattr(line_registration, "searched", lambda *_: coarse)
+    monkeypatch.setattr(line_registration, "adjusted_features", run_away)
+    both = (scan(RigidTransform.identity(), 1), scan(POSE, 2))
+    result = line_registration.register_by_features(
+        RegistrationProblem(*both), line_registration.FeatureUse(), MatchingOptions(), AdjustmentOptions(), NoProgress()
+    )
+    assert result.status is PairStatus.DEGENERATE
+    assert result.free_directions == ("a combination of unknowns",)
+    assert result.advice == "add observations"
+    assert document(result).target_from_source is None
 
 
 def test_planes_that_contradict_the_surfaces_they_stand_for_are_not_believed() -> None:
