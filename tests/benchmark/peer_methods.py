@@ -278,7 +278,7 @@ def tieline(target_file: Path, source_file: Path) -> Answer:
     result = tieline_method().register(problem, progress=NoProgress(), rng=np.random.default_rng(SEED))
     wall = time.perf_counter() - begun[0] + target_s[0] + source_s[0]
     cpu = time.process_time() - begun[1] + target_s[1] + source_s[1]
-    matrix = None if result.fine is None else result.fine.pose.target_from_source.as_matrix().tolist()
+    matrix = None if result.final is None else result.final.pose.target_from_source.as_matrix().tolist()
     words = f"{result.status.value}: {result.reasons[-1] if result.reasons else ''}"
     return Answer(matrix, result.status is PairStatus.ACCEPTED, words, wall, cpu, wall, cpu)
 
