@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.arrays import Matrix3
 from algorithms.geometry.rotations import rotation_matrix, turn_between
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex
@@ -32,6 +33,13 @@ FAINT_SUPPORT, FAINT_RELATIVE_SUPPORT, FAINT_LIKENESS, FAINT_CONTRADICTED = 0.02
 second of support relative to the best pose's, it is possible only if the turn lays the third value, a share of the
 surface, of both scans on themselves, with less than the fourth against it. Coarse scans of the two sides of a bridge
 show hardly more in common than the sides of its pillars."""
+KEPT_RAD, KEPT_DENSITY, KEPT_SHARE, KEPT_SAMPLES = np.radians(5.0), 0.1, 0.9, 1000
+CERTAIN_SUPPORT = 0.3
+"""A turn that lays a building on itself lays its directions on themselves: it turns so large a share of the normals of
+a scan, up to their signs, to where within the angle there are at least so many, relative to where they came from, as
+samples of so many show. Symmetric rooms, corridors, car parks and storeys show 0.93 and more; turns that lay a wall on
+a wall elsewhere by chance, 0.70 to 0.84. Nothing but symmetry lays so much surface on surface in a wrong pose as the
+last value, so beside a spotless pose of that support other turns do not count."""
 NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 """Two poses whose motion is seen under a smaller angle than the first value show nearly the same picture: were one by a
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
@@ -95,6 +103,14 @@ def is_possible_alternative(
     def both_are_like_themselves(support: float, share: float) -> bool:
         return all(like.support >= support and like.share <= share for like in likenesses())
 
+    def turn_may_be_symmetry() -> bool:
+        here, there = rotation_matrix(pose), rotation_matrix(other)
+        return (
+            best.support < CERTAIN_SUPPORT
+            or keeps_directions(target, there @ here.T)
+            or keeps_directions(source, here.T @ there)
+        )
+
     relative = alternative.support / max(best.support, 1e-9)
     near = relative < NEAR_RELATIVE_SUPPORT and are_near(pose, other, target, source)
     if near or alternative.support < FAINT_SUPPORT:
@@ -103,9 +119,9 @@ def is_possible_alternative(
     lone = best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT
     if alternative.support < LEAST_SUPPORT or (lone and relative < TURNED_RELATIVE_SUPPORT):
         spotless = turned and alternative.share <= SPOTLESS and relative >= FAINT_RELATIVE_SUPPORT
-        return spotless and both_are_like_themselves(FAINT_LIKENESS, FAINT_CONTRADICTED)
+        return spotless and turn_may_be_symmetry() and both_are_like_themselves(FAINT_LIKENESS, FAINT_CONTRADICTED)
     if lone:
-        clean = turned and alternative.share <= TURNED_SHARE
+        clean = turned and alternative.share <= TURNED_SHARE and turn_may_be_symmetry()
         return clean and (alternative.share <= SPOTLESS or both_are_like_themselves(TURNED_SUPPORT, CONTRADICTED))
     limit = max(CONTRADICTED, CONTRADICTED_AS_BEST * best.share)
     if turned or best.share > SPOTLESS:
@@ -134,6 +150,24 @@ def are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, 
     distance = min(target.median_range_m, source.median_range_m)
     places = np.vstack([source.centre_m, source.sensor_m])
     return float(np.linalg.norm(other.apply(places) - pose.apply(places), axis=1).max()) <= NEAR_RAD * distance
+
+
+def keeps_directions(scan: SurfaceIndex, turn: Matrix3) -> bool:
+    """Say whether a turn lays the directions of a scan's surfaces on each other, as every turn of a symmetry does.
+
+    Parameters
+    ----------
+    scan
+        The scan.
+    turn
+        (3, 3) rotation in its frame.
+    """
+    normals = scan.normals[:KEPT_SAMPLES]
+    within = np.cos(KEPT_RAD)
+    before, after = (
+        np.count_nonzero(np.abs(each @ normals.T) >= within, axis=1) for each in (normals, normals @ turn.T)
+    )
+    return bool(np.mean(after >= KEPT_DENSITY * before) >= KEPT_SHARE)
 
 
 def self_likeness(scan: SurfaceIndex, motion: RigidTransform, noise_m: float) -> Contradiction:

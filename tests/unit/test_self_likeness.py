@@ -5,7 +5,7 @@ import pytest
 from feature_scenes import rectangle
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.matching.self_likeness import Contradiction, is_possible_alternative, self_likeness
+from algorithms.matching.self_likeness import Contradiction, is_possible_alternative, keeps_directions, self_likeness
 from algorithms.scans.surface_index import SurfaceIndex, surface_index
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 24.0, 3.0, 2.6
@@ -39,13 +39,18 @@ def scans() -> tuple[SurfaceIndex, SurfaceIndex]:
 
 
 def _possible(
-    scans: tuple[SurfaceIndex, SurfaceIndex], other: RigidTransform, support: float, *, against_best: float = SPOTTED
+    scans: tuple[SurfaceIndex, SurfaceIndex],
+    other: RigidTransform,
+    support: float,
+    *,
+    against_best: float = SPOTTED,
+    of_best: float = 0.75,
 ) -> bool:
-    """Ask for a clean alternative of such support beside a pose with which three quarters of the surface fit."""
+    """Ask for a clean alternative of such support beside a pose with which, unless said, three quarters of all fit."""
     return is_possible_alternative(
         HERE,
         other,
-        best=Contradiction(0.75, against_best),
+        best=Contradiction(of_best, against_best),
         alternative=Contradiction(support, CLEAN),
         target=scans[0],
         source=scans[1],
@@ -70,6 +75,31 @@ def test_half_a_turn_stays_possible_beside_a_spotless_pose_where_little_is_commo
 def test_a_clean_turn_is_possible_beside_a_spotless_pose_although_neither_scan_is_like_itself(scans):
     quarter = RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi]))
     assert _possible(scans, quarter, 0.12, against_best=CLEAN)
+
+
+@pytest.mark.parametrize(
+    ("of_best", "support", "possible"), [(0.75, 0.12, False), (0.75, 0.06, False), (0.2, 0.06, True)]
+)
+def test_a_turn_to_where_no_surface_faces_is_no_symmetry_and_possible_only_beside_what_fits_little(
+    scans, of_best, support, possible
+):
+    askew = RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, np.radians(165.0)]))
+    assert _possible(scans, askew, support, against_best=CLEAN, of_best=of_best) == possible
+
+
+@pytest.mark.parametrize("degrees", [0.0, 3.0, 90.0, 180.0])
+def test_right_angles_keep_the_directions_of_a_corridor_in_any_frame(degrees):
+    frame = Rotation.from_rotvec([0.3, -0.8, 1.2])
+    corridor = _corridor(1, 0.0)
+    tilted = surface_index(frame.apply(corridor.points), frame.apply(corridor.normals), 0.18, np.zeros(3))
+    turn = (frame * Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)]) * frame.inv()).as_matrix()
+    assert keeps_directions(tilted, turn)
+
+
+@pytest.mark.parametrize("degrees", [10.0, 45.0, 75.0, 170.0])
+def test_other_turns_do_not_keep_them(degrees):
+    turn = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)]).as_matrix()
+    assert not keeps_directions(_corridor(1, 0.0), turn)
 
 
 @pytest.mark.parametrize(("turn", "possible"), [(np.pi, True), (0.5 * np.pi, False)])
