@@ -39,7 +39,8 @@ CERTAIN_SUPPORT = 0.3
 a scan, up to their signs, to where within the angle there are at least so many, relative to where they came from, as
 samples of so many show. Symmetric rooms, corridors, car parks and storeys show 0.93 and more; turns that lay a wall on
 a wall elsewhere by chance, 0.70 to 0.84. Nothing but symmetry lays so much surface on surface in a wrong pose as the
-last value, so beside a spotless pose of that support other turns do not count."""
+last value, so beside a spotless pose of that support other turns count only if they lay as much of both scans on
+themselves as above: houses alike that stand askew to each other."""
 NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 """Two poses whose motion is seen under a smaller angle than the first value show nearly the same picture: were one by a
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
@@ -109,6 +110,7 @@ def is_possible_alternative(
             best.support < CERTAIN_SUPPORT
             or keeps_directions(target, there @ here.T)
             or keeps_directions(source, here.T @ there)
+            or both_are_like_themselves(TURNED_SUPPORT, CONTRADICTED)
         )
 
     relative = alternative.support / max(best.support, 1e-9)
