@@ -10,15 +10,13 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
 from algorithms.matching.degeneracy import require_determining_geometry
-from algorithms.matching.feature_fit import feature_pose_near
 from algorithms.matching.hypotheses import FINE_SIFTS, RankedPoses, rank_hypotheses
-from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import offset_votes
 from algorithms.matching.prior_decisions import decided_with_priors, rank_with_priors
 from algorithms.matching.priors import PairPriors
-from algorithms.matching.self_likeness import Contradiction, are_near, is_possible_alternative
-from algorithms.matching.spotless import lone_spotless_pose
+from algorithms.matching.rivals import LEAST_SUPPORT, Weighed, weigh_poses
+from algorithms.matching.self_likeness import are_near
 from algorithms.matching.surface_correlation import correlated_motions
 from algorithms.matching.symmetries import poses_by_symmetry
 from algorithms.progress import NoProgress, Progress
@@ -26,10 +24,6 @@ from algorithms.progress import NoProgress, Progress
 SUPPORT_ANGLE_RAD = 0.035
 """Lines and planes support a pose within 2 degrees and `SUPPORT_DISTANCE_M`."""
 SUPPORT_DISTANCE_M = 0.15
-LEAST_RIVAL_RATIO = 0.25
-"""Poses that score below this share of the best matter to no verdict."""
-LINES_ALONE_ALPHA, LINES_TOO_ALPHA = 0.005, 0.02
-"""Significance with which lines refute a pose that fits the surfaces as well, or that fits them worse anyhow."""
 LEAST_SCORE_TO_DOUBT = 0.1
 """Poses with lower scores are not believed anyhow, whatever else is possible."""
 ENOUGH_SCORE, ENOUGH_FEATURES = 0.4, 6
@@ -37,8 +31,6 @@ ENOUGH_SCORE, ENOUGH_FEATURES = 0.4, 6
 MANY_FEATURES, MANY_FACTOR, MANY_RATIO = 30, 4, 0.3
 """Nor where so many are, so many times those of the best other pose, which scores no more than the third value times as
 much: 15 pairs of a garage and a yard were right then, and the search found nothing that mattered."""
-LEAST_SUPPORT = 0.02
-"""A pose on which less of the surface fits is no pose, and no rival."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +131,14 @@ def match_features(
         ranked = _with_all_shifts(ranked, target, source, options)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
-    if ranked.scores.score[0] >= LEAST_SCORE_TO_DOUBT:
-        tell.report(0.7, "looking for symmetries")
-        others = poses_by_symmetry(target, source, ranked.poses[0], options)
-        if len(others):
-            ranked = ranked.joined(rank_hypotheses(others, target.index, source.index, noise_m=noise), source.index)
+    tell.report(0.7, "looking for symmetries")
+    ranked = _with_symmetries(ranked, target, source, options)
     result = _described(target, source, ranked, options, exhaustive=exhaustive)
+    if result.ambiguous and options.all_shifts and not exhaustive:
+        # refuting the others proves a pose only if the right one is among them
+        tell.report(0.8, "testing all shifts")
+        exhaustive, ranked = True, _with_all_shifts(ranked, target, source, options)
+        result = _described(target, source, ranked, options, exhaustive=exhaustive)
     if priors is not None:
         result = decided_with_priors(
             result, ranked, priors, lambda some: _described(target, source, some, options, exhaustive=exhaustive)
@@ -191,22 +185,17 @@ def _with_all_shifts(
     return ranked.joined(found, source.index)
 
 
-@dataclass(frozen=True, eq=False)
-class _Weighed:
-    """Poses in the order that surfaces and lines together give them."""
-
-    first: int
-    """Number of the best pose: that of the best score, unless the lines refute it in favour of one nearly as good."""
-    rivals: list[int]
-    """The others that the lines do not refute, the best first."""
-    refuted: list[tuple[int, LineEvidence, LineEvidence]]
-    """Those they refute although the surfaces do not: number, evidence of the best pose, evidence there."""
-    symmetric: list[int]
-    """Rivals that a symmetry of the building makes possible, the one with most surface first."""
-    spotless: bool
-    """Whether the best pose is the only one that nothing speaks against."""
-    cleanest_share: float
-    """Smallest share against any other pose that is not near the best one; 1 if there is none."""
+def _with_symmetries(
+    ranked: RankedPoses, target: ScanFeatures, source: ScanFeatures, options: MatchingOptions
+) -> RankedPoses:
+    """Add the poses that differ from the best one by a motion that lays a scan onto itself."""
+    if ranked.scores.score[0] < LEAST_SCORE_TO_DOUBT:
+        return ranked
+    others = poses_by_symmetry(target, source, ranked.poses[0], options)
+    if len(others) == 0:
+        return ranked
+    noise = max(target.noise_std_m, source.noise_std_m)
+    return ranked.joined(rank_hypotheses(others, target.index, source.index, noise_m=noise), source.index)
 
 
 def _described(
@@ -217,8 +206,8 @@ def _described(
     *,
     exhaustive: bool,
 ) -> CoarseRegistration:
-    """Count the supporting features and compare the best pose with the best other one that the lines do not refute."""
-    weighed = _weighed(target, source, ranked, options, exhaustive=exhaustive)
+    """Count the supporting features and compare the best pose with the best other one that is not refuted."""
+    weighed = weigh_poses(target, source, ranked, options, exhaustive=exhaustive)
     pose, scores = ranked.poses[weighed.first], ranked.scores
     best = float(scores.score[weighed.first])
     second = next(iter([*weighed.symmetric, *weighed.rivals]), None)
@@ -226,7 +215,7 @@ def _described(
     # what fits as well but is contradicted is no rival of the only pose that nothing speaks against
     close = not weighed.spotless and runner_up_score > 0.0 and runner_up_score >= options.ambiguity_ratio * best
     free_space_known = target.index.knows_free_space and source.index.knows_free_space
-    reasons, remarks = [], []
+    reasons = []
     if weighed.symmetric:
         other = weighed.symmetric[0]
         count = len(weighed.symmetric)
@@ -239,13 +228,6 @@ def _described(
         reasons.append(
             f"another pose, {_apart(source, pose, ranked.poses[second])}, scores {runner_up_score:.2f} "
             f"against {best:.2f}"
-        )
-    if weighed.refuted:
-        rival, here, there = weighed.refuted[0]
-        remarks.append(
-            f"another pose, {_apart(source, pose, ranked.poses[rival])}, fits the surfaces nearly as well (score "
-            f"{scores.score[rival]:.2f} against {best:.2f}) but not the lines: of those that tell the two apart "
-            f"{there.found} of {there.expected} are found again there, here {here.found} of {here.expected}"
         )
     if not free_space_known:
         reasons.append("the position of an instrument is unknown, so free space was not tested on that side")
@@ -263,69 +245,33 @@ def _described(
         free_space_known=free_space_known,
         ambiguous=bool(close or weighed.symmetric),
         reasons=tuple(reasons),
-        remarks=tuple(remarks),
+        remarks=_remarks(source, ranked, weighed),
         lone_spotless=weighed.spotless,
         cleanest_rival_share=weighed.cleanest_share,
     )
 
 
-def _weighed(
-    target: ScanFeatures,
-    source: ScanFeatures,
-    ranked: RankedPoses,
-    options: MatchingOptions,
-    *,
-    exhaustive: bool,
-) -> _Weighed:
-    """Let the lines decide between poses that fit the surfaces alike, and find those that symmetry makes possible."""
-    score, charitable = ranked.scores.score, ranked.scores.charitable
-    judged = [
-        Contradiction.of(float(support), float(violation))
-        for support, violation in zip(ranked.scores.support, ranked.scores.violation, strict=True)
-    ]
-    close = [k for k in range(1, len(score)) if charitable[k] > LEAST_RIVAL_RATIO * score[0]]
-    witness = LineWitness(target, source)
-    fitted = {k: feature_pose_near(target, source, ranked.poses[k]) for k in (0, *close)}
-    spotless = lone_spotless_pose(ranked.poses, judged, target.index, source.index) if exhaustive else None
-    first = 0 if spotless is None else spotless
-    fitted.setdefault(first, feature_pose_near(target, source, ranked.poses[first]))
-    for k in close if spotless is None else ():
-        nearly_as_good = score[k] >= options.ambiguity_ratio * score[0]
-        if nearly_as_good and witness.refutation(fitted[k], fitted[first], alpha=LINES_ALONE_ALPHA) is not None:
-            first = k
-    rivals, refuted, symmetric = [], [], []
-    for k in range(len(score)):
-        if k == first:
-            continue
-        possible = is_possible_alternative(
-            ranked.poses[first],
-            ranked.poses[k],
-            best=judged[first],
-            alternative=judged[k],
-            target=target.index,
-            source=source.index,
-            noise_m=max(target.noise_std_m, source.noise_std_m),
+def _remarks(source: ScanFeatures, ranked: RankedPoses, weighed: Weighed) -> tuple[str, ...]:
+    """Say which other poses were refuted, and by what."""
+    pose, scores, remarks = ranked.poses[weighed.first], ranked.scores, []
+    if weighed.refuted:
+        rival, here, there = weighed.refuted[0]
+        remarks.append(
+            f"another pose, {_apart(source, pose, ranked.poses[rival])}, fits the surfaces nearly as well (score "
+            f"{scores.score[rival]:.2f} against {scores.score[weighed.first]:.2f}) but not the lines: of those that "
+            f"tell the two apart {there.found} of {there.expected} are found again there, here {here.found} of "
+            f"{here.expected}"
         )
-        if k in fitted or possible:
-            other = fitted[k] if k in fitted else feature_pose_near(target, source, ranked.poses[k])
-            alone = possible or charitable[k] >= options.ambiguity_ratio * score[first]
-            found = witness.refutation(fitted[first], other, alpha=LINES_ALONE_ALPHA if alone else LINES_TOO_ALPHA)
-            if found is not None:
-                refuted.append((k, *found))
-                continue
-        rivals.append(k)
-        if possible:
-            symmetric.append(k)
-    rivals.sort(key=lambda k: -charitable[k])
-    symmetric.sort(key=lambda k: -judged[k].support)
-    by_share = sorted((k for k in range(len(score)) if k != first), key=lambda k: judged[k].share)
-    others = (k for k in by_share if judged[k].support >= LEAST_SUPPORT)
-    cleanest = next(
-        (k for k in others if not are_near(ranked.poses[first], ranked.poses[k], target.index, source.index)), None
-    )
-    return _Weighed(
-        first, rivals, refuted, symmetric, spotless is not None, 1.0 if cleanest is None else judged[cleanest].share
-    )
+    if weighed.told_apart:
+        rival, evidence = weighed.told_apart[0]
+        count = len(weighed.told_apart)
+        remarks.append(
+            f"another pose, {_apart(source, pose, ranked.poses[rival])}, lays {scores.support[rival]:.0%} of the "
+            f"surface on surface, but about {evidence.here_m2:.2f} m2 that fits here stands there in free space or "
+            f"beside a surface, and only {evidence.there_m2:.2f} m2 the other way round"
+            f"{f' (so with {count - 1} more poses)' if count > 1 else ''}"
+        )
+    return tuple(remarks)
 
 
 def _apart(source: ScanFeatures, pose: RigidTransform, other: RigidTransform) -> str:

@@ -49,9 +49,10 @@ CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
 its support relative to the best pose's, or below the third times what speaks against the best pose. The second does not
 count for a mere shift beside a spotless pose: both scans look at what they share in the same direction then, and the
 right pose would be nearly as spotless."""
-CLEANER = 0.25
-"""Where more than `CONTRADICTED` speaks against the best pose and less than this part of it against an alternative, no
-symmetry needs to be shown."""
+CLEANER, CLEAN_SUPPORT = 0.25, 0.1
+"""Where more than `CONTRADICTED` speaks against the best pose and less than the first part of it against an
+alternative, no symmetry needs to be shown; nor where the best pose is not spotless and an alternative is that lays at
+least the second value, a share of the surface, on surface."""
 SELF_SUPPORT, SELF_CONTRADICTED = 0.05, 0.05
 """A scan is like itself when so much of it lies on itself, and less than this share of that speaks against it."""
 
@@ -130,9 +131,9 @@ def is_possible_alternative(
         limit = max(limit, CONTRADICTED_PER_SUPPORT * relative)
     if alternative.share > limit:
         return False
-    if alternative.share < CLEANER * best.share and best.share > CONTRADICTED:
-        return True
-    return any(likeness.support >= SELF_SUPPORT and likeness.share <= SELF_CONTRADICTED for likeness in likenesses())
+    cleaner = alternative.share < CLEANER * best.share and best.share > CONTRADICTED
+    cleaner |= alternative.share <= SPOTLESS < best.share and alternative.support >= CLEAN_SUPPORT
+    return cleaner or any(like.support >= SELF_SUPPORT and like.share <= SELF_CONTRADICTED for like in likenesses())
 
 
 def are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, source: SurfaceIndex) -> bool:

@@ -33,6 +33,7 @@ from algorithms.registration.final_pose import (
 from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, hidden_shift_m, status_of_final
 from algorithms.registration.line_registration import FeatureUse, adjusted_features
 from algorithms.registration.pair_verdict import (
+    agreement_doubts,
     expected_supporters,
     largest_hidden_shift_m,
     searched,
@@ -242,6 +243,7 @@ def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _A
         supporters=supporters,
         runner_up_supporters=coarse.runner_up_support,
         lone_spotless=coarse.lone_spotless,
+        conditions=0 if fine is None or agreement_doubts(fine) else fine.adjustment.redundancy,
     )
     doubts = *answer.doubts, *doubts_of_slivers(final, verification)
     status, reasons = status_of_final(

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Flags, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
+from algorithms.geometry.rotations import rotation_matrix
 from algorithms.scans.point_blocks import LEAST_BLOCK, over_blocks
 from algorithms.scans.range_image import SphericalRangeImage, conservative_nearest_m, spherical_range_image
 
@@ -209,6 +211,34 @@ def evidence_of(
         ),
         violation=out[:, 1] / total,
     )
+
+
+def seen_through(
+    fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
+) -> Flags:
+    """Say which moved points stand where the other instrument looked through; none where its position is unknown.
+
+    Parameters
+    ----------
+    fixed_from_moved
+        Pose.
+    points, normals
+        (n, 3) surface points of the moved scan and their normals.
+    fixed
+        The other scan.
+    limits
+        Margins of free space; what lies on the surface is not told apart here.
+    """
+    from algorithms.scans import surface_index_kernels as kernels
+
+    free = np.zeros(len(points), dtype=bool)
+    if fixed.knows_free_space and len(points):
+        rays = np.ascontiguousarray((fixed_from_moved.apply(points) - fixed.sensor_m).T)
+        turned = normals @ rotation_matrix(fixed_from_moved).T
+        kernels.seen_through(
+            rays, turned, fixed.nearest_m, fixed.cell_rad, limits.margin_m, limits.margin_relative, free
+        )
+    return free
 
 
 _SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]

@@ -120,6 +120,39 @@ def _pixels(x: Array, y: Array, z: Array, cell_rad: float, shape: tuple[int, int
         out[k] = row * columns + (column if column > 0 else np.int32(0))
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _stands_before(
+    distance: float, seen: float, cosine: float, cell_rad: float, margin: float, relative: float
+) -> bool:
+    """Say whether surface at a distance, met at an angle of that cosine, stands clearly before what was seen.
+
+    In one cell a surface met at a flat angle spans so much of range that nothing can be said of it.
+    """
+    span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, FLATTEST)
+    return cosine >= FLATTEST and distance < seen - span - margin - relative * seen
+
+
+@njit(cache=True, nogil=True)
+def seen_through(
+    rays: Array, normals: Array, nearest: Array, cell_rad: float, margin: float, relative: float, out: Array
+) -> Any:  # pragma: no cover - compiled
+    """Write for places, given by the rays that lead to them, (3, n) by axes, whether an instrument looked through them.
+
+    `normals` (n, 3) are those of the surface that stands there, along the same axes.
+    """
+    n = rays.shape[1]
+    lengths, pixels, ranges = np.empty(n), np.empty(n, np.int32), nearest.ravel()
+    _lengths(rays[0], rays[1], rays[2], lengths)
+    _pixels(rays[0], rays[1], rays[2], cell_rad, nearest.shape, pixels)
+    for k in range(n):
+        seen = ranges[pixels[k]]
+        out[k] = False
+        if lengths[k] < 1e-9 or seen == np.inf:
+            continue
+        along = normals[k, 0] * rays[0, k] + normals[k, 1] * rays[1, k] + normals[k, 2] * rays[2, k]
+        out[k] = _stands_before(lengths[k], seen, abs(along) / lengths[k], cell_rad, margin, relative)
+
+
 BATCH = 64
 """So many points are moved and looked up together, in loops compiled into vector instructions."""
 
@@ -213,7 +246,6 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
                 seen = ranges[pixels[k]]
                 if distance < 1e-9 or seen == np.inf or distance >= seen - margin - relative * seen:
                     continue
-                # in one cell a surface seen at a flat angle spans so much of range that nothing can be said of it
                 p = rest[k]
                 ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
                 cosine = abs(
@@ -221,9 +253,7 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
                     + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * ry[k]
                     + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * rz[k]
                 )
-                cosine /= distance
-                span = cell_rad * distance * math.sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, FLATTEST)
-                if cosine >= FLATTEST and distance < seen - span - margin - relative * seen:
+                if _stands_before(distance, seen, cosine / distance, cell_rad, margin, relative):
                     free += weights[p]
             if sifting and free > LEAST_VIOLATIONS + 2.0 * fits:
                 break

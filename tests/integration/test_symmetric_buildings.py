@@ -81,3 +81,11 @@ def test_a_scan_without_surface_has_no_symmetries(room: tuple[ScanFeatures, Rigi
     symmetries = with_symmetries(replace(features, surface=bare), MatchingOptions()).symmetries
     assert symmetries is not None
     assert len(symmetries.motions) == 0
+
+
+@pytest.mark.parametrize("seed", [2, 730001])
+def test_what_stands_there_only_once_decides_and_the_answer_says_so(seed: int) -> None:
+    pair = symmetric_pair("symmetric_room", seed, 4)
+    assert pair.status is PairStatus.ACCEPTED
+    assert pair.right
+    assert any("m2 that fits here" in reason for reason in pair.reasons)

@@ -188,3 +188,21 @@ def test_a_contradicted_pose_that_fits_as_well_is_no_rival_of_the_only_clean_one
 def test_where_an_instrument_is_unknown_nothing_is_clean() -> None:
     blind = replace(FAINT, free_space_known=False)
     assert judge(blind, runner_up_score=0.0, supporters=30, lone_spotless=True).status is AcceptanceStatus.REJECTED
+
+
+@pytest.mark.parametrize(
+    ("support", "conditions", "status"),
+    [
+        (0.04, 25, AcceptanceStatus.ACCEPTED),
+        (0.04, 13, AcceptanceStatus.DOUBTFUL),
+        (0.025, 40, AcceptanceStatus.DOUBTFUL),
+    ],
+)
+def test_with_less_in_common_it_is_accepted_where_lines_and_planes_control_each_other(
+    support: float, conditions: int, status: AcceptanceStatus
+) -> None:
+    faint = replace(FAINT, support_share=support, score=support)
+    verdict = judge(faint, runner_up_score=0.0, supporters=8, lone_spotless=True, conditions=conditions)
+    assert verdict.status is status
+    plain = judge(faint, runner_up_score=0.0, supporters=8, conditions=conditions)
+    assert plain.status is AcceptanceStatus.REJECTED

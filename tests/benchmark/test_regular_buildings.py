@@ -1,0 +1,75 @@
+"""Regular buildings that hardly differ from themselves elsewhere. Run with -m benchmark -s to see the figures.
+
+`TIELINE_REGULAR` sets how many buildings are scanned (12 unless given), from three stations each, and
+`TIELINE_REGULAR_SEED` which (0).
+"""
+
+import os
+from collections import Counter
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from regular_buildings import BUILDINGS
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.features.extraction import extract_features
+from algorithms.features.options import FeatureOptions
+from algorithms.progress import NoProgress
+from algorithms.quality.overlap import verify_pose
+from algorithms.registration import DEFAULT_METHOD
+from algorithms.registration.base import PairStatus, RegistrationProblem
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import simulate_stations
+from algorithms.simulation.scene import scene_from_parts
+from algorithms.simulation.stations import station_pose
+
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
+COUNT, SEED = int(os.environ.get("TIELINE_REGULAR", "12")), int(os.environ.get("TIELINE_REGULAR_SEED", "0"))
+SCANNER = VirtualScanner(rows=400, columns=960)
+WRONG_RAD, WRONG_M = np.radians(0.3), 0.05
+"""A pose farther from the truth than this is another one."""
+CLASSES = ((0.3, "30 % of the surface in common"), (0.1, "10 to 30 %"), (0.0, "less"))
+
+
+def pairs_of(name, seed):
+    """Scan a building from three places, move each scan at random, and give features and true pose of each pair."""
+    rng = np.random.default_rng([SEED, seed])
+    parts, place = BUILDINGS[name](rng)
+    stations = tuple(
+        station_pose((*place(), rng.uniform(1.4, 1.9)), rng.uniform(0, 2 * np.pi), *rng.normal(0, 0.01, 2))
+        for _ in range(3)
+    )
+    scene, scans = scene_from_parts(name, parts, stations), []
+    for station, scan in zip(stations, simulate_stations(scene, stations, SCANNER, rng), strict=True):
+        motion = RigidTransform.from_components(rng.uniform(-30.0, 30.0, 3), Rotation.random(random_state=rng))
+        points, sensor = np.ascontiguousarray(motion.apply(scan.points)), motion.apply(np.zeros(3))
+        moved = replace(scan, points=points, sensor_m=sensor, grid=None)
+        features = extract_features(moved, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
+        scans.append((features, station * motion.inv() * RigidTransform.from_translation(features.origin_m)))
+    for (target, world_from_target), (source, world_from_source) in combinations(scans, 2):
+        yield target, source, world_from_target.inv() * world_from_source
+
+
+def test_no_pair_is_accepted_wrong():
+    table, wrong, names = Counter(), [], list(BUILDINGS)
+    for k in range(COUNT):
+        name = names[k % len(names)]
+        for target, source, truth in pairs_of(name, k):
+            result = DEFAULT_METHOD().register(
+                RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0)
+            )
+            right = False
+            if result.final is not None:
+                pose, centre = result.final.reduced.target_from_source, source.surface.points.mean(axis=0)
+                turn = (pose.rotation * truth.rotation.inv()).magnitude()
+                right = turn < WRONG_RAD and np.linalg.norm(pose.apply(centre) - truth.apply(centre)) < WRONG_M
+            common = verify_pose(target, source, truth).support_share
+            class_ = next(label for least, label in CLASSES if common >= least)
+            table[name, class_, result.status.value, "right" if right else "wrong or none"] += 1
+            if result.status is PairStatus.ACCEPTED and not right:
+                wrong.append(f"{name} {k}, {common:.3f} of the surface in common")
+    for key, count in sorted(table.items()):
+        print(f"{count:4d}  {', '.join(key)}")
+    assert not wrong

@@ -1,0 +1,128 @@
+"""Surface as witness between poses: what fits in one of them and cannot be where the other has it."""
+
+import numpy as np
+import pytest
+from indexed_rooms import index, walls
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.geometry.rotations import rotation_matrix
+from algorithms.matching.polish import fitting
+from algorithms.matching.surface_evidence import SurfaceEvidence, SurfaceWitness
+from algorithms.scans.pose_scores import FINAL_POINTS, strict_limits
+from algorithms.scans.surface_index import SurfaceIndex, evidence_of, seen_through, surface_index
+
+LENGTH_M, WIDTH_M, HEIGHT_M = 7.0, 4.5, 2.6
+NOISE_M = 0.002
+HERE = RigidTransform.identity()
+CENTRE = RigidTransform.from_translation([0.5 * LENGTH_M, 0.5 * WIDTH_M, 0.0])
+HALF_TURN = CENTRE * RigidTransform.from_rotation(Rotation.from_euler("z", np.pi)) * CENTRE.inv()
+SHELL = (
+    ((0, 0, 0), (LENGTH_M, 0, 0), (0, WIDTH_M, 0)),
+    ((0, 0, HEIGHT_M), (0, WIDTH_M, 0), (LENGTH_M, 0, 0)),
+    ((0, 0, 0), (0, WIDTH_M, 0), (0, 0, HEIGHT_M)),
+    ((LENGTH_M, 0, 0), (0, 0, HEIGHT_M), (0, WIDTH_M, 0)),
+    ((0, 0, 0), (0, 0, HEIGHT_M), (LENGTH_M, 0, 0)),
+    ((0, WIDTH_M, 0), (LENGTH_M, 0, 0), (0, 0, HEIGHT_M)),
+)
+CUPBOARD = (
+    ((1.0, 0.8, 0), (0, 0, 1.8), (0.9, 0, 0)),
+    ((1.0, 1.3, 0), (0.9, 0, 0), (0, 0, 1.8)),
+    ((1.0, 0.8, 0), (0, 0.5, 0), (0, 0, 1.8)),
+    ((1.9, 0.8, 0), (0, 0, 1.8), (0, 0.5, 0)),
+)
+PANEL = (((2.0, 0.12, 0.4), (0, 0, 1.8), (2.5, 0, 0)),)
+"""A board 12 cm before a wall: too near to it to be told from it by free space."""
+
+
+def scan(*pieces, sensor=(3.0, 2.5, 1.5)) -> SurfaceIndex:
+    return index(*walls(*SHELL, *(face for piece in pieces for face in piece)), sensor)
+
+
+def panelled(sensor) -> SurfaceIndex:
+    """A room with the board, in which the wall behind it is not seen."""
+    points, normals = walls(*SHELL, *PANEL)
+    x, y, z = points.T
+    behind = (y < 0.06) & (x > 1.95) & (x < 4.5) & (z > 0.35) & (z < 2.2)
+    points, normals = points[~behind], normals[~behind]
+    faces_the_room = (normals[:, 1] < -0.5) & (np.abs(points[:, 1] - 0.12) < 1e-9)
+    normals[faces_the_room] *= -1.0
+    return surface_index(points, normals, 0.1, np.array(sensor, float))
+
+
+def refutation(
+    target: SurfaceIndex, source: SurfaceIndex, pose: RigidTransform, other: RigidTransform
+) -> SurfaceEvidence | None:
+    return SurfaceWitness(target, source, NOISE_M).refutation(pose, other)
+
+
+def test_a_cupboard_refutes_the_half_turn_and_never_the_right_pose() -> None:
+    target, source = scan(CUPBOARD), scan(CUPBOARD, sensor=(5.0, 3.0, 1.4))
+    found = refutation(target, source, HERE, HALF_TURN)
+    assert found is not None
+    assert found.here_m2 > 1.0
+    assert found.there_m2 < 0.05 * found.here_m2
+    assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_in_a_room_that_is_itself_after_half_a_turn_nothing_refutes_anything() -> None:
+    target, source = scan(), scan(sensor=(5.0, 3.0, 1.4))
+    assert refutation(target, source, HERE, HALF_TURN) is None
+    assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_what_was_there_only_once_refutes_nothing() -> None:
+    target, source = scan(), scan(CUPBOARD, sensor=(5.0, 3.0, 1.4))
+    assert refutation(target, source, HERE, HALF_TURN) is None
+    assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_what_moved_by_half_a_turn_leaves_it_open_which_pose_is_right() -> None:
+    """One cupboard speaks for the one pose and one for the other: no vote is taken."""
+    moved = [tuple(HALF_TURN.apply(corner) if k == 0 else HALF_TURN.rotation.apply(corner) for k, corner in
+             enumerate(face)) for face in CUPBOARD]  # fmt: skip
+    shifted = [(np.add(face[0], [3.6, 2.0, 0.0]), *face[1:]) for face in CUPBOARD]
+    target, source = scan(CUPBOARD, shifted), scan(moved, shifted, sensor=(3.0, 1.0, 1.4))
+    assert refutation(target, source, HERE, HALF_TURN) is None
+    assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_a_panel_too_near_to_a_wall_to_stand_in_free_space_refutes_as_well() -> None:
+    target, source = panelled((3.0, 2.5, 1.5)), panelled((5.0, 3.0, 1.4))
+    found = refutation(target, source, HERE, HALF_TURN)
+    assert found is not None
+    assert found.here_m2 > 3.0
+    assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_the_answer_does_not_depend_on_which_scan_is_the_target() -> None:
+    first, second = scan(CUPBOARD), scan(CUPBOARD, sensor=(5.0, 3.0, 1.4))
+    one, other = refutation(first, second, HERE, HALF_TURN), refutation(second, first, HERE, HALF_TURN.inv())
+    assert one is not None
+    assert other is not None
+    assert one.here_m2 == pytest.approx(other.here_m2, rel=1e-12)
+
+
+def test_points_in_free_space_are_those_that_count_in_the_score_of_a_pose() -> None:
+    target, source = scan(CUPBOARD), scan(CUPBOARD, sensor=(5.0, 3.0, 1.4))
+    limits = strict_limits(NOISE_M, 0.1)
+    points, normals = source.points[:FINAL_POINTS], source.normals[:FINAL_POINTS]
+    for pose in (HALF_TURN, RigidTransform.from_translation([0.4, -0.3, 0.1]) * HALF_TURN):
+        free = seen_through(pose, points, normals, target, limits) & ~fitting(pose, points, normals, target, limits)
+        shares = evidence_of(
+            rotation_matrix(pose)[None],
+            np.asarray(pose.translation)[None],
+            source,
+            target,
+            points=FINAL_POINTS,
+            limits=limits,
+        )
+        weights = source.weights[:FINAL_POINTS]
+        assert weights[free].sum() / weights.sum() == pytest.approx(shares.violation[0], rel=1e-9)
+        assert free.any()
+
+
+def test_where_the_instrument_is_unknown_nothing_was_looked_through() -> None:
+    points, normals = walls(*SHELL)
+    blind = surface_index(points, normals, 0.1, None)
+    inside = np.full((3, 3), 2.0)
+    assert not seen_through(HERE, inside, normals[:3], blind, strict_limits(NOISE_M, 0.1)).any()
