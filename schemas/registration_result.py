@@ -24,6 +24,15 @@ class Coarse(Document):
     hypotheses_tested: int
 
 
+class UnexplainedSurface(Document):
+    """A piece of surface that stands where the other instrument looked through: it moved, or the pose is wrong."""
+
+    station: str = Field(description="The station whose scan shows it.")
+    centre_m: tuple[float, float, float] = Field(description="Its middle, in the coordinates of that station's file.")
+    area_m2: float = Field(description="About how much surface it is.")
+    range_m: float = Field(description="How far it is from the instrument that looked through it.")
+
+
 class Overlap(Document):
     """How the surfaces of both scans fit in the registered position."""
 
@@ -35,6 +44,10 @@ class Overlap(Document):
     free_space_violations: float | None = Field(
         description="Share of surface that stands where the other instrument looked through; null: its position is "
         "unknown."
+    )
+    unexplained: list[UnexplainedSurface] = Field(
+        default_factory=list,
+        description="The largest pieces of it, the largest first: at most ten, empty where nothing can be told.",
     )
 
 

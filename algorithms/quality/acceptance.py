@@ -12,6 +12,8 @@ searched; with both, right poses score higher.)
 from dataclasses import dataclass
 from enum import StrEnum
 
+from algorithms.quality.unexplained import UnexplainedPiece
+
 LEAST_SCORE = 0.1
 """Below this score no pose is worth showing: wrong poses reach it by chance."""
 STRONG_SCORE = 0.4
@@ -42,6 +44,8 @@ BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
 """Without the instruments' positions free space says nothing, and symmetric rooms look alike: be stricter."""
 AMBIGUOUS_RATIO = 0.8
 MAX_VIOLATION_SHARE = 0.08
+WORTH_A_WORD_M2 = 1.0
+"""Larger pieces of surface in free space are mentioned."""
 LEAST_OVERLAP = 0.15
 
 
@@ -72,6 +76,8 @@ class Verification:
     """Support share, less the more of what can be judged stands in free space (`algorithms.scans.pose_scores`)."""
     free_space_known: bool
     """Whether both instruments' positions are known."""
+    unexplained: tuple[UnexplainedPiece, ...] = ()
+    """The largest pieces of surface that stand where the other instrument looked through, the largest first."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +139,21 @@ def judge(
     else:
         doubts = _doubts(verification, ratio, supporters, runner_up_supporters)
     status = AcceptanceStatus.DOUBTFUL if doubts else AcceptanceStatus.ACCEPTED
-    return Verdict(status, (f"{fit}; the best other pose scores {runner_up_score:.2f}", *doubts))
+    best_other = f"{fit}; the best other pose scores {runner_up_score:.2f}"
+    return Verdict(status, (best_other, *doubts, *_unexplained(verification)))
+
+
+def _unexplained(verification: Verification) -> list[str]:
+    """Name the largest piece of surface in free space where it is large: what the reader should look at."""
+    largest = next(iter(verification.unexplained), None)
+    if largest is None or largest.area_m2 < WORTH_A_WORD_M2:
+        return []
+    seen, other = ("target", "source") if largest.in_target else ("source", "target")
+    words = (
+        f"about {largest.area_m2:.1f} m2 of surface in one piece, seen by the {seen}, stands where the {other} looked "
+        f"through, {largest.range_m:.0f} m from its instrument: it moved, or this is another place that looks like it"
+    )
+    return [words]
 
 
 def _doubts_alone(verification: Verification, conditions: int) -> list[str]:

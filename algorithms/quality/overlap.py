@@ -8,6 +8,7 @@ from algorithms.arrays import Indices, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.quality.acceptance import Verification
+from algorithms.quality.unexplained import MOST_PIECES, unexplained_pieces
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
 
 NEAR_M, FAR_M = 0.1, 0.5
@@ -27,16 +28,26 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
     indices = (target.index, source.index)
     noise = max(target.noise_std_m, source.noise_std_m)
     spacing = max(index.spacing_m for index in indices)
+    limits = strict_limits(noise, spacing)
     scores = score_poses(
         rotation_matrix(target_from_source)[None],
         np.asarray(target_from_source.translation, dtype=np.float64)[None],
         indices[0],
         indices[1],
         points=FINAL_POINTS,
-        limits=strict_limits(noise, spacing),
+        limits=limits,
     )
     forward = surface_distances(target.surface, source.surface, target_from_source)
     backward = surface_distances(source.surface, target.surface, target_from_source.inv())
+    of_source, of_target = (np.hypot(off, aside) <= NEAR_M for off, aside in (forward, backward))
+    pieces = [
+        *unexplained_pieces(
+            source, target, target_from_source, limits, explained=of_source[indices[1].numbers], in_target=False
+        ),
+        *unexplained_pieces(
+            target, source, target_from_source.inv(), limits, explained=of_target[indices[0].numbers], in_target=True
+        ),
+    ]
     shares = [
         max(float(np.mean(np.hypot(off, aside) <= limit)) for off, aside in (forward, backward))
         for limit in (NEAR_M, FAR_M)
@@ -50,6 +61,7 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
         violation_share=float(scores.violation[0]),
         score=float(scores.score[0]),
         free_space_known=all(index.knows_free_space for index in indices),
+        unexplained=tuple(sorted(pieces, key=lambda piece: -piece.area_m2)[:MOST_PIECES]),
     )
 
 

@@ -19,6 +19,7 @@ from schemas.registration_result import (
     Pair,
     PhotoLineCounts,
     PosePart,
+    UnexplainedSurface,
     UnusedPhotoLine,
     WrongMount,
 )
@@ -73,7 +74,7 @@ def pair_document(
         own_figures=own_figures_document(result, target=target, source=source),
         rank_report=_rank(result),
         weak_directions=_weak_directions(result),
-        overlap=None if result.verification is None else _overlap(result.verification),
+        overlap=None if result.verification is None else _overlap(result.verification, target, source),
         timings_s=timings_s,
     )
 
@@ -204,10 +205,19 @@ def _rank(result: PairResult) -> RankReport | None:
     return rank_document_without_pose(result.free_directions, result.advice) if result.free_directions else None
 
 
-def _overlap(verification: Verification) -> Overlap:
+def _overlap(verification: Verification, target: str, source: str) -> Overlap:
     return Overlap(
         fraction_0_5m=verification.overlap_half_metre,
         fraction_0_1m=verification.overlap_decimetre,
         rms_m=verification.rms_m if verification.overlap_decimetre > 0.0 else None,
         free_space_violations=verification.violation_share if verification.free_space_known else None,
+        unexplained=[
+            UnexplainedSurface(
+                station=target if piece.in_target else source,
+                centre_m=(float(piece.centre_m[0]), float(piece.centre_m[1]), float(piece.centre_m[2])),
+                area_m2=piece.area_m2,
+                range_m=piece.range_m,
+            )
+            for piece in verification.unexplained
+        ],
     )

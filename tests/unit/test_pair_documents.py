@@ -15,6 +15,7 @@ from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.acceptance import Verification, judge
+from algorithms.quality.unexplained import UnexplainedPiece
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus
 from schemas.registration_result import Pair
 from service.use_cases.pair_documents import pair_document
@@ -140,6 +141,14 @@ def test_known_figures_are_given() -> None:
     assert overlap is not None
     assert (overlap.rms_m, overlap.free_space_violations) == pytest.approx((0.004, 0.01))
     assert np.isfinite(overlap.rms_m or np.nan)
+
+
+def test_surface_in_free_space_is_named_by_station() -> None:
+    piece = UnexplainedPiece(in_target=False, centre_m=np.array([1.0, 2.0, 3.0]), area_m2=1.5, range_m=9.0)
+    overlap = document(unexplained=(piece,)).overlap
+    assert overlap is not None
+    (named,) = overlap.unexplained
+    assert (named.station, named.centre_m, named.area_m2, named.range_m) == ("B", (1.0, 2.0, 3.0), 1.5, 9.0)
 
 
 def test_what_is_free_is_named_without_a_standard_deviation() -> None:
