@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
-from schemas.registration_result import Pair
+from schemas.registration_result import Overlap, Pair, UnexplainedSurface
 from service.adapters.memory import MemoryBlobStore
 from service.ports import StepContext
 from service.use_cases.feature_store import save_features
@@ -234,6 +234,16 @@ def test_the_report_compares_with_the_reference() -> None:
     text = page([pair("A", "B", motion(1.0, 10.0))], reference=reference).text
     assert "Comparison with the reference" in text
     assert "no more than their standard deviations explain" in text
+
+
+def test_the_report_says_where_surface_stands_in_free_space() -> None:
+    pieces = [UnexplainedSurface(station="B", centre_m=(12.344, -3.0, 1.5), area_m2=2.25, range_m=9.87)]
+    overlap = Overlap(
+        fraction_0_5m=0.6, fraction_0_1m=0.5, rms_m=0.004, free_space_violations=0.01, unexplained=pieces
+    )  # fmt: skip
+    parsed = page([pair("A", "B", motion(1.0, 10.0)).model_copy(update={"overlap": overlap})])
+    assert parsed.open == []
+    assert all(words in parsed.text for words in ("Surface in free space", "12.34", "2.25", "9.9"))
 
 
 def test_reasons_cannot_inject_markup() -> None:
