@@ -28,6 +28,8 @@ LEAST_BESIDE, BESIDE_PER_AGAINST, MOST_BESIDE_BACK, BESIDE_M = 20, 5.0, 0.05, 0.
 """The same where surface beside parallel surface, off it by no more than the last value [m], counts like surface in
 free space. Right poses show some as well: frames, reveals and shelves that only one instrument saw; so it must be more.
 In a corridor with recessed doors a wrong pose came to half of the second value."""
+LEAST_M2 = 0.1
+"""So much surface it must be in either case: where points stand close together a few of them are a hand's breadth."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,8 @@ class SurfaceWitness:
         against = sum(int(np.count_nonzero(wrong)) for _, wrong, _, _ in scans)
         if sum(for_here) < max(least, per_against * against) or sum(for_there) > most_back * sum(for_here):
             return None
-        return SurfaceEvidence(self._area_m2(for_here), self._area_m2(for_there))
+        found = SurfaceEvidence(self._area_m2(for_here), self._area_m2(for_there))
+        return found if found.here_m2 >= LEAST_M2 else None
 
     def _laid(self, pose: RigidTransform) -> tuple[_Laid, _Laid]:
         """Lay the target's surface into the source, and the source's into the target."""

@@ -30,6 +30,7 @@ CUPBOARD = (
     ((1.0, 0.8, 0), (0, 0.5, 0), (0, 0, 1.8)),
     ((1.9, 0.8, 0), (0, 0, 1.8), (0, 0.5, 0)),
 )
+PLATE = (((1.0, 0.8, 1.2), (0, 0, 0.2), (0.2, 0, 0)),)
 PANEL = (((2.0, 0.12, 0.4), (0, 0, 1.8), (2.5, 0, 0)),)
 """A board 12 cm before a wall: too near to it to be told from it by free space."""
 
@@ -68,6 +69,11 @@ def test_in_a_room_that_is_itself_after_half_a_turn_nothing_refutes_anything() -
     target, source = scan(), scan(sensor=(5.0, 3.0, 1.4))
     assert refutation(target, source, HERE, HALF_TURN) is None
     assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_a_thing_as_small_as_a_plate_decides_nothing() -> None:
+    target, source = scan(PLATE), scan(PLATE, sensor=(5.0, 3.0, 1.4))
+    assert refutation(target, source, HERE, HALF_TURN) is None
 
 
 def test_what_was_there_only_once_refutes_nothing() -> None:
