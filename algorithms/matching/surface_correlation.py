@@ -9,6 +9,7 @@ at the rotations tried, but for the size of a cell (MATH 5.4).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy import fft
@@ -27,6 +28,8 @@ MOST_CELLS = 1_000_000
 """Cells grow until the transforms have no more than about so many."""
 MOST_PEAKS = 40
 """So many shifts go on for each rotation."""
+MOST_CORNERED = 20
+"""So many of all are tried from the corners of their cell as well."""
 MARGIN_M, MARGIN_RELATIVE = 0.4, 0.03
 """How much nearer than seen a cell's centre must be to be empty [m], and relative to the range."""
 FREE_SHARE, PENALTY = 0.03, 10.0
@@ -70,7 +73,7 @@ def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, sourc
 
     Returns
     -------
-    Motions with their scores as votes; exact to about half a cell.
+    Motions with their scores as votes; exact to about half a cell, the leading ones also at the corners of theirs.
     """
     axes = _axes(votes)
     rotations = [each.rotation for each in votes[:MOST_ROTATIONS]]
@@ -91,7 +94,22 @@ def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, sourc
             for k in range(start, end)
         ]  # fmt: skip
 
-    return joined([motions for part in over_blocks(work, len(rotations), least=1) for motions in part])
+    found = joined([motions for part in over_blocks(work, len(rotations), least=1) for motions in part])
+    return joined([found, _between_cells(found, cell)])
+
+
+def _between_cells(found: Motions, cell_m: float) -> Motions:
+    """Give the leading shifts again, half a cell off along all axes.
+
+    In a large hall cells are half a metre, and from a corner of one a rack settles on its neighbour's boards.
+    """
+    best = np.argsort(-found.votes, kind="stable")[:MOST_CORNERED]
+    corners = cell_m * (np.array(list(product((0.0, 1.0), repeat=3))) - 0.5)
+    return Motions(
+        np.repeat(found.rotations[best], len(corners), axis=0),
+        (found.translations_m[best][:, None] + corners).reshape(-1, 3),
+        np.repeat(found.votes[best], len(corners)),
+    )
 
 
 def _axes(votes: Sequence[OffsetVotes]) -> Array | None:

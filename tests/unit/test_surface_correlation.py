@@ -1,5 +1,7 @@
 """Surface correlated with surface and with free space, for all shifts at once."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from indexed_rooms import index, room, walls
@@ -33,6 +35,15 @@ def test_the_best_shift_is_the_true_one_within_a_cell(rotation):
     found = correlated_motions([votes(rotation)], target, source)
     best = found[np.argsort(-found.votes)[:1]]
     assert np.abs(best.translations_m[0] - shift).max() <= 0.75 * LEAST_CELL_M
+
+
+def test_the_leading_shift_is_tried_from_the_corners_of_its_cell_as_well():
+    points, normals = room()
+    target = index(points, normals, (3.0, 2.5, 1.5))
+    found = correlated_motions([votes()], target, target)
+    offsets = (found.translations_m - found.translations_m[np.argmax(found.votes)]) / LEAST_CELL_M
+    for corner in product((-0.5, 0.5), repeat=3):
+        assert np.abs(offsets - corner).max(axis=1).min() < 1e-9
 
 
 def test_a_strip_of_the_room_is_enough():
