@@ -138,6 +138,7 @@ def match_features(
         # refuting the others proves a pose only if the right one is among them
         tell.report(0.8, "testing all shifts")
         exhaustive, ranked = True, _with_all_shifts(ranked, target, source, options)
+        ranked = _with_symmetries(ranked, target, source, options)
         result = _described(target, source, ranked, options, exhaustive=exhaustive)
     if priors is not None:
         result = decided_with_priors(
