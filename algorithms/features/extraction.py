@@ -18,6 +18,7 @@ from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
 from algorithms.scans.grid_cells import grid_cells
+from algorithms.scans.layered_cells import layered_cells
 from algorithms.scans.mixed_pixels import angular_step, grid_ranges
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.range_image import spherical_range_image
@@ -88,7 +89,7 @@ def extract_features(
         min_points=options.min_plane_points,
     )  # fmt: skip
     planes, rasters, kept = bound_planes(
-        scan.points, fitted, 0.25 * cells.size_m,
+        scan.points, fitted, cells, 0.25 * cells.size_m,
         min_area_m2=options.min_plane_area_m2, max_planes=options.max_planes,
     )  # fmt: skip
     progress.report(0.6, "lines")
@@ -141,7 +142,7 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         # scan lines far apart: typical neighbourhoods must be wide enough to hold several of them
         wide = len(widths) > 0 and float(np.median(widths)) > TYPICAL_WIDTH * cells.size_m
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
-            return cells, surfaces, 0.0
+            return *layered_cells(cells, surfaces), 0.0
         size = 1.25 * cells.size_m
 
 

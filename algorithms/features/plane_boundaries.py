@@ -12,6 +12,7 @@ from algorithms.features.plane_points import plane_frames
 from algorithms.features.plane_points_kernels import fill_rasters
 from algorithms.geometry.planes import Planes
 from algorithms.scans.point_blocks import over_blocks
+from algorithms.scans.surface_cells import SurfaceCells
 
 LARGEST_RASTER = 400
 """Cells along the longer side."""
@@ -60,6 +61,7 @@ class PlaneRasters:
 def bound_planes(
     points: Points,
     fitted: FittedPlanes,
+    cells: SurfaceCells,
     least_cell_m: float,
     *,
     min_area_m2: float,
@@ -74,7 +76,7 @@ def bound_planes(
     order = np.argsort(-fitted.point_counts, kind="stable")
     order = order[:max_planes].astype(np.int64)
     selected = fitted.select(order)
-    rasters = rasterise_planes(points, selected, least_cell_m)
+    rasters = rasterise_planes(points, selected, cells, least_cell_m)
     polygons, areas = boundaries_of(rasters)
     large = np.flatnonzero(areas >= min_area_m2)
     kept = selected.select(large)
@@ -93,8 +95,11 @@ def bound_planes(
     return planes, rasters.select(large), order[large]
 
 
-def rasterise_planes(points: Points, planes: FittedPlanes, least_cell_m: float) -> PlaneRasters:
-    """Mark the occupied cells of every plane, with cells of about four points, and close the pores between them."""
+def rasterise_planes(points: Points, planes: FittedPlanes, cells: SurfaceCells, least_cell_m: float) -> PlaneRasters:
+    """Mark the occupied cells of every plane, with cells of about four points, and close the pores between them.
+
+    Where points are sparse they stand for the surface around them as far as their scan's cells are wide.
+    """
     spans = np.maximum(planes.extents[:, 2:] - planes.extents[:, :2], 1e-6)
     spacing = np.sqrt(spans[:, 0] * spans[:, 1] / np.maximum(planes.point_counts, 1))
     sizes = np.maximum(np.maximum(2.0 * spacing, least_cell_m), spans.max(axis=1, initial=0.0) / LARGEST_RASTER)
@@ -105,12 +110,15 @@ def rasterise_planes(points: Points, planes: FittedPlanes, least_cell_m: float) 
     frames = plane_frames(planes.normals, planes.centroids, planes.bases, planes.noise_std_m)
     labels, numbers = planes.point_labels, planes.numbers
     flat = np.zeros(starts[-1], dtype=np.uint8)
-    over_blocks(
-        lambda start, end: fill_rasters(
-            points, labels, numbers, frames, origins, 1.0 / sizes, starts, rows, columns, start, end, flat
-        ),
-        len(points),
-    )
+    cell_of_point, spread = cells.cell_of_point, np.empty(0) if cells.spread_m is None else cells.spread_m
+
+    def fill(start: int, end: int) -> None:
+        fill_rasters(
+            points, labels, numbers, frames, origins, 1.0 / sizes, starts, rows, columns, BORDER,
+            cell_of_point, spread, start, end, flat,
+        )  # fmt: skip
+
+    over_blocks(fill, len(points))
     rasters = PlaneRasters(flat, starts, rows, columns, origins, sizes)
     kernel = np.ones((3, 3), dtype=np.uint8)
     for p in range(len(rasters)):

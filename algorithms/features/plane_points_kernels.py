@@ -411,13 +411,17 @@ def fill_rasters(
     starts: Array,
     rows: Array,
     columns: Array,
+    border: int,
+    cell_of_point: Array,
+    spread: Array,
     start: int,
     end: int,
     out: Array,
 ) -> None:
     """Mark the occupied raster cells of every plane in one flat uint8 array; every block writes the same mark.
 
-    `per_cell` (k,) is the reciprocal of the size of the cells.
+    `per_cell` (k,) is the reciprocal of the size of the raster cells. Points of scan cells with a `spread` mark all
+    within it, up to the border; there may be none with one, an empty array then.
     """
     plane = -1  # its frame stays in registers, as in `sum_planes`
     cx = cy = cz = ex = ey = ez = fx = fy = fz = u_min = v_min = per = 0.0
@@ -438,9 +442,17 @@ def fill_rasters(
         x = points[i, 0] - cx
         y = points[i, 1] - cy
         z = points[i, 2] - cz
-        row = min(max(int((x * fx + y * fy + z * fz - v_min) * per), 0), height - 1)
-        column = min(max(int((x * ex + y * ey + z * ez - u_min) * per), 0), width - 1)
+        v = (x * fx + y * fy + z * fz - v_min) * per
+        u = (x * ex + y * ey + z * ez - u_min) * per
+        row = min(max(int(v), 0), height - 1)
+        column = min(max(int(u), 0), width - 1)
         out[first + row * width + column] = 1
+        if spread.shape[0] == 0 or spread[cell_of_point[i]] == 0.0:
+            continue
+        reach = spread[cell_of_point[i]] * per
+        for r in range(max(int(v - reach), border), min(int(v + reach), height - 1 - border) + 1):
+            for c in range(max(int(u - reach), border), min(int(u + reach), width - 1 - border) + 1):
+                out[first + r * width + c] = 1
 
 
 @njit(cache=True, nogil=True)

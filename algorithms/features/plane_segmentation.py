@@ -19,12 +19,12 @@ from algorithms.features.plane_segmentation_kernels import (
     grow_regions,
     incidences,
     ordered_seeds,
-    region_moments,
     renumber_labels,
     shift_rows,
     touching_labels,
     write_pieces,
 )
+from algorithms.scans.cell_sums_kernels import summed_moments
 from algorithms.scans.point_blocks import blocks_of, over_blocks
 from algorithms.scans.surface_cells import LEAST_CELLS, CellSurfaces, SurfaceCells
 
@@ -195,7 +195,7 @@ def _renumber(labels: Labels, numbers: Int64[Array, "k"]) -> None:
 def _region_moments(cells: SurfaceCells, labels: Labels, count: int, cap: float) -> Float64[Array, "k 10"]:
     """Add the cells of every region: by blocks, and then the blocks."""
     parts = over_blocks(
-        lambda start, end: region_moments(cells.moments, labels, count, cap, start, end), len(labels), least=LEAST_CELLS
+        lambda start, end: summed_moments(cells.moments, labels, count, cap, start, end), len(labels), least=LEAST_CELLS
     )
     return _added(np.concatenate(parts), np.tile(np.arange(count, dtype=np.int32), len(parts)), count)
 
@@ -204,7 +204,7 @@ def _added(moments: Float64[Array, "r 10"], groups: Labels, count: int) -> Float
     """Add sets of points by groups: count, mean, central sums of products."""
     some = moments[:, 0] > 0.0
     moments = moments[some]
-    total: Array = region_moments(moments, groups[some], count, np.inf, 0, len(moments))
+    total: Array = summed_moments(moments, groups[some], count, np.inf, 0, len(moments))
     return total
 
 

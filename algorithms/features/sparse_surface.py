@@ -40,7 +40,8 @@ class SparseSurface:
 def is_dense(cells: SurfaceCells, surfaces: CellSurfaces, cell_labels: Labels) -> Array:
     """Say which of the (m,) cells are surface by themselves: on a plane, or with a normal and a few points."""
     with_normal = np.einsum("ij,ij->i", surfaces.normals, surfaces.normals) > 0.5
-    return np.asarray((cell_labels >= 0) | (with_normal & (cells.counts >= LEAST_COUNT)))
+    dense = (cell_labels >= 0) | (with_normal & (cells.counts >= LEAST_COUNT))
+    return np.asarray(dense if cells.spread_m is None else dense | (cells.spread_m > 0.0))
 
 
 def sparse_surface(

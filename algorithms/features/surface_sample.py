@@ -37,8 +37,11 @@ def sample_surface(
     sensor_m
         Where the instrument stood; None when unknown.
     """
-    sparse = sparse_surface(points, cells, is_dense(cells, surfaces, cell_labels), sensor_m)
-    used = np.flatnonzero((cell_labels >= 0) | (cells.counts >= LEAST_COUNT))
+    dense = is_dense(cells, surfaces, cell_labels)
+    # what was no surface in larger cells either will not be one if it is tried again
+    hopeless = np.zeros(len(cells), dtype=np.bool_) if cells.spread_m is None else ~np.isfinite(surfaces.residual_std_m)
+    sparse = sparse_surface(points, cells, dense | hopeless, sensor_m)
+    used = np.flatnonzero(dense | (cells.counts >= LEAST_COUNT))
     labels = cell_labels[used]
     normals = surfaces.normals[used]
     on_plane = labels >= 0

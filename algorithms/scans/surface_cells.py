@@ -25,6 +25,9 @@ class SurfaceCells:
     """(m, k) touching cells, -1 where there is none."""
     size_m: float
     """Typical distance of neighbouring cells [m]."""
+    spread_m: Float64[Array, "m"] | None = None
+    """(m,) half the width of cells that are larger than others because points are sparse there, 0 for others [m]; None:
+    cells do not grow where points are sparse."""
 
     def __len__(self) -> int:
         return len(self.moments)
