@@ -150,7 +150,10 @@ def _flat_points(cells: SurfaceCells, surfaces: CellSurfaces, rng: np.random.Gen
     """Draw points whose cells have a tangent plane, by rising number."""
     n = len(cells.cell_of_point)
     drawn = np.sort(rng.choice(n, size=min(n, DRAWN_POINTS), replace=False, shuffle=False))
-    flat = np.append(np.isfinite(surfaces.residual_std_m), False)  # the last stands for points without a cell
+    flat = np.isfinite(surfaces.residual_std_m)
+    if cells.spread_m is not None:  # how surfaces hide each other is seen where points are dense
+        flat &= cells.spread_m == 0.0
+    flat = np.append(flat, False)  # the last stands for points without a cell
     return np.asarray(drawn[flat[cells.cell_of_point[drawn]]])
 
 
