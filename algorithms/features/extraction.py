@@ -11,7 +11,13 @@ from algorithms.features.plane_boundaries import bound_planes
 from algorithms.features.plane_fitting import FittedPlanes, fit_planes, renumber
 from algorithms.features.plane_intersections import intersect_planes
 from algorithms.features.plane_points_kernels import unlabelled
-from algorithms.features.plane_segmentation import candidates_of, segment_planes, thickness, typical_noise
+from algorithms.features.plane_segmentation import (
+    UNEVENNESS_M,
+    candidates_of,
+    segment_planes,
+    thickness,
+    typical_noise,
+)
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.lines import Lines, lines_from_arrays
@@ -38,6 +44,9 @@ MIN_CELLS = 6
 """Smallest plane in cells."""
 WIDTH_IN_NOISE = 5.0
 """Least standard width of a neighbourhood of grid pixels, in standard deviations of the noise."""
+FLAT_IN_NOISE = 2.0
+"""Cells that grow although points are dense must be flat to so many standard deviations of the noise, and to the
+unevenness of buildings."""
 CAP_POINTS = 20.0
 """Largest weight of a voxel: near, dense voxels must not outweigh the rest of a plane."""
 MOST_LEFT = 8_000_000
@@ -142,7 +151,9 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         # scan lines far apart: typical neighbourhoods must be wide enough to hold several of them
         wide = len(widths) > 0 and float(np.median(widths)) > TYPICAL_WIDTH * cells.size_m
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
-            return *layered_cells(cells, surfaces), 0.0
+            noise = typical_noise(cells, surfaces, None) if options.point_std_m is None else options.point_std_m
+            flat_m = math.hypot(FLAT_IN_NOISE * noise, UNEVENNESS_M)
+            return *layered_cells(cells, surfaces, largest_residual_m=flat_m), 0.0
         size = 1.25 * cells.size_m
 
 

@@ -38,9 +38,10 @@ def sample_surface(
         Where the instrument stood; None when unknown.
     """
     dense = is_dense(cells, surfaces, cell_labels)
-    # what was no surface in larger cells either will not be one if it is tried again
-    hopeless = np.zeros(len(cells), dtype=np.bool_) if cells.spread_m is None else ~np.isfinite(surfaces.residual_std_m)
-    sparse = sparse_surface(points, cells, dense | hopeless, sensor_m)
+    done = dense
+    if cells.spread_m is not None:  # where few points made no surface in larger cells they are not tried again
+        done = dense | (~np.isfinite(surfaces.residual_std_m) & (cells.counts < LEAST_COUNT))
+    sparse = sparse_surface(points, cells, done, sensor_m)
     used = np.flatnonzero(dense | (cells.counts >= LEAST_COUNT))
     labels = cell_labels[used]
     normals = surfaces.normals[used]

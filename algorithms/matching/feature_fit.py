@@ -46,3 +46,19 @@ def feature_pose_near(target: ScanFeatures, source: ScanFeatures, pose: RigidTra
         found = SurfaceGaps(positions, normals, gaps, np.ones(len(gaps)))
         pose = point_to_plane_step(found, DOUBTFUL_SHARE * max_distance_m) * pose
     return pose
+
+
+def common_features(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> int:
+    """Count the lines and planes that lie on each other in a pose that is fitted to them.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    pose
+        What `feature_pose_near` gives.
+    """
+    max_angle_rad, max_distance_m = GATES[-1]
+    limits = {"max_angle_rad": max_angle_rad, "max_distance_m": max_distance_m}
+    lines = corresponding_lines(target, source, pose, **limits)
+    return len(lines) + len(corresponding_planes(target, source, pose, **limits))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.matching.feature_fit import feature_pose_near
+from algorithms.matching.feature_fit import common_features, feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses
 from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
@@ -128,7 +128,7 @@ class _Weighing:
         """Give the number of the best pose, and whether it is the only one that nothing speaks against."""
         poses, score = self.ranked.poses, self.ranked.scores.score
         if self.surfaces is not None:
-            lone = lone_spotless_pose(poses, self.judged, self.target.index, self.source.index)
+            lone = lone_spotless_pose(poses, self.judged, self.target.index, self.source.index, self._common)
             first = self._proven(self.surfaces) if lone is None else lone
             if first != 0 or lone is not None:
                 return first, lone is not None
@@ -172,6 +172,10 @@ class _Weighing:
         if proof is not None:
             weighed.told_apart.append((k, proof))
         return proof is not None
+
+    def _common(self, k: int) -> int:
+        """Count the lines and planes that both scans have in a pose."""
+        return common_features(self.target, self.source, self._fitted(k))
 
     def _fitted(self, k: int) -> RigidTransform:
         """Give a pose with the features laid on each other."""

@@ -46,9 +46,9 @@ NEAR_RAD, NEAR_RELATIVE_SUPPORT = 0.15, 0.8
 repetition of the building as good as the other, it would lay as much surface on surface but for the rims."""
 CONTRADICTED, CONTRADICTED_PER_SUPPORT, CONTRADICTED_AS_BEST = 0.02, 0.08, 2.0
 """An alternative is possible while the share that speaks against it is below the first value, or below the second times
-its support relative to the best pose's, or below the third times what speaks against the best pose. The second does not
-count for a mere shift beside a spotless pose: both scans look at what they share in the same direction then, and the
-right pose would be nearly as spotless."""
+its support relative to the best pose's (at most once), or below the third times what speaks against the best pose. The
+second does not count for a mere shift beside a spotless pose: both scans look at what they share in the same direction
+then, and the right pose would be nearly as spotless."""
 CLEANER, CLEAN_SUPPORT = 0.25, 0.1
 """Where more than `CONTRADICTED` speaks against the best pose and less than the first part of it against an
 alternative, no symmetry needs to be shown; nor where the best pose is not spotless and an alternative is that lays at
@@ -128,7 +128,7 @@ def is_possible_alternative(
         return clean and (alternative.share <= SPOTLESS or both_are_like_themselves(TURNED_SUPPORT, CONTRADICTED))
     limit = max(CONTRADICTED, CONTRADICTED_AS_BEST * best.share)
     if turned or best.share > SPOTLESS:
-        limit = max(limit, CONTRADICTED_PER_SUPPORT * relative)
+        limit = max(limit, CONTRADICTED_PER_SUPPORT * min(relative, 1.0))
     if alternative.share > limit:
         return False
     cleaner = alternative.share < CLEANER * best.share and best.share > CONTRADICTED

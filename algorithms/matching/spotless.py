@@ -5,7 +5,7 @@ right pose. But in the right pose hardly any surface stands where the other inst
 search of all shifts (`surface_correlation`) it can be said that this is so nowhere else (MATH 5.4).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from scipy.spatial.transform import RigidTransform
 
@@ -21,12 +21,19 @@ STAINED, STAINED_FACTOR = 0.03, 4.0
 """Least share that speaks against the others, by itself and as a multiple of what speaks against the pose."""
 RIVAL_SUPPORT, RIVAL_RELATIVE_SUPPORT = 0.02, 0.4
 """Others count from this support on, by itself and relative to that of the pose."""
+CHANCE_SUPPORT, LEAST_COMMON, COMMON_FACTOR = 0.06, 8, 4
+"""Below the first value of support another pose does not count either where so many lines and planes lie on each other
+in the best one, and so many times as many as in that: what fits by chance has no lines in common."""
 OUTWEIGHED = 0.25
 """A pose with a smaller part of the support of the one of best score does not displace it."""
 
 
 def lone_spotless_pose(
-    poses: Sequence[RigidTransform], judged: Sequence[Contradiction], target: SurfaceIndex, source: SurfaceIndex
+    poses: Sequence[RigidTransform],
+    judged: Sequence[Contradiction],
+    target: SurfaceIndex,
+    source: SurfaceIndex,
+    common: Callable[[int], int] = lambda _: 0,
 ) -> int | None:
     """Find the number of the only pose that hardly anything speaks against; None when there is none, or are several.
 
@@ -43,6 +50,8 @@ def lone_spotless_pose(
         Distinct poses target from source, the one of best score first, and what speaks for and against each.
     target, source
         The two scans.
+    common
+        Tells how many lines and planes of both scans lie on each other in the pose of a number; asked where it matters.
     """
     if not (target.knows_free_space and source.knows_free_space):
         return None
@@ -55,5 +64,11 @@ def lone_spotless_pose(
         return None
     stained = max(STAINED, STAINED_FACTOR * own.share)
     counting = max(RIVAL_SUPPORT, RIVAL_RELATIVE_SUPPORT * own.support)
+
+    def chance(k: int) -> bool:
+        """Say whether another pose has nothing but a little surface for it."""
+        found = common(best) if judged[k].support < CHANCE_SUPPORT else 0
+        return found >= LEAST_COMMON and COMMON_FACTOR * common(k) <= found
+
     rivals = (k for k, each in enumerate(judged) if k != best and each.support >= counting and each.share < stained)
-    return best if all(are_near(poses[best], poses[k], target, source) for k in rivals) else None
+    return best if all(are_near(poses[best], poses[k], target, source) or chance(k) for k in rivals) else None

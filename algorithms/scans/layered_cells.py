@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from algorithms.arrays import Flags
+from algorithms.arrays import Flags, Indices, Scalars
 from algorithms.scans import layered_cells_kernels as kernels
 from algorithms.scans.cell_sums_kernels import summed_moments
 from algorithms.scans.point_blocks import over_blocks
@@ -36,19 +36,24 @@ class _Layer:
     """(m,) True for voxels that become part of a cell of this layer."""
 
 
-def layered_cells(voxels: SurfaceCells, surfaces: CellSurfaces) -> tuple[SurfaceCells, CellSurfaces]:
+def layered_cells(
+    voxels: SurfaceCells, surfaces: CellSurfaces, *, largest_residual_m: float
+) -> tuple[SurfaceCells, CellSurfaces]:
     """Unite voxels that have no tangent plane to larger cells that have one. O(m) for m voxels, O(n) for the points.
 
     Parameters
     ----------
     voxels, surfaces
         All voxels of a scan, and their tangent planes. `voxels.cell_of_point` is changed in place.
+    largest_residual_m
+        Where points are dense, voxels are united only if their points deviate less from a plane (standard deviation):
+        around edges and on narrow frames they have no tangent plane either [m].
 
     Returns
     -------
     The voxels that stay, then the larger cells, which touch each other and the nearest voxels around them.
     """
-    layers = _layers(voxels, surfaces)
+    layers = _layers(voxels, surfaces, largest_residual_m)
     chosen = np.logical_or.reduce([layer.chosen for layer in layers])
     if not chosen.any():
         return replace(voxels, spread_m=np.zeros(len(voxels))), surfaces
@@ -85,9 +90,11 @@ def layered_cells(voxels: SurfaceCells, surfaces: CellSurfaces) -> tuple[Surface
     return SurfaceCells(cell_of_point, moments, neighbours, voxels.size_m, spread), joined
 
 
-def _layers(voxels: SurfaceCells, surfaces: CellSurfaces) -> list[_Layer]:
+def _layers(voxels: SurfaceCells, surfaces: CellSurfaces, largest_residual_m: float) -> list[_Layer]:
     """Unite voxels to larger and larger ones, and choose for each without a tangent plane the first that has one."""
     left = ~np.isfinite(surfaces.residual_std_m)
+    crowded = np.zeros(len(voxels), dtype=np.bool_)
+    crowded[left] = _points_around(voxels, np.flatnonzero(left)) >= LEAST_POINTS
     below, parent_of_voxel = voxels, np.arange(len(voxels), dtype=np.int32)
     layers = []
     for _ in range(LEVELS):
@@ -97,7 +104,15 @@ def _layers(voxels: SurfaceCells, surfaces: CellSurfaces) -> list[_Layer]:
         cells = SurfaceCells(parent_of_voxel, moments, united.neighbours, united.size_m)
         found = cell_surfaces(cells, cap=CAP_POINTS, min_count=LEAST_POINTS, least_width_m=LEAST_WIDTH * cells.size_m)
         flat = found.residual_std_m < FLATNESS * found.width_std_m
-        layers.append(_Layer(cells, found, left & flat[parent_of_voxel]))
+        even = flat & (found.residual_std_m < largest_residual_m)
+        layers.append(_Layer(cells, found, left & np.where(crowded, even[parent_of_voxel], flat[parent_of_voxel])))
         left &= ~layers[-1].chosen
         below = cells
     return layers
+
+
+def _points_around(voxels: SurfaceCells, which: Indices) -> Scalars:
+    """Count the points of some voxels and all that touch them."""
+    around = voxels.neighbours[which]
+    counts = voxels.counts
+    return np.asarray(counts[which] + np.where(around >= 0, counts[around], 0.0).sum(axis=1))

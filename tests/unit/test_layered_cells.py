@@ -35,7 +35,7 @@ def features(points):
 def cells_of(points):
     voxels = voxel_cells(points, SIZE_M)
     surfaces = cell_surfaces(voxels, cap=20.0, min_count=8.0, least_width_m=0.45 * SIZE_M)
-    return len(voxels), *layered_cells(voxels, surfaces)
+    return len(voxels), *layered_cells(voxels, surfaces, largest_residual_m=2.0 * NOISE_M)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +78,16 @@ def test_larger_cells_have_flat_surface_and_none_is_left_alone(points):
     assert (~larger[of_larger] & (of_larger >= 0)).any()
     of_smaller = cells.neighbours[~larger]
     assert (larger[of_smaller] & (of_smaller >= 0)).any()
+
+
+def test_a_narrow_frame_beside_a_wall_does_not_make_large_cells():
+    rng = np.random.default_rng(7)
+    wall = np.column_stack([rng.uniform(0.0, 2.0, 20_000), np.zeros(20_000), rng.uniform(0.0, 2.0, 20_000)])
+    frame = np.column_stack([rng.uniform(2.3, 2.33, 3000), np.zeros(3000), rng.uniform(0.0, 2.0, 3000)])
+    reveal = np.column_stack([np.full(3000, 2.33), rng.uniform(0.0, 0.03, 3000), rng.uniform(0.0, 2.0, 3000)])
+    points = np.concatenate([wall, frame, reveal])
+    _, cells, _ = cells_of(points + rng.normal(0.0, 0.0005, points.shape))
+    assert not cells.spread_m[np.unique(cells.cell_of_point[len(wall) :])].any()
 
 
 def test_no_cell_is_its_own_neighbour_or_has_one_twice(points):

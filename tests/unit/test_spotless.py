@@ -62,3 +62,19 @@ def test_where_an_instrument_is_unknown_no_pose_is_spotless(scan: SurfaceIndex) 
     judged = (BEST, Contradiction(0.2, 0.0))
     assert lone_spotless_pose((at(0.0), at(10.0)), judged, scan, blind) is None
     assert lone_spotless_pose((at(0.0), at(10.0)), judged, scan, scan) == 1
+
+
+def test_what_fits_by_chance_with_no_lines_in_common_leaves_nothing_open(scan: SurfaceIndex) -> None:
+    poses, judged = (at(0.0), at(10.0), at(20.0)), (BEST, Contradiction(0.07, 0.0), Contradiction(0.035, 0.0))
+
+    def lone(*common: int) -> int | None:
+        return lone_spotless_pose(poses, judged, scan, scan, lambda k: common[k])
+
+    assert lone(30, 12, 1) == 1
+    assert lone(30, 12, 4) is None
+    assert lone(30, 7, 0) is None
+
+
+def test_lines_in_common_do_not_outweigh_a_clean_pose_that_chance_does_not_make(scan: SurfaceIndex) -> None:
+    judged = (BEST, Contradiction(0.2, 0.0), Contradiction(0.09, 0.0))
+    assert lone_spotless_pose((at(0.0), at(10.0), at(20.0)), judged, scan, scan, lambda k: (0, 40, 0)[k]) is None
