@@ -6,16 +6,18 @@ a tangent plane are united to larger ones, and what is still without to larger o
 surface.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from algorithms.arrays import Flags, Indices, Scalars
-from algorithms.scans import layered_cells_kernels as kernels
+from algorithms.arrays import Array, Flags, Indices, Scalars
 from algorithms.scans.cell_sums_kernels import summed_moments
+from algorithms.scans.layered_cells_kernels import link_layer
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces
 from algorithms.scans.voxel_grid import voxel_cells
+from algorithms.scans.voxel_grid_kernels import renumber
 
 GROWTH, LEVELS = 2.0, 3
 """Each layer's cells are so much larger than those of the one below, and there are so many layers above the voxels."""
@@ -60,33 +62,26 @@ def layered_cells(
     stays = np.flatnonzero(~chosen)
     numbers = np.empty(len(voxels), dtype=np.int32)
     numbers[stays] = np.arange(len(stays), dtype=np.int32)
-    counts, parents = [len(stays)], []
+    parents, starts, count = [], [], len(stays)
     for layer in layers:
         parent, number = np.unique(layer.cells.cell_of_point[layer.chosen], return_inverse=True)
-        numbers[layer.chosen] = sum(counts) + number
-        counts.append(len(parent))
+        numbers[layer.chosen] = count + number
         parents.append(parent)
-    m = sum(counts)
-    moments = summed_moments(voxels.moments, numbers, m, np.inf, 0, len(voxels))
-    neighbours = np.full((m, voxels.neighbours.shape[1]), -1, dtype=np.int32)
-    kept = voxels.neighbours[stays]
-    neighbours[: len(stays)] = np.where((kept >= 0) & ~chosen[kept], numbers[kept], -1)
-    spread = np.zeros(m)
-    starts = np.cumsum(counts)
+        starts.append(count)
+        count += len(parent)
+    moments = summed_moments(voxels.moments, numbers, count, np.inf, 0, len(voxels))
+    neighbours = np.full((count, voxels.neighbours.shape[1]), -1, dtype=np.int32)
+    touching = voxels.neighbours[stays]
+    neighbours[: len(stays)] = np.where((touching >= 0) & ~chosen[touching], numbers[touching], -1)
+    spread = np.zeros(count)
     listed = chosen | np.isfinite(surfaces.residual_std_m)
-    for layer, parent, start in zip(layers, parents, starts, strict=False):
-        spread[start : start + len(parent)] = 0.5 * layer.cells.size_m
-        kernels.link_layer(
-            layer.cells.cell_of_point, numbers, listed, layer.cells.neighbours, parent, int(start), moments, neighbours
-        )
-    every = [(surfaces, stays), *((layer.surfaces, parent) for layer, parent in zip(layers, parents, strict=True))]
-    joined = CellSurfaces(
-        np.concatenate([each.normals[which] for each, which in every]),
-        np.concatenate([each.residual_std_m[which] for each, which in every]),
-        np.concatenate([each.width_std_m[which] for each, which in every]),
-    )
+    for layer, parent, start in zip(layers, parents, starts, strict=True):
+        united = layer.cells
+        spread[start : start + len(parent)] = 0.5 * united.size_m
+        link_layer(united.cell_of_point, numbers, listed, united.neighbours, parent, start, moments, neighbours)
     cell_of_point = voxels.cell_of_point
-    over_blocks(lambda start, end: kernels.renumber_cells(cell_of_point, numbers, start, end), len(cell_of_point))
+    over_blocks(lambda start, end: renumber(cell_of_point, numbers, start, end), len(cell_of_point))
+    joined = _joined([(surfaces, stays), *zip((layer.surfaces for layer in layers), parents, strict=True)])
     return SurfaceCells(cell_of_point, moments, neighbours, voxels.size_m, spread), joined
 
 
@@ -109,6 +104,15 @@ def _layers(voxels: SurfaceCells, surfaces: CellSurfaces, largest_residual_m: fl
         left &= ~layers[-1].chosen
         below = cells
     return layers
+
+
+def _joined(parts: Sequence[tuple[CellSurfaces, Array]]) -> CellSurfaces:
+    """Put some of the surfaces of several layers one after the other."""
+    return CellSurfaces(
+        np.concatenate([part.normals[which] for part, which in parts]),
+        np.concatenate([part.residual_std_m[which] for part, which in parts]),
+        np.concatenate([part.width_std_m[which] for part, which in parts]),
+    )
 
 
 def _points_around(voxels: SurfaceCells, which: Indices) -> Scalars:

@@ -7,13 +7,6 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def renumber_cells(cell_of_point: Array, numbers: Array, start: int, end: int) -> None:
-    """Give the points from `start` to `end` the new numbers of their cells, in place."""
-    for i in range(start, end):
-        cell_of_point[i] = numbers[cell_of_point[i]]
-
-
-@njit(cache=True, nogil=True)
 def _enter(neighbours: Array, cell: int, other: int) -> None:
     """Note a cell as touching another one if there is a place left."""
     for k in range(neighbours.shape[1]):
