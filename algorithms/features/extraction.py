@@ -127,7 +127,10 @@ def extract_features(
 
 
 def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, CellSurfaces, float]:
-    """Cut a scan into cells, give each its tangent plane, and tell the noise that the ranges of a grid show [m]."""
+    """Cut a scan into cells, give each its tangent plane, and tell the noise that the ranges of a grid show [m].
+
+    The cells of a grid are blocks of its pixels, those of a cloud voxels, which grow where its points are sparse.
+    """
     if scan.grid is not None:
         sensor: Vector3 = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
         # all that follows takes three quarters of the time where neighbours in a row are neighbours in memory

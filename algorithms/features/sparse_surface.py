@@ -1,8 +1,8 @@
-"""Surface where points are too far apart for the cells of a scan: far away, or seen at a flat angle.
+"""Surface that no cell of a scan shows by itself: far away, seen at a flat angle, or rough.
 
-Cells are as small as the typical distance of points allows, so they say nothing where points are sparse. But what two
-far stations have in common is mostly far from both. Points left there are cut into larger voxels, and what is still
-left into larger ones again, as long as they show flat surface.
+Cells of clouds grow where points are sparse (`layered_cells`), those of grids do not, and neither shows what is no
+plane. But what two far stations have in common is mostly far from both. Points left there are cut into larger voxels,
+and what is still left into larger ones again, as long as they show flat surface.
 """
 
 from dataclasses import dataclass
@@ -11,18 +11,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from algorithms.arrays import Array, Indices, Labels, Points, Scalars, Vector3
+from algorithms.scans.layered_cells import CAP_POINTS, FLATNESS, GROWTH, LEAST_POINTS, LEAST_WIDTH, LEVELS
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces, orient
 from algorithms.scans.voxel_grid import voxel_cells
 
-GROWTH, LEVELS = 2.0, 3
-"""Each time the voxels are so much larger, so many times."""
 LEAST_COUNT = 3.0
 """Cells of fewer points are sparse."""
-LEAST_POINTS, LEAST_WIDTH, CAP_POINTS = 8.0, 0.45, 20.0
-"""Least number of points of a neighbourhood, its least standard width in voxels, and the largest weight of a voxel."""
-FLATNESS = 0.2
-"""Largest ratio of the deviations across and along a neighbourhood: large voxels round edges and plants are none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +40,7 @@ def is_dense(cells: SurfaceCells, surfaces: CellSurfaces, cell_labels: Labels) -
 
 
 def sparse_surface(
-    points: Float64[Array, "points 3"], cells: SurfaceCells, dense: Array, sensor_m: Vector3 | None
+    points: Float64[Array, "points 3"], cells: SurfaceCells, done: Array, sensor_m: Vector3 | None
 ) -> SparseSurface:
     """Find flat surface in the points whose cells are too small to show it.
 
@@ -55,8 +50,8 @@ def sparse_surface(
         (points, 3) the scan [m].
     cells
         Its cells.
-    dense
-        (m,) bool: the cells that are surface by themselves.
+    done
+        (m,) bool: the cells that are surface by themselves, or surely none.
     sensor_m
         Where the instrument stood; without it the sides of the normals are arbitrary.
     """
@@ -64,7 +59,7 @@ def sparse_surface(
 
     def sparse(start: int, end: int) -> Indices:
         cell = cells.cell_of_point[start:end]
-        return start + np.flatnonzero((cell >= 0) & ~dense[cell])
+        return start + np.flatnonzero((cell >= 0) & ~done[cell])
 
     parts = over_blocks(sparse, len(points))
     left = points[np.concatenate(parts)]
