@@ -13,6 +13,7 @@ from algorithms.features.plane_curvature import LEAST_HALF_WIDTH_M, bent
 from algorithms.features.plane_curvature_kernels import sums_of_cells
 from algorithms.features.plane_points import CellPlanes, frames_of_moments
 from algorithms.features.plane_segmentation_kernels import (
+    STEPS,
     agreements,
     candidate_labels,
     dilate_labels,
@@ -136,6 +137,9 @@ def segment_planes(
         )  # fmt: skip
 
     over_blocks(write, len(cells), least=LEAST_CELLS)
+    if cells.spread_m is not None:  # few points far away make poor seeds, however wide their cells are
+        flat = steps < STEPS
+        steps[flat] = steps[flat] // 2 + np.where(cells.spread_m[flat] > 0.0, STEPS // 2, 0)
     labels, count = grow_regions(ordered_seeds(steps), pieces, cells.neighbours, NORMAL_LIMIT, min_cells)
     curved = _curved(cells, labels, count)
     _renumber(labels, np.where(curved, -1, np.cumsum(~curved) - 1))
