@@ -6,6 +6,7 @@ from scipy.stats import chi2
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
+from algorithms.features.plane_segmentation import segment_planes
 from algorithms.progress import NoProgress
 from algorithms.scans.layered_cells import FLATNESS, layered_cells
 from algorithms.scans.scan import Scan
@@ -154,3 +155,18 @@ def test_the_covariance_of_a_plane_seen_from_near_to_far_is_honest():
             squares.append(error @ np.linalg.solve(scene.covariances[k], error))
     # a part of the noise is taken to remain at flat angles, which is not so here: it may promise a little too little
     assert 0.75 < np.mean(squares) / 3.0 < chi2.ppf(0.999, 3 * len(squares)) / (3 * len(squares))
+
+
+def test_regions_start_where_points_are_dense():
+    rng = np.random.default_rng(8)
+    near = np.column_stack([rng.uniform(0.0, 3.0, 9000), np.zeros(9000), rng.uniform(0.0, 3.0, 9000)])
+    # a few points on a wall that goes on behind it, a little askew: by themselves they are the flatter ones
+    far = np.column_stack([rng.uniform(3.1, 9.0, 250), np.zeros(250), rng.uniform(0.0, 3.0, 250)])
+    far[:, 1] = 0.05 * (far[:, 0] - 3.0)
+    _, cells, surfaces = cells_of(np.concatenate([near + rng.normal(0.0, NOISE_M, near.shape) * [0, 1, 0], far]))
+    assert (cells.spread_m > 0.0).any()
+    regions = segment_planes(cells, surfaces, noise_std_m=NOISE_M, sensor_m=None, cap=20.0, min_cells=6)
+    dense = cells.spread_m == 0.0
+    first = cells.cell_of_point[:9000]
+    assert (regions.cell_labels[first[dense[first]]] == 0).mean() > 0.95
+    assert abs(regions.normals[0, 1]) == pytest.approx(1.0, abs=1e-5)
