@@ -8,8 +8,8 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.candidates import candidate_motions
-from algorithms.matching.correspondences import corresponding_lines, corresponding_planes
 from algorithms.matching.degeneracy import require_determining_geometry
+from algorithms.matching.feature_fit import common_features
 from algorithms.matching.hypotheses import FINE_SIFTS, RankedPoses, rank_hypotheses
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import offset_votes
@@ -284,6 +284,4 @@ def _apart(source: ScanFeatures, pose: RigidTransform, other: RigidTransform) ->
 
 def _supporters(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> int:
     """Count the lines and planes that both scans see in a pose."""
-    limits = {"max_angle_rad": SUPPORT_ANGLE_RAD, "max_distance_m": SUPPORT_DISTANCE_M}
-    lines = corresponding_lines(target, source, pose, **limits)
-    return len(lines) + len(corresponding_planes(target, source, pose, **limits))
+    return common_features(target, source, pose, max_angle_rad=SUPPORT_ANGLE_RAD, max_distance_m=SUPPORT_DISTANCE_M)

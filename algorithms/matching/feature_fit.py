@@ -48,17 +48,20 @@ def feature_pose_near(target: ScanFeatures, source: ScanFeatures, pose: RigidTra
     return pose
 
 
-def common_features(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> int:
-    """Count the lines and planes that lie on each other in a pose that is fitted to them.
+def common_features(
+    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, *, max_angle_rad: float, max_distance_m: float
+) -> int:
+    """Count the lines and planes that lie on each other in a pose.
 
     Parameters
     ----------
     target, source
         Features of the two scans.
     pose
-        What `feature_pose_near` gives.
+        Target from source, between the reduced frames.
+    max_angle_rad, max_distance_m
+        Largest angle and distance of corresponding features.
     """
-    max_angle_rad, max_distance_m = GATES[-1]
     limits = {"max_angle_rad": max_angle_rad, "max_distance_m": max_distance_m}
     lines = corresponding_lines(target, source, pose, **limits)
     return len(lines) + len(corresponding_planes(target, source, pose, **limits))

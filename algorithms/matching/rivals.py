@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.matching.feature_fit import common_features, feature_pose_near
+from algorithms.matching.feature_fit import GATES, common_features, feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses
 from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
@@ -174,8 +174,11 @@ class _Weighing:
         return proof is not None
 
     def _common(self, k: int) -> int:
-        """Count the lines and planes that both scans have in a pose."""
-        return common_features(self.target, self.source, self._fitted(k))
+        """Count the lines and planes that lie closely on each other in a pose that is fitted to them."""
+        max_angle_rad, max_distance_m = GATES[-1]
+        return common_features(
+            self.target, self.source, self._fitted(k), max_angle_rad=max_angle_rad, max_distance_m=max_distance_m
+        )
 
     def _fitted(self, k: int) -> RigidTransform:
         """Give a pose with the features laid on each other."""

@@ -19,7 +19,7 @@ def summed_moments(moments: Array, labels: Array, count: int, cap: float, start:
         p = labels[cell]
         if p < 0:
             continue
-        if out[p, 0] == 0.0:  # the first cell's mean is near enough to the region's to keep the digits
+        if out[p, 0] == 0.0:  # the first cell's mean is near enough to the group's to keep the digits
             for a in range(3):
                 origins[p, a] = moments[cell, 1 + a]
         w = min(moments[cell, 0], cap) if cap > 0.0 else 1.0

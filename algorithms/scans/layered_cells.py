@@ -34,6 +34,7 @@ class _Layer:
     cells: SurfaceCells
     """`cell_of_point` tells the united cell of every voxel."""
     surfaces: CellSurfaces
+    """Tangent planes of the united cells."""
     chosen: Flags
     """(m,) True for voxels that become part of a cell of this layer."""
 
@@ -41,7 +42,9 @@ class _Layer:
 def layered_cells(
     voxels: SurfaceCells, surfaces: CellSurfaces, *, largest_residual_m: float
 ) -> tuple[SurfaceCells, CellSurfaces]:
-    """Unite voxels that have no tangent plane to larger cells that have one. O(m) for m voxels, O(n) for the points.
+    """Unite voxels that have no tangent plane to larger cells that have one.
+
+    O(m log m) for m voxels, and one pass over the points.
 
     Parameters
     ----------

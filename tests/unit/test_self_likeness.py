@@ -45,13 +45,14 @@ def _possible(
     *,
     against_best: float = SPOTTED,
     of_best: float = 0.75,
+    against: float = CLEAN,
 ) -> bool:
     """Ask for a clean alternative of such support beside a pose with which, unless said, three quarters of all fit."""
     return is_possible_alternative(
         HERE,
         other,
         best=Contradiction(of_best, against_best),
-        alternative=Contradiction(support, CLEAN),
+        alternative=Contradiction(support, against),
         target=scans[0],
         source=scans[1],
         noise_m=0.0,
@@ -116,6 +117,11 @@ def test_beside_a_spotless_pose_no_shift_is_possible_where_little_is_common(scan
 def test_a_small_shift_is_possible_only_where_it_fits_nearly_as_much(scans, support, possible):
     # Half the corridor's surface is farther than some 4 m from the instruments: 0.15 of that is 0.6 m.
     assert _possible(scans, RigidTransform.from_translation([0.4, 0.0, 0.0]), support) == possible
+
+
+@pytest.mark.parametrize(("against", "possible"), [(0.07, True), (0.12, False)])
+def test_what_fits_much_better_may_be_contradicted_no_more_for_that(scans, against, possible):
+    assert _possible(scans, HALF_TURN, 0.6, of_best=0.2, against=against) == possible
 
 
 def test_what_hardly_fits_at_all_is_no_alternative(scans):
