@@ -48,8 +48,10 @@ class Resolution:
     """Directions are binned in cells x cells: in as many as there are points, or more."""
 
 
-SIFTING, COARSE, FINE = Resolution(2_000, 40), Resolution(8_000, 80), Resolution(40_000, 300)
+SIFTING, COARSE = Resolution(2_000, 40), Resolution(8_000, 80)
 """Most positions of the raster are sorted out with few points."""
+MIDDLE, FINE = Resolution(10_000, 150), Resolution(40_000, 300)
+"""The search goes downhill with few points while more than `LEAST_STARTS` positions are left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +186,8 @@ def estimate_sensor_position(
     raster = raster[np.sort(sifted)]
     costs = cloud(COARSE, 1.3 * spacing).costs(raster)
     fine = cloud(FINE, spacing)
-    best = _downhill(fine, raster[_distinct(raster, costs, apart_m=1.5 * step, most=STARTS)], 0.5 * step)
+    starts = raster[_distinct(raster, costs, apart_m=1.5 * step, most=STARTS)]
+    best = _downhill(cloud(MIDDLE, 1.3 * spacing), fine, starts, 0.5 * step)
     best_share = float(fine.seen_from(best[None])[0, 0])
     if candidate_m is not None:
         share, _, nearest = fine.seen_from(candidate_m[None])[0].tolist()
@@ -228,24 +231,25 @@ def _distinct(positions: Array, costs: Array, *, apart_m: float, most: int) -> l
 _AROUND = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) / np.sqrt(3.0)
 
 
-def _downhill(cloud: _Cloud, starts: Array, step: float) -> Vector3:
+def _downhill(middle: _Cloud, fine: _Cloud, starts: Array, step: float) -> Vector3:
     """Walk downhill from (k, 3) starts in ever smaller steps, with ever fewer of them: a count has no derivative."""
     while True:
-        found = [_walk(cloud, start, step) for start in starts]
-        order = np.argsort([cost for cost, _ in found], kind="stable")
+        few = len(starts) <= LEAST_STARTS
+        found = np.array([_walk(fine if few else middle, start, step) for start in starts])
+        found = found[np.argsort(fine.costs(found), kind="stable")]
         step *= 0.5
         if step <= LAST_STEP_M:
-            return np.asarray(found[order[0]][1])
-        starts = np.array([found[k][1] for k in order[: max(len(order) // 2, LEAST_STARTS)]])
+            return np.asarray(found[0])
+        starts = found[: max(len(found) // 2, LEAST_STARTS)]
 
 
-def _walk(cloud: _Cloud, start: Vector3, step: float) -> tuple[float, Vector3]:
-    """Go to the best position around as long as that is better; give its cost as well."""
+def _walk(cloud: _Cloud, start: Vector3, step: float) -> Vector3:
+    """Go to the best position around as long as that is better."""
     best, least = start, float(cloud.costs(start[None])[0])
     while True:
         around = best + step * _AROUND
         costs = cloud.costs_near_surface(around)
         k = int(np.argmin(costs))
         if costs[k] >= least:
-            return least, best
+            return best
         best, least = around[k], float(costs[k])

@@ -193,9 +193,21 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
     owners, ranges = owner.ravel(), nearest.ravel()
     x, y, z = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH)
     rx, ry, rz, lengths = np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH)
-    cells, pixels, rest = np.empty(BATCH, np.int32), np.empty(BATCH, np.int32), np.empty(BATCH, np.int64)
+    cells, pixels = np.empty(BATCH, np.int32), np.empty(BATCH, np.int32)
+    numbers, chosen, lies = np.empty(BATCH, np.int32), np.empty(BATCH + 1, np.int32), np.empty(BATCH, np.bool_)
     for h in range(rotations.shape[0]):
         r = rotations[h]
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
+            r[0, 0],
+            r[0, 1],
+            r[0, 2],
+            r[1, 0],
+            r[1, 1],
+            r[1, 2],
+            r[2, 0],
+            r[2, 1],
+            r[2, 2],
+        )
         t = translations[h]
         fits = 0.0
         free = 0.0
@@ -208,50 +220,71 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
             moved_coordinates(r[1], t[1], px, py, pz, y)
             moved_coordinates(r[2], t[2], px, py, pz, z)
             raster_cells(x[:count], y, z, low, cell_m, owner.shape, cells)
+            near = 0
+            for k in range(count):  # these loops choose without branches: nobody can predict them
+                tried += weights[first + k]
+                cell = cells[k]
+                numbers[k] = owners[max(cell, 0)] if cell >= 0 else -1
+                lies[k] = False
+                chosen[near] = k
+                near += numbers[k] >= 0
+            hits = 0
+            for c in range(near):
+                k = chosen[c]
+                q = numbers[k]
+                p = first + k
+                dx, dy, dz = x[k] - surface_points[q, 0], y[k] - surface_points[q, 1], z[k] - surface_points[q, 2]
+                sx, sy, sz = surface_normals[q, 0], surface_normals[q, 1], surface_normals[q, 2]
+                off = sx * dx + sy * dy + sz * dz
+                ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
+                bx = r00 * ax + r01 * ay + r02 * az
+                by = r10 * ax + r11 * ay + r12 * az
+                bz = r20 * ax + r21 * ay + r22 * az
+                fit = (
+                    (abs(off) <= max_distance)
+                    & (dx * dx + dy * dy + dz * dz - off * off <= reach * reach)
+                    & (bx * sx + by * sy + bz * sz >= min_cosine)
+                )
+                lies[k] = fit
+                chosen[hits] = k
+                hits += fit
+            for c in range(hits):
+                p = first + chosen[c]
+                w, ax, ay, az = weights[p], normals[p, 0], normals[p, 1], normals[p, 2]
+                fits += w
+                xx += w * ax * ax
+                xy += w * ax * ay
+                xz += w * ax * az
+                yy += w * ay * ay
+                yz += w * ay * az
+                zz += w * az * az
+            if len(ranges) == 0:
+                continue
             left = 0
             for k in range(count):
-                p = first + k
-                w = weights[p]
-                tried += w
-                q = owners[cells[k]] if cells[k] >= 0 else -1
-                if q >= 0:
-                    dx, dy, dz = x[k] - surface_points[q, 0], y[k] - surface_points[q, 1], z[k] - surface_points[q, 2]
-                    sx, sy, sz = surface_normals[q, 0], surface_normals[q, 1], surface_normals[q, 2]
-                    off = sx * dx + sy * dy + sz * dz
-                    if abs(off) <= max_distance and dx * dx + dy * dy + dz * dz - off * off <= reach * reach:
-                        ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
-                        bx = r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az
-                        by = r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az
-                        bz = r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az
-                        if bx * sx + by * sy + bz * sz >= min_cosine:
-                            fits += w
-                            xx += w * ax * ax
-                            xy += w * ax * ay
-                            xz += w * ax * az
-                            yy += w * ay * ay
-                            yz += w * ay * az
-                            zz += w * az * az
-                            continue
                 rx[left] = x[k] - sensor[0]
                 ry[left] = y[k] - sensor[1]
                 rz[left] = z[k] - sensor[2]
-                rest[left] = p
-                left += 1
-            if len(ranges) == 0:
-                continue
+                chosen[left] = k
+                left += not lies[k]
             _lengths(rx[:left], ry, rz, lengths)
             _pixels(rx[:left], ry, rz, cell_rad, nearest.shape, pixels)
+            before = 0
             for k in range(left):
-                distance = lengths[k]
                 seen = ranges[pixels[k]]
-                if distance < 1e-9 or seen == np.inf or distance >= seen - margin - relative * seen:
-                    continue
-                p = rest[k]
+                kept = (lengths[k] >= 1e-9) & (seen != np.inf) & (lengths[k] < seen - margin - relative * seen)
+                chosen[before] = chosen[k]
+                rx[before], ry[before], rz[before], lengths[before] = rx[k], ry[k], rz[k], lengths[k]
+                pixels[before] = pixels[k]
+                before += kept
+            for k in range(before):
+                p = first + chosen[k]
+                distance, seen = lengths[k], ranges[pixels[k]]
                 ax, ay, az = normals[p, 0], normals[p, 1], normals[p, 2]
                 cosine = abs(
-                    (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * rx[k]
-                    + (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * ry[k]
-                    + (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * rz[k]
+                    (r00 * ax + r01 * ay + r02 * az) * rx[k]
+                    + (r10 * ax + r11 * ay + r12 * az) * ry[k]
+                    + (r20 * ax + r21 * ay + r22 * az) * rz[k]
                 )
                 if _stands_before(distance, seen, cosine / distance, cell_rad, margin, relative):
                     free += weights[p]

@@ -42,13 +42,14 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
     """
     extent = float(np.max(np.diff(_bounds(points), axis=0)))
     size = max(least_size_m, extent / (2**BITS - 4))
+    few = len(points) < POINTS_PER_TABLE  # sparse, too, so it takes several sizes: there counting is half the work
     while True:
-        hashed = _hash(points, size)
-        counts = np.sort(hashed.moments[:, 0])
+        hashed = None if few else _hash(points, size)
+        counts = np.sort(_counts(points, size) if hashed is None else hashed.moments[:, 0])
         weight = np.cumsum(counts)
         at_quantile = counts[np.searchsorted(weight, 0.4 * weight[-1])]
         if at_quantile >= POINTS_PER_VOXEL or size > extent:
-            return _linked(hashed)
+            return _linked(_hash(points, size) if hashed is None else hashed)
         size *= min(1.4, max(1.15, math.sqrt(POINTS_PER_VOXEL / at_quantile)))
 
 
@@ -79,12 +80,22 @@ def _bounds(points: Points) -> tuple[Array, Array]:
     return np.min([low for low, _ in parts], axis=0), np.max([high for _, high in parts], axis=0)
 
 
-def _hash(points: Points, size_m: float) -> _Hashed:
-    """Hash points and centre the moments."""
+def _lower(points: Points, size_m: float) -> Array:
+    """Give the lower corner of the voxels, refusing too small ones."""
     low, high = _bounds(points)
-    lower = low - 1.5 * size_m  # a free border keeps neighbour keys inside the bit fields
     if float(np.max(high - low)) / size_m > 2**BITS - 4:
         raise InvalidInputError("points", f"their extent needs more than {2**BITS} voxels of {size_m:.3g} m")
+    return np.asarray(low - 1.5 * size_m)  # a free border keeps neighbour keys inside the bit fields
+
+
+def _counts(points: Points, size_m: float) -> Int64[Array, "voxels"]:
+    """Count the points of every voxel, (voxels,) in any order."""
+    return np.asarray(kernels.count_points(points, _lower(points, size_m), size_m))
+
+
+def _hash(points: Points, size_m: float) -> _Hashed:
+    """Hash points and centre the moments."""
+    lower = _lower(points, size_m)
     cell_of_point = np.empty(len(points), dtype=np.int32)
 
     def work(start: int, end: int) -> tuple[Array, Array]:

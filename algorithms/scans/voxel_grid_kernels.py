@@ -1,5 +1,7 @@
 """Compiled loops of the voxel grid: hashing points into cells and finding the neighbours of a cell."""
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -100,6 +102,27 @@ def hash_points(
             cell_of_point[first + j] = cells[j]
         _add(moments, cells, offsets, batch, fetched)
     return keys[:count].copy(), moments[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def count_points(points: Array, lower: Array, size: float) -> Any:  # pragma: no cover - compiled
+    """Count the points of every voxel: (m,) int64, in the order of a hash table."""
+    n = points.shape[0]
+    capacity = 2
+    while capacity < 2 * n:
+        capacity *= 2
+    table = np.full((capacity, 2), EMPTY, dtype=np.int64)
+    inverse = 1.0 / size
+    for i in range(n):
+        ix = np.int64((points[i, 0] - lower[0]) * inverse)
+        iy = np.int64((points[i, 1] - lower[1]) * inverse)
+        iz = np.int64((points[i, 2] - lower[2]) * inverse)
+        key = (ix << (2 * BITS)) | (iy << BITS) | iz
+        slot = _find(key, table)
+        if table[slot, 0] == EMPTY:
+            table[slot, 0], table[slot, 1] = key, 0
+        table[slot, 1] += 1
+    return table[table[:, 0] != EMPTY, 1]
 
 
 @njit(cache=True, nogil=True)

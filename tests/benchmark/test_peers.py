@@ -20,7 +20,7 @@ from peer_tables import OURS, Outcome, method_table, pair_table, ratio_table
 from algorithms.simulation.pipe_hall import pipe_hall_scene
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
-from service.adapters.child_process import SINGLE_THREAD_VARIABLES
+from service.adapters.child_process import LIBRARY_VARIABLES
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
 
@@ -54,9 +54,9 @@ def all_outcomes() -> list[Outcome]:
 
 
 def run(method: str, peer_set: PeerSet, warm_up: list[str], folder: Path) -> list[Outcome]:
-    """Let one method answer all pairs in a process of its own, with the linear algebra of NumPy on one thread.
+    """Let one method answer all pairs in a process of its own, with libraries set as in the service's workers.
 
-    So do the service's workers; the others, whose threads are their own, hardly use it.
+    That is the linear algebra of NumPy, which the others hardly use, and how the C library keeps memory, for all alike.
     """
     job = folder / f"{method}.json"
     job.write_text(json.dumps([warm_up, *([str(pair.target), str(pair.source)] for pair in peer_set.pairs)]))
@@ -68,7 +68,7 @@ def run(method: str, peer_set: PeerSet, warm_up: list[str], folder: Path) -> lis
                 [sys.executable, str(child), method, str(job)],
                 stdout=out,
                 stderr=err,
-                env=os.environ | dict.fromkeys(SINGLE_THREAD_VARIABLES, "1"),
+                env=os.environ | LIBRARY_VARIABLES,
                 check=True,
                 timeout=SECONDS_A_PAIR * (1 + len(peer_set.pairs)),
             )
