@@ -5,13 +5,13 @@ the oriented normals of the two planes that meet in it, or the radius of the cyl
 of all pairs of one scan are sorted by kinds and distance, those of the other scan look up their like.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from algorithms.arrays import Array, Flags, IndexPairs, Labels, Points, Scalars
+from algorithms.arrays import Array, Flags, IndexPairs, Labels, Matrices3, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.line_pairs_geometry import bisector_frames, line_pairs_of, pair_geometry
+from algorithms.geometry.line_pairs_geometry import PairGeometry, bisector_frames, line_pairs_of, pair_geometry
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.geometry.rotations import rotation_from_frames
 from algorithms.matching.line_pairs_kernels import alike_rows
@@ -101,26 +101,91 @@ def line_pair_motions(
     of axes have no normals: all their proper assignments are kept.
     """
     described = [longest_lines(described_lines(features), max_lines) for features in (target, source)]
-    pairs = [_pairs(lines.lines) for lines in described]
-    if min(len(p) for p in pairs) == 0:
+    numbers = [_pairs(lines.lines) for lines in described]
+    if min(len(pairs) for pairs in numbers) == 0:
         return Motions.empty()
     # Source pairs are entered in both orders, so that no exchange needs to be looked at.
-    pairs[1] = np.concatenate([pairs[1], pairs[1][:, ::-1]])
-    invariants = [
-        _invariants(lines, p, max_angle_rad, max_distance_m) for lines, p in zip(described, pairs, strict=True)
-    ]
-    matches = look_alikes(*invariants)
+    numbers[1] = np.concatenate([numbers[1], numbers[1][:, ::-1]])
+    ours, theirs = (_Pairs.of(lines, pairs) for lines, pairs in zip(described, numbers, strict=True))
+    matches = look_alikes(*(each.invariants(max_angle_rad, max_distance_m) for each in (ours, theirs)))
     if len(matches) == 0:
         return Motions.empty()
-    numbers = [pairs[0][matches[:, 0]], pairs[1][matches[:, 1]]]
-    signed = [_signed(lines, pairs) for lines, pairs in zip(described, numbers, strict=True)]
-    return joined([_motions(described, numbers, signed, signs, max_angle_rad, max_distance_m) for signs in SIGNS])
+    return joined([_motions(ours, theirs, matches, signs, max_angle_rad, max_distance_m) for signs in SIGNS])
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """n pairs of lines of one scan, and what is asked of each more than once."""
+
+    described: DescribedLines
+    numbers: IndexPairs
+    """(n, 2) of the two lines."""
+    geometry: PairGeometry
+    angles: Scalars
+    """(n,) between the directions as they are given [rad]."""
+    passes_m: Scalars
+    """(n,) distance, with the sign of the side on which the second line passes the first [m]."""
+    frames: Matrices3
+    """(n, 3, 3) bisectors of the directions, as columns."""
+    signed: tuple[Array, Array]
+    """For each of the two lines (n, 2) what changes its sign with the line's direction."""
+
+    @staticmethod
+    def of(described: DescribedLines, numbers: IndexPairs) -> "_Pairs":
+        """Work out what pairs look like."""
+        pairs = line_pairs_of(described.lines, numbers)
+        geometry = pair_geometry(pairs)
+        angles = np.arccos(np.clip(geometry.cosines, -1.0, 1.0))
+        first, second = described.bisectors[numbers[:, 0]], described.bisectors[numbers[:, 1]]
+        normal = np.cross(first, second)
+        of_first, of_second = (
+            np.column_stack([np.einsum("ij,ij->i", direction, other), np.einsum("ij,ij->i", direction, normal)])
+            for direction, other in ((pairs.directions_a, second), (pairs.directions_b, first))
+        )
+        frames = bisector_frames(pairs.directions_a, pairs.directions_b)
+        return _Pairs(
+            described, numbers, geometry, angles, geometry.moments_m / np.sin(angles), frames, (of_first, of_second)
+        )
+
+    def invariants(self, max_angle_rad: float, max_distance_m: float) -> Array:
+        """Compute what no motion and no choice of direction signs changes, in units of the limits, (n, 12).
+
+        Angle of the lines, distance, the bisectors' relation to each other, to the other line and to the common
+        perpendicular (with its hand: the triple product changes sign for a mirrored pair), openings or radii, and kinds
+        (spaced so far apart that different kinds never meet).
+        """
+        first, second = (self.described.bisectors[self.numbers[:, side]] for side in (0, 1))
+        across = self.geometry.feet_b - self.geometry.feet_a
+
+        def dots(a: Array, b: Array) -> Array:
+            return np.asarray(np.einsum("ij,ij->i", a, b))
+
+        angles = np.column_stack(
+            [
+                np.abs(self.geometry.cosines),
+                dots(first, second),
+                np.abs(self.signed[1][:, 0]),
+                np.abs(self.signed[0][:, 0]),
+            ]
+        )
+        distances = np.column_stack(
+            [
+                self.geometry.distances_m,
+                dots(first, across),
+                dots(second, across),
+                dots(np.cross(first, second), across),
+            ]
+        )
+        kinds = self.described.kinds[self.numbers]
+        # Radii are compared ten times more finely than positions.
+        sizes = self.described.sizes[self.numbers] / np.where(kinds >= 2, 0.1 * max_distance_m, 2.0 * max_angle_rad)
+        return np.hstack([angles / (1.5 * max_angle_rad), distances / max_distance_m, sizes, 1e3 * kinds])
 
 
 def _motions(
-    described: list[DescribedLines],
-    numbers: list[IndexPairs],
-    signed: list[tuple[Array, Array]],
+    ours: _Pairs,
+    theirs: _Pairs,
+    matches: IndexPairs,
     signs: tuple[float, float],
     max_angle_rad: float,
     max_distance_m: float,
@@ -131,46 +196,38 @@ def _motions(
     perpendicular on the middle of the other (MATH 1.7).
     """
     # what can be told without the rotation saves it for three in four
-    possible = np.ones(len(numbers[0]), dtype=np.bool_)
-    ours, theirs = signed
+    possible = np.ones(len(matches), dtype=np.bool_)
     for side in (0, 1):
-        possible &= (np.abs(ours[side] - signs[side] * theirs[side]) < 6.0 * max_angle_rad).all(axis=1)
-    wanted, given = (pairs[possible] for pairs in numbers)
-    target, source = line_pairs_of(described[0].lines, wanted), line_pairs_of(described[1].lines, given)
-    source = replace(source, directions_a=signs[0] * source.directions_a, directions_b=signs[1] * source.directions_b)
-    rotations = rotation_from_frames(
-        bisector_frames(source.directions_a, source.directions_b),
-        bisector_frames(target.directions_a, target.directions_b),
-    )
-    ours_there, theirs_there = pair_geometry(target), pair_geometry(source)
-    angles = [np.arccos(np.clip(geometry.cosines, -1.0, 1.0)) for geometry in (ours_there, theirs_there)]
-    good = np.abs(angles[0] - angles[1]) <= 1.5 * max_angle_rad
-    # with its sign: the side on which the second line passes the first
-    passes = [
-        geometry.moments_m / np.sin(angle) for geometry, angle in zip((ours_there, theirs_there), angles, strict=True)
-    ]
-    good &= np.abs(passes[0] - passes[1]) <= 2.0 * max_distance_m
+        differences = ours.signed[side][matches[:, 0]] - signs[side] * theirs.signed[side][matches[:, 1]]
+        possible &= (np.abs(differences) < 6.0 * max_angle_rad).all(axis=1)
+    # reversing one of two directions changes the signs of cosine and moment
+    reverse = signs[0] * signs[1]
+    wanted, given = matches[possible].T
+    angles = theirs.angles if reverse > 0.0 else np.pi - theirs.angles
+    good = np.abs(ours.angles[wanted] - angles[given]) <= 1.5 * max_angle_rad
+    good &= np.abs(ours.passes_m[wanted] - reverse * theirs.passes_m[given]) <= 2.0 * max_distance_m
+    wanted, given = wanted[good], given[good]
+    rotations = rotation_from_frames(_reversed(theirs.frames, signs)[given], ours.frames[wanted])
+    good = np.ones(len(wanted), dtype=np.bool_)
     for side in (0, 1):
-        turned = np.einsum("nij,nj->ni", rotations, described[1].bisectors[given[:, side]])
-        agreement = np.einsum("ni,ni->n", turned, described[0].bisectors[wanted[:, side]])
-        good &= described[0].are_axes[wanted[:, side]] | (agreement > np.cos(3.0 * max_angle_rad))
-    middles = [0.5 * (geometry.feet_a + geometry.feet_b)[good] for geometry in (ours_there, theirs_there)]
+        line, other = ours.numbers[wanted, side], theirs.numbers[given, side]
+        turned = np.einsum("nij,nj->ni", rotations, theirs.described.bisectors[other])
+        agreement = np.einsum("ni,ni->n", turned, ours.described.bisectors[line])
+        good &= ours.described.are_axes[line] | (agreement > np.cos(3.0 * max_angle_rad))
     rotations = rotations[good]
+    middles = [
+        0.5 * (each.feet_a[pairs[good]] + each.feet_b[pairs[good]])
+        for each, pairs in ((ours.geometry, wanted), (theirs.geometry, given))
+    ]
     translations = middles[0] - np.einsum("nij,nj->ni", rotations, middles[1])
     return Motions(rotations, translations, np.ones(len(rotations)))
 
 
-def _signed(described: DescribedLines, pairs: IndexPairs) -> tuple[Array, Array]:
-    """Give for both lines of each pair what changes its sign with the line's direction, (n, 2) each."""
-    first, second = described.bisectors[pairs[:, 0]], described.bisectors[pairs[:, 1]]
-    normal = np.cross(first, second)
-    return tuple(  # type: ignore[return-value]
-        np.column_stack([np.einsum("ij,ij->i", direction, other), np.einsum("ij,ij->i", direction, normal)])
-        for direction, other in (
-            (described.lines.directions[pairs[:, 0]], second),
-            (described.lines.directions[pairs[:, 1]], first),
-        )
-    )
+def _reversed(frames: Matrices3, signs: tuple[float, float]) -> Array:
+    """Give the bisectors, (n, 3, 3), of directions of which some are reversed: sum and difference change places."""
+    if signs[0] == signs[1]:
+        return np.asarray(frames * np.array([signs[0], signs[0], 1.0]))
+    return np.asarray(frames[:, :, [1, 0, 2]] * np.array([signs[0], signs[0], -1.0]))
 
 
 def longest_lines(described: DescribedLines, most: int) -> DescribedLines:
@@ -187,44 +244,6 @@ def _pairs(lines: Lines) -> IndexPairs:
     sines = np.linalg.norm(np.cross(lines.directions[i], lines.directions[j]), axis=1)
     usable = sines > MIN_PAIR_SINE
     return np.column_stack([i[usable], j[usable]]).astype(np.int64)
-
-
-def _invariants(described: DescribedLines, pairs: IndexPairs, max_angle_rad: float, max_distance_m: float) -> Array:
-    """Compute what no motion and no choice of direction signs changes, in units of the limits, (n, 12).
-
-    Angle of the lines, distance, the bisectors' relation to each other, to the other line and to the common
-    perpendicular (with its hand: the triple product changes sign for a mirrored pair), openings or radii, and kinds
-    (spaced so far apart that different kinds never meet).
-    """
-    geometry = pair_geometry(line_pairs_of(described.lines, pairs))
-    first, second = described.bisectors[pairs[:, 0]], described.bisectors[pairs[:, 1]]
-    direction_a = described.lines.directions[pairs[:, 0]]
-    direction_b = described.lines.directions[pairs[:, 1]]
-    across = geometry.feet_b - geometry.feet_a
-
-    def dots(a: Array, b: Array) -> Array:
-        return np.asarray(np.einsum("ij,ij->i", a, b))
-
-    angles = np.column_stack(
-        [
-            np.abs(geometry.cosines),
-            dots(first, second),
-            np.abs(dots(first, direction_b)),
-            np.abs(dots(second, direction_a)),
-        ]
-    )
-    distances = np.column_stack(
-        [
-            geometry.distances_m,
-            dots(first, across),
-            dots(second, across),
-            dots(np.cross(first, second), across),
-        ]
-    )
-    kinds = described.kinds[pairs]
-    # Radii are compared ten times more finely than positions.
-    sizes = described.sizes[pairs] / np.where(kinds >= 2, 0.1 * max_distance_m, 2.0 * max_angle_rad)
-    return np.hstack([angles / (1.5 * max_angle_rad), distances / max_distance_m, sizes, 1e3 * kinds])
 
 
 def look_alikes(target: Array, source: Array) -> IndexPairs:

@@ -82,7 +82,7 @@ def rotation_clusters(rotations: Matrices3, weights: Scalars, *, radius_rad: flo
     """
     if len(rotations) == 0:
         return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
-    quaternions = np.asarray(Rotation.from_matrix(rotations).as_quat(canonical=True))
+    quaternions = np.asarray(Rotation.from_matrix(rotations, assume_valid=True).as_quat(canonical=True))
     keys = np.round(quaternions / QUATERNION_BIN).astype(np.int64)
     _, bins = np.unique(_row_keys(keys)[0], return_inverse=True)
     bin_votes = np.bincount(bins, weights=weights)
@@ -100,15 +100,21 @@ def rotation_clusters(rotations: Matrices3, weights: Scalars, *, radius_rad: flo
         if leaders == 4 * most:
             break
     members = leader_of_bin[bins]
-    sums = np.zeros((leaders, 3, 3))
     known = members >= 0
-    np.add.at(sums, members[known], rotations[known] * weights[known][:, None, None])
+    sums = _sums_by(members[known], rotations[known] * weights[known][:, None, None], leaders)
     totals = np.bincount(members[known], weights=weights[known], minlength=leaders)
     order = np.argsort(-totals, kind="stable")[:most]
     renumber = np.full(leaders, -1, dtype=np.int64)
     renumber[order] = np.arange(len(order))
     members = np.where(known, renumber[np.maximum(members, 0)], -1)
     return nearest_rotations(sums[order]), members
+
+
+def _sums_by(numbers: Indices, matrices: Matrices3, count: int) -> Array:
+    """Add up the matrices of each number: (count, 3, 3)."""
+    entries = matrices.reshape(-1, 9).T
+    sums = np.stack([np.bincount(numbers, weights=entry, minlength=count) for entry in entries], axis=1)
+    return sums.reshape(count, 3, 3)
 
 
 def nearest_rotations(matrices: Array) -> Matrices3:
@@ -151,8 +157,7 @@ def vote_motions(
     summed = _with_neighbours(cells, votes)
     order = np.argsort(-summed, kind="stable")[:most]
     # The members' own rotations say more than the cluster's mean.
-    sums = np.zeros((len(cells), 3, 3))
-    np.add.at(sums, cell_of, motions.rotations[kept] * weights[:, None, None])
+    sums = _sums_by(cell_of, motions.rotations[kept] * weights[:, None, None], len(cells))
     rotations = nearest_rotations(sums[order])
     translations = means[order] - rotations @ centre_m
     return Motions(rotations, translations, summed[order])

@@ -48,7 +48,7 @@ class Resolution:
     """Directions are binned in cells x cells: in as many as there are points, or more."""
 
 
-SIFTING, COARSE = Resolution(2_000, 40), Resolution(8_000, 80)
+SIFTING, COARSE = Resolution(1_000, 28), Resolution(8_000, 80)
 """Most positions of the raster are sorted out with few points."""
 MIDDLE, FINE = Resolution(10_000, 150), Resolution(40_000, 300)
 """The search goes downhill with few points while more than `LEAST_STARTS` positions are left."""
@@ -170,7 +170,7 @@ def estimate_sensor_position(
         return SensorEstimate(None, 1.0)
     drawn = np.sort(rng.permutation(len(points))[: FINE.points])
     points, normals = points[drawn], normals[drawn]
-    tree = cKDTree(points)
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     spacing = 1.3 * float(np.median(np.asarray(tree.query(points[::7], k=2)[0])[:, 1]))
     order = rng.permutation(len(points))
 
