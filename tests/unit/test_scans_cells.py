@@ -52,6 +52,15 @@ def test_voxel_size_follows_the_point_spacing(spacing_m, low, high):
     assert low <= voxel_cells_of_fitting_size(points).size_m <= high
 
 
+def test_a_cloud_has_the_same_voxel_size_whether_its_voxels_are_only_counted_first_or_summed_at_once(monkeypatch):
+    points = rectangle(np.random.default_rng(8), (0, 0, 0), (10, 0, 1), (0, 8, 0), 2000, 0.005)
+    counted_first = voxel_cells_of_fitting_size(points)
+    monkeypatch.setattr("algorithms.scans.voxel_grid.POINTS_PER_TABLE", 1)
+    summed = voxel_cells_of_fitting_size(points)
+    assert counted_first.size_m == summed.size_m > 0.08
+    np.testing.assert_array_equal(counted_first.counts, summed.counts)
+
+
 def test_an_extent_of_too_many_voxels_is_refused():
     with pytest.raises(InvalidInputError, match="voxels"):
         voxel_cells(np.array([[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]]), 0.1)
