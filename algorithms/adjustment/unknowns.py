@@ -54,12 +54,22 @@ class Unknowns:
     @cached_property
     def rotations(self) -> Float64[Array, "poses 3 3"]:
         """Rotation matrices of all poses."""
-        return np.asarray(self.poses.as_matrix()[:, :3, :3])
+        return self._matrices[:, :3, :3]
+
+    @cached_property
+    def _matrices(self) -> Float64[Array, "poses 4 4"]:
+        """All poses as matrices: arithmetic on transforms takes scipy five times as long, mostly to check them."""
+        return np.asarray(self.poses.as_matrix())
 
     def relative(self, target: int, source: int) -> RigidTransform:
         """Give target_from_source of two stations; computed once."""
         if (target, source) not in self._relative:
-            self._relative[target, source] = self.poses[target].inv() * self.poses[source]
+            (own, origin), (other, place) = (
+                (matrix[:3, :3], matrix[:3, 3]) for matrix in self._matrices[[target, source]]
+            )
+            relative = np.eye(4)
+            relative[:3, :3], relative[:3, 3] = own.T @ other, own.T @ (place - origin)
+            self._relative[target, source] = RigidTransform.from_matrix(relative)
         return self._relative[target, source]
 
     @cached_property
@@ -95,11 +105,10 @@ class Unknowns:
         of_poses[free] = step[:poses].reshape(-1, 6)
         points = self.points.copy()
         points[free_points] += step[poses:].reshape(-1, 3)
-        moved = RigidTransform.from_components(
-            np.asarray(self.poses.translation) + of_poses[:, 3:],
-            Rotation.from_rotvec(of_poses[:, :3]) * self.poses.rotation,
-        )
-        return replace(self, poses=moved, points=points)
+        matrices = self._matrices.copy()
+        matrices[:, :3, :3] = Rotation.from_rotvec(of_poses[:, :3]).as_matrix() @ self.rotations
+        matrices[:, :3, 3] += of_poses[:, 3:]
+        return replace(self, poses=RigidTransform.from_matrix(matrices), points=points)
 
     def scales(self, size_m: float) -> Array:
         """Give what a relative change of each parameter refers to: 1 rad for rotations, the size for lengths, (u,)."""

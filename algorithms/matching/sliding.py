@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from algorithms.arrays import Array
+from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.plane_triples import OffsetVotes
 from algorithms.matching.votes import Motions, joined
 from algorithms.scans.surface_index import SurfaceIndex
@@ -53,12 +54,12 @@ def _slid(votes: OffsetVotes, pair: tuple[int, int], target: SurfaceIndex, sourc
     from algorithms.matching import sliding_kernels as kernels
 
     axes = votes.axes[list(pair)]
-    along = np.cross(axes[0], axes[1])
+    along = cross_matrix(axes[0]) @ axes[1]
     along /= np.linalg.norm(along)
-    frame = np.array([along, axes[0], np.cross(along, axes[0])])
+    frame = np.array([along, axes[0], cross_matrix(along) @ axes[0]])
     known = [votes.offsets_m[number][:MOST_OFFSETS] for number in pair]
-    sides = np.stack(np.meshgrid(*known, indexing="ij"), axis=-1).reshape(-1, 2)
-    starts: Array = np.linalg.lstsq(axes, sides.T, rcond=None)[0].T
+    sides = np.column_stack([np.repeat(known[0], len(known[1])), np.tile(known[1], len(known[0]))])
+    starts: Array = np.linalg.solve(axes @ axes.T, sides.T).T @ axes
     offsets, counts = np.empty((2, len(starts), MOST_PLACES))
     kernels.slide(
         target.points[:SEARCHED_POINTS], target.normals[:SEARCHED_POINTS],
