@@ -17,7 +17,7 @@ MAX_LINES, MOST_HYPOTHESES, MOST_POLISHED = 60, 2000, 16
 tested, and so many looked at closely."""
 SIFTS = ((64, 1000), (200, 150))
 """Surface points of the scan, and how many motions go on: a third of what two scans need, for of so few directions a
-building looks like itself. With all, the same motions were found in 420 scans but for 2 of 1625 (and 4 others)."""
+building looks like itself. With all, the same motions were found in 290 scans but for 2 of 1625 (and 4 others)."""
 LEAST_TURN_RAD, LEAST_SHIFT_M = np.radians(4.5), 0.3
 """A smaller motion is none."""
 

@@ -148,7 +148,7 @@ def estimate_sensor_position(
     """Find the position from which the fewest points of a scan hide behind others or crowd in one direction.
 
     A raster of positions is sifted with few points, what passes is ranked with more, and from the best distinct ones
-    the search goes downhill with up to `FINE.points`.
+    the search goes downhill, with up to `FINE.points` in the end.
 
     Parameters
     ----------
