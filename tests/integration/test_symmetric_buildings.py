@@ -25,6 +25,10 @@ def test_a_symmetric_building_is_called_ambiguous_with_the_reason(name: str) -> 
     assert any("another pose" in reason or "different pose" in reason for reason in pair.reasons)
 
 
+def test_what_only_one_instrument_saw_beside_a_wall_does_not_refute_the_half_turn_of_a_symmetric_room() -> None:
+    assert symmetric_pair("symmetric_room", 930001, 0).status is PairStatus.AMBIGUOUS
+
+
 @pytest.fixture(scope="module")
 def room() -> tuple[ScanFeatures, RigidTransform]:
     """Give the features of a scan of a symmetric room, and the half turn in its frame."""
