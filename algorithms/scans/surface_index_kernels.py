@@ -197,17 +197,9 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
     numbers, chosen, lies = np.empty(BATCH, np.int32), np.empty(BATCH + 1, np.int32), np.empty(BATCH, np.bool_)
     for h in range(rotations.shape[0]):
         r = rotations[h]
-        r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
-            r[0, 0],
-            r[0, 1],
-            r[0, 2],
-            r[1, 0],
-            r[1, 1],
-            r[1, 2],
-            r[2, 0],
-            r[2, 1],
-            r[2, 2],
-        )
+        r00, r01, r02 = r[0, 0], r[0, 1], r[0, 2]
+        r10, r11, r12 = r[1, 0], r[1, 1], r[1, 2]
+        r20, r21, r22 = r[2, 0], r[2, 1], r[2, 2]
         t = translations[h]
         fits = 0.0
         free = 0.0
@@ -223,8 +215,7 @@ def evidence(  # noqa: C901, PLR0915 - one loop, inlined for speed
             near = 0
             for k in range(count):  # these loops choose without branches: nobody can predict them
                 tried += weights[first + k]
-                cell = cells[k]
-                numbers[k] = owners[max(cell, 0)] if cell >= 0 else -1
+                numbers[k] = owners[cells[k]] if cells[k] >= 0 else -1
                 lies[k] = False
                 chosen[near] = k
                 near += numbers[k] >= 0
