@@ -42,7 +42,7 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
     """
     extent = float(np.max(np.diff(_bounds(points), axis=0)))
     size = max(least_size_m, extent / (2**BITS - 4))
-    few = len(points) < POINTS_PER_TABLE  # and mostly sparse, so it takes several sizes: there counting is half the work
+    few = len(points) < POINTS_PER_TABLE  # mostly sparse, so it takes several sizes: there counting is half the work
     while True:
         hashed = None if few else _hash(points, size)
         counts = np.sort(_counts(points, size) if hashed is None else hashed.moments[:, 0])
