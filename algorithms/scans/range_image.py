@@ -84,12 +84,15 @@ def conservative_nearest_m(seen: SphericalRangeImage) -> Array:
     """Give the smallest range of each cell's 3 x 3 neighbourhood, (rows, columns) float32 [m].
 
     Space nearer than this was looked through in the whole neighbourhood, so a point's own position noise, the cell
-    raster and silhouette edges cannot turn occupied space into free space.
+    raster and silhouette edges cannot turn occupied space into free space. Where no ray fell into a neighbour, what is
+    seen next to that one may reach into it: surface met at a flat angle at the rim of a column is narrower than the
+    steps of a scan are wide.
     """
     from algorithms.scans import range_image_kernels as kernels
 
-    out = np.empty_like(seen.nearest_m)
-    kernels.erode(seen.nearest_m, out)
+    filled, out = np.empty_like(seen.nearest_m), np.empty_like(seen.nearest_m)
+    kernels.smallest_around(seen.nearest_m, True, filled)
+    kernels.smallest_around(filled, False, out)
     # A cell in which nothing was seen stays unknown, whatever its neighbours saw.
     out[~np.isfinite(seen.nearest_m)] = np.inf
     return out

@@ -134,15 +134,19 @@ def _enter(
 
 
 @njit(cache=True)
-def erode(nearest: Array, out: Array) -> Any:  # pragma: no cover - compiled
-    """Take for each cell the smallest range of its 3 x 3 neighbourhood; columns wrap around."""
+def smallest_around(nearest: Array, empty_only: bool, out: Array) -> Any:  # pragma: no cover - compiled
+    """Take for each cell, or for those in which nothing was seen, the smallest range of its 3 x 3 neighbourhood.
+
+    Columns wrap around.
+    """
     rows, columns = nearest.shape
     for i in range(rows):
         for j in range(columns):
             smallest = nearest[i, j]
-            for a in range(max(0, i - 1), min(rows, i + 2)):
-                for b in range(j - 1, j + 2):
-                    smallest = min(smallest, nearest[a, b % columns])
+            if not empty_only or smallest == np.inf:
+                for a in range(max(0, i - 1), min(rows, i + 2)):
+                    for b in range(j - 1, j + 2):
+                        smallest = min(smallest, nearest[a, b % columns])
             out[i, j] = smallest
 
 

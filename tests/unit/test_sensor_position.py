@@ -153,3 +153,18 @@ def test_a_grazing_floor_is_never_in_its_own_free_space() -> None:
 def test_conservative_ranges_leave_unknown_directions_unknown() -> None:
     image = spherical_range_image(np.array([[2.0, 0.0, 0.0]]), np.zeros(3), CELL_RAD)
     np.testing.assert_array_equal(np.isfinite(conservative_nearest_m(image)), np.isfinite(image.nearest_m))
+
+
+def test_where_no_ray_fell_what_is_next_to_it_may_reach_into_the_gap() -> None:
+    """A column before a wall, with a gap of one cell between their last and first rays: next to it nothing is free."""
+    turns = (np.arange(-20, 20) + 0.5) * CELL_RAD
+    turns = turns[np.abs(turns - 0.5 * CELL_RAD) > 1e-9]
+    ranges = np.where(turns < 0.0, 2.0, 6.0)
+    points = np.column_stack([ranges * np.cos(turns), ranges * np.sin(turns), np.full(len(turns), 0.001)])
+    image = spherical_range_image(points, np.zeros(3), CELL_RAD)
+    row = np.flatnonzero(np.isfinite(image.nearest_m).any(axis=1))[0]
+    gap = int(np.pi / CELL_RAD)
+    assert not np.isfinite(image.nearest_m[row, gap])
+    known = conservative_nearest_m(image)[row]
+    np.testing.assert_allclose(known[gap + 1 : gap + 3], [2.0, 6.0], atol=1e-5)
+    assert not np.isfinite(known[gap])

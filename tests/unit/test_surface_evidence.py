@@ -34,6 +34,9 @@ PLATE = (((1.0, 0.8, 1.2), (0, 0, 0.2), (0.2, 0, 0)),)
 PANEL = (((2.0, 0.12, 0.4), (0, 0, 1.8), (2.5, 0, 0)),)
 """A board 12 cm before a wall: too near to it to be told from it by free space."""
 
+NICHE = ((2.0, 4.5), (0.4, 2.2))
+"""Where along the wall and how high a niche of 12 cm opens, and, after half a turn, one in the wall across."""
+
 
 def scan(*pieces, sensor=(3.0, 2.5, 1.5)) -> SurfaceIndex:
     return index(*walls(*SHELL, *(face for piece in pieces for face in piece)), sensor)
@@ -48,6 +51,22 @@ def panelled(sensor) -> SurfaceIndex:
     faces_the_room = (normals[:, 1] < -0.5) & (np.abs(points[:, 1] - 0.12) < 1e-9)
     normals[faces_the_room] *= -1.0
     return surface_index(points, normals, 0.1, np.array(sensor, float))
+
+
+def with_niches(seen_at, sensor) -> SurfaceIndex:
+    """A room with equal niches in two walls, of which the instrument saw the back of one alone."""
+    points, normals = walls(*SHELL)
+    (x0, x1), (z0, z1) = NICHE
+    kept = np.ones(len(points), dtype=bool)
+    for pose in (HERE, HALF_TURN):
+        x, y, z = pose.apply(points).T
+        kept &= ~((y < 0.05) & (x > x0) & (x < x1) & (z > z0) & (z < z1))
+    back, facing = walls(((x0, -0.12, z0), (0, 0, z1 - z0), (x1 - x0, 0, 0)))
+    facing = facing * np.sign(facing[0, 1])
+    back, facing = seen_at.apply(back), seen_at.rotation.apply(facing)
+    return surface_index(
+        np.vstack([points[kept], back]), np.vstack([normals[kept], facing]), 0.1, np.array(sensor, float)
+    )
 
 
 def refutation(
@@ -98,6 +117,23 @@ def test_a_panel_too_near_to_a_wall_to_stand_in_free_space_refutes_as_well() -> 
     assert found is not None
     assert found.here_m2 > 3.0
     assert refutation(target, source, HALF_TURN, HERE) is None
+
+
+def test_what_only_one_instrument_saw_in_a_niche_refutes_nothing() -> None:
+    """Each saw one of two equal niches: turned, they fit, and where they are nothing lies on them."""
+    target, source = with_niches(HERE, (3.0, 2.5, 1.5)), with_niches(HALF_TURN, (3.6, 1.8, 1.4))
+    back = np.abs(target.points[:, 1] + 0.12) < 1e-9
+    limits = strict_limits(NOISE_M, 0.1)
+    assert fitting(HALF_TURN, target.points[back], target.normals[back], source, limits).sum() > 300
+    assert refutation(target, source, HALF_TURN, HERE) is None
+    assert refutation(target, source, HERE, HALF_TURN) is None
+
+
+def test_a_panel_refutes_nothing_where_an_instrument_is_unknown() -> None:
+    target, source = panelled((3.0, 2.5, 1.5)), panelled((5.0, 3.0, 1.4))
+    blind = surface_index(source.points, source.normals, 0.1, None)
+    assert refutation(target, source, HERE, HALF_TURN) is not None
+    assert refutation(target, blind, HERE, HALF_TURN) is None
 
 
 def test_the_answer_does_not_depend_on_which_scan_is_the_target() -> None:
