@@ -111,9 +111,7 @@ class SurfaceWitness:
         beside = np.zeros(min(FINAL_POINTS, len(moved.points)), dtype=bool)
         if not (moved.knows_free_space and fixed.knows_free_space):
             return beside
-        found, match = corresponding(
-            motion, moved, fixed, replace(self._limits, max_distance_m=BESIDE_M), FINAL_POINTS
-        )
+        found, match = corresponding(motion, moved, fixed, replace(self._limits, max_distance_m=BESIDE_M), FINAL_POINTS)
         points, normals, feet = motion.apply(moved.points[found]), fixed.normals[match], fixed.points[match]
         depth = np.einsum("ij,ij->i", normals, points - feet)
         eyes = np.where((depth > 0.0)[:, None], fixed.sensor_m, motion.apply(moved.sensor_m))
