@@ -52,7 +52,9 @@ then, and the right pose would be nearly as spotless."""
 CLEANER, CLEAN_SUPPORT = 0.25, 0.1
 """Where more than `CONTRADICTED` speaks against the best pose and less than the first part of it against an
 alternative, no symmetry needs to be shown; nor where the best pose is not spotless and an alternative is that lays at
-least the second value, a share of the surface, on surface."""
+least the second value, a share of the surface, on surface. Where more than `CONTRADICTED` speaks against the best pose
+a spotless one needs no more than `FAINT_SUPPORT`: landings of a stairwell are alike, and what two stations on different
+ones have in common are the windows. Beside right poses with so much against them, among trees, there was none."""
 SELF_SUPPORT, SELF_CONTRADICTED = 0.05, 0.05
 """A scan is like itself when so much of it lies on itself, and less than this share of that speaks against it."""
 
@@ -118,6 +120,8 @@ def is_possible_alternative(
     near = relative < NEAR_RELATIVE_SUPPORT and are_near(pose, other, target, source)
     if near or alternative.support < FAINT_SUPPORT:
         return False
+    if alternative.share <= SPOTLESS and best.share > CONTRADICTED:
+        return True
     turned = bool(turn_between(other, pose) >= LEAST_TURN_RAD)
     lone = best.share <= SPOTLESS and relative < LEAST_RELATIVE_SUPPORT
     if alternative.support < LEAST_SUPPORT or (lone and relative < TURNED_RELATIVE_SUPPORT):

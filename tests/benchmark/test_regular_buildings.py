@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from regular_buildings import BUILDINGS
+from repetitive_buildings import REPETITIVE_BUILDINGS
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.extraction import extract_features
@@ -27,6 +28,7 @@ from algorithms.simulation.stations import station_pose
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
 COUNT, SEED = int(os.environ.get("TIELINE_REGULAR", "12")), int(os.environ.get("TIELINE_REGULAR_SEED", "0"))
+ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS
 SCANNER = VirtualScanner(rows=400, columns=960)
 WRONG_RAD, WRONG_M = np.radians(0.3), 0.05
 """A pose farther from the truth than this is another one."""
@@ -36,11 +38,12 @@ CLASSES = ((0.3, "30 % of the surface in common"), (0.1, "10 to 30 %"), (0.0, "l
 def pairs_of(name, seed):
     """Scan a building from three places, move each scan at random, and give features and true pose of each pair."""
     rng = np.random.default_rng([SEED, seed])
-    parts, place = BUILDINGS[name](rng)
-    stations = tuple(
-        station_pose((*place(), rng.uniform(1.4, 1.9)), rng.uniform(0, 2 * np.pi), *rng.normal(0, 0.01, 2))
-        for _ in range(3)
-    )
+    parts, place = ALL_BUILDINGS[name](rng)
+    stations = []
+    for _ in range(3):
+        x, y, *floor = place()
+        height = sum(floor) + rng.uniform(1.4, 1.9)
+        stations.append(station_pose((x, y, height), rng.uniform(0, 2 * np.pi), *rng.normal(0, 0.01, 2)))
     scene, scans = scene_from_parts(name, parts, stations), []
     for station, scan in zip(stations, simulate_stations(scene, stations, SCANNER, rng), strict=True):
         motion = RigidTransform.from_components(rng.uniform(-30.0, 30.0, 3), Rotation.random(random_state=rng))
@@ -53,7 +56,7 @@ def pairs_of(name, seed):
 
 
 def test_no_pair_is_accepted_wrong():
-    table, wrong, names = Counter(), [], list(BUILDINGS)
+    table, wrong, names = Counter(), [], list(ALL_BUILDINGS)
     for k in range(COUNT):
         name = names[k % len(names)]
         for target, source, truth in pairs_of(name, k):

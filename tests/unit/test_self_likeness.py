@@ -137,6 +137,13 @@ def test_what_nothing_speaks_against_is_possible_beside_what_something_does_alth
     assert _possible(scans, elsewhere, support) == possible
 
 
+@pytest.mark.parametrize(("support", "against_best", "possible"),
+                         [(0.03, 0.028, True), (0.03, 0.012, False), (0.015, 0.028, False)])  # fmt: skip
+def test_hardly_anything_in_common_is_possible_beside_what_much_speaks_against(scans, support, against_best, possible):
+    storey = RigidTransform.from_translation([0.0, 12.0, 3.0])
+    assert _possible(scans, storey, support, against_best=against_best) == possible
+
+
 def test_beside_what_nothing_speaks_against_it_is_none(scans):
     elsewhere = RigidTransform.from_components([9.0, 0.0, 1.0], Rotation.from_rotvec([0.0, 0.0, 0.3]))
     assert not _possible(scans, elsewhere, 0.12, against_best=CLEAN)
