@@ -47,6 +47,9 @@ AMBIGUOUS_RATIO = 0.8
 MAX_VIOLATION_SHARE = 0.08
 WORTH_A_WORD_M2 = 1.0
 """Larger pieces of surface in free space are mentioned."""
+MOVABLE_M2 = 10.0
+"""Larger ones make the pose doubtful: twice the largest beside 320 right poses (a yard with people and trees, streets
+with cars, rooms in which things were moved). Of two equal houses one was laid on the other with 10.8 m2 so."""
 LEAST_OVERLAP = 0.15
 
 
@@ -139,14 +142,15 @@ def judge(
         doubts = _doubts_alone(verification, conditions)
     else:
         doubts = _doubts(verification, ratio, supporters, runner_up_supporters)
-    status = AcceptanceStatus.DOUBTFUL if doubts else AcceptanceStatus.ACCEPTED
-    best_other = f"{fit}; the best other pose scores {runner_up_score:.2f}"
-    return Verdict(status, (best_other, *doubts, *_unexplained(verification)))
-
-
-def _unexplained(verification: Verification) -> list[str]:
-    """Name the largest piece of surface in free space where it is large: what the reader should look at."""
     largest = next(iter(verification.unexplained), None)
+    too_large = largest is not None and largest.area_m2 > MOVABLE_M2
+    status = AcceptanceStatus.DOUBTFUL if doubts or too_large else AcceptanceStatus.ACCEPTED
+    best_other = f"{fit}; the best other pose scores {runner_up_score:.2f}"
+    return Verdict(status, (best_other, *doubts, *_in_words(largest)))
+
+
+def _in_words(largest: UnexplainedPiece | None) -> list[str]:
+    """Name the largest piece of surface in free space where it is large: what the reader should look at."""
     if largest is None or largest.area_m2 < WORTH_A_WORD_M2:
         return []
     seen, other = ("target", "source") if largest.in_target else ("source", "target")
@@ -154,6 +158,8 @@ def _unexplained(verification: Verification) -> list[str]:
         f"about {largest.area_m2:.1f} m2 of surface in one piece, seen by the {seen}, stands where the {other} looked "
         f"through, {largest.range_m:.0f} m from its instrument: it moved, or this is another place that looks like it"
     )
+    if largest.area_m2 > MOVABLE_M2:
+        words += f"; from {MOVABLE_M2:.0f} m2 on that makes the pose doubtful"
     return [words]
 
 

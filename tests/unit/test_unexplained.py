@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.lines import lines_from_arrays
-from algorithms.quality.acceptance import judge
+from algorithms.quality.acceptance import AcceptanceStatus, judge
 from algorithms.quality.overlap import verify_pose
 
 ROOM = (
@@ -28,8 +28,13 @@ CRATE = ((4.5, 1.2, 1.0), (0, 0, 0.6), (0.7, 0, 0))
 POSE = RigidTransform.from_components([0.5, -1.0, 0.3], Rotation.from_euler("z", 0.7))
 
 
-def scan(*pieces, sensor=(3.0, 3.0, 1.5), origin=(0.0, 0.0, 0.0), moved=None) -> ScanFeatures:
-    points, normals = walls(*ROOM, *pieces)
+def hall(*pieces, sensor=(7.0, 6.0, 1.5)) -> ScanFeatures:
+    """The room twice as long and wide."""
+    return scan(*pieces, sensor=sensor, room=[np.array(wall) * (2.0, 2.0, 1.0) for wall in ROOM])
+
+
+def scan(*pieces, sensor=(3.0, 3.0, 1.5), origin=(0.0, 0.0, 0.0), moved=None, room=ROOM) -> ScanFeatures:
+    points, normals = walls(*room, *pieces)
     place = np.array(sensor, float)
     if moved is not None:
         points, normals, place = moved.apply(points), moved.rotation.apply(normals), moved.apply(place)
@@ -80,3 +85,11 @@ def test_a_large_piece_is_worth_a_word_in_the_reasons(piece, words) -> None:
     verification = verify_pose(scan(), scan(piece, sensor=(3.5, 3.2, 1.4)), RigidTransform.identity())
     verdict = judge(verification, runner_up_score=0.0, supporters=20)
     assert any("in one piece, seen by the source" in reason for reason in verdict.reasons) == words
+
+
+@pytest.mark.parametrize(("width_m", "status"), [(4.2, AcceptanceStatus.ACCEPTED), (5.6, AcceptanceStatus.DOUBTFUL)])
+def test_what_is_larger_than_a_lorry_s_side_makes_the_pose_doubtful(width_m, status) -> None:
+    target, source = hall(), hall(((2.0, 3.0, 0.2), (0, 0, 2.1), (width_m, 0, 0)), sensor=(7.5, 6.2, 1.4))
+    verification = verify_pose(target, source, RigidTransform.identity())
+    assert verification.unexplained[0].area_m2 == pytest.approx(2.1 * width_m, rel=0.1)
+    assert judge(verification, runner_up_score=0.0, supporters=20).status is status
