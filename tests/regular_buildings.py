@@ -110,8 +110,8 @@ def row_houses(rng: np.random.Generator) -> Building:
     there = [
         window_at(k * other + 1, k * other + 2.4, z, z + 1.5) for k in range(int(length // other)) for z in (0.9, 3.8)
     ]
-    parts = _wall((-length / 2, street / 2), (length / 2, street / 2), height, here)
-    parts += _wall((length / 2, -street / 2), (-length / 2, -street / 2), height - 1, there)
+    parts = wall_between((-length / 2, street / 2), (length / 2, street / 2), height, here)
+    parts += wall_between((length / 2, -street / 2), (-length / 2, -street / 2), height - 1, there)
     parts.append(ground(120.0, 120.0))
     for low, high in ((street / 2 - 1.6, street / 2), (-street / 2, 1.6 - street / 2)):
         parts.append(block((-length / 2, low, 0), (length / 2, high, 0.14), CONCRETE))
@@ -145,8 +145,8 @@ def tunnel(rng: np.random.Generator) -> Building:
     """Give a tunnel with doors in equal distances on one side and a few cabinets."""
     length, width, height, step = rng.uniform(50, 80), rng.uniform(4, 6), rng.uniform(4, 5), rng.uniform(8, 12)
     doors = [door_at(k * step + 2) for k in range(int((length - 4) // step))]
-    parts = _wall((-length / 2, width / 2), (length / 2, width / 2), height, doors)
-    parts += _wall((length / 2, -width / 2), (-length / 2, -width / 2), height, [])
+    parts = wall_between((-length / 2, width / 2), (length / 2, width / 2), height, doors)
+    parts += wall_between((length / 2, -width / 2), (-length / 2, -width / 2), height, [])
     parts += [ground(length, width), ground(length, width, height)]
     for _ in range(int(rng.integers(2, 8))):
         x, y = rng.uniform(-length / 2, length / 2 - 1), float(rng.choice([-1, 1])) * (width / 2 - 0.25)
@@ -191,7 +191,7 @@ def door_at(left: float) -> Opening:
     return Opening(left, left + 1.0, 0.0, 2.1, glazed=False)
 
 
-def _wall(start: Place, end: Place, height: float, openings: Sequence[Opening]) -> list[Part]:
+def wall_between(start: Place, end: Place, height: float, openings: Sequence[Opening]) -> list[Part]:
     """Build a wall that is seen from the right of its direction."""
     rim = np.array([[0.0, height], [np.hypot(end[0] - start[0], end[1] - start[1]), height]])
     return wall(wall_frame(start, end), rim, list(openings), PAINT, low_m=0.0)
@@ -204,7 +204,7 @@ def walls_round(length: float, width: float, height: float, openings: dict[int, 
     return [
         part
         for k, (start, end) in enumerate(pairwise(corners))
-        for part in _wall(start, end, height, openings.get(k, []))
+        for part in wall_between(start, end, height, openings.get(k, []))
     ]
 
 

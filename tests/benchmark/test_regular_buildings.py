@@ -1,6 +1,6 @@
 """Regular buildings that hardly differ from themselves elsewhere. Run with -m benchmark -s to see the figures.
 
-`TIELINE_REGULAR` sets how many buildings are scanned (12 unless given), from three stations each, and
+`TIELINE_REGULAR` sets how many buildings are scanned (one of each kind unless given), from three stations each, and
 `TIELINE_REGULAR_SEED` which (0).
 """
 
@@ -14,6 +14,7 @@ import pytest
 from regular_buildings import BUILDINGS
 from repetitive_buildings import REPETITIVE_BUILDINGS
 from scipy.spatial.transform import RigidTransform, Rotation
+from turned_buildings import TURNED_BUILDINGS
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
@@ -27,8 +28,10 @@ from algorithms.simulation.scene import scene_from_parts
 from algorithms.simulation.stations import station_pose
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
-COUNT, SEED = int(os.environ.get("TIELINE_REGULAR", "12")), int(os.environ.get("TIELINE_REGULAR_SEED", "0"))
-ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS
+ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS | TURNED_BUILDINGS
+COUNT, SEED = (int(os.environ.get(key, default)) for key, default in (
+    ("TIELINE_REGULAR", len(ALL_BUILDINGS)), ("TIELINE_REGULAR_SEED", 0)
+))  # fmt: skip
 SCANNER = VirtualScanner(rows=400, columns=960)
 WRONG_RAD, WRONG_M = np.radians(0.3), 0.05
 """A pose farther from the truth than this is another one."""
