@@ -19,8 +19,8 @@ from algorithms.geometry.lines import Lines, LineSource, bases_of, concatenated_
 from algorithms.geometry.rotations import rotation_matrix, turn_between
 from algorithms.matching.correspondences import lines_near
 from algorithms.matching.line_pairs import described_lines
-from algorithms.matching.polish import fitting
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
+from algorithms.scans.surface_matches import fitting
 
 FOUND_ANGLE_RAD, FOUND_DISTANCE_M, FOUND_NOISES = 0.02, 0.03, 2.0
 """A line is found again within this angle, and within this distance or so many standard deviations of single points."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Flags, Points, Scalars, Vector3
+from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
+from algorithms.scans.surface_matches import corresponding
 
 LEAST_GAPS = 30
 LEAST_INFORMATION = 1e-3
@@ -154,35 +155,3 @@ def _solve(design: Array, right_side: Scalars, weights: Scalars) -> Array:
     usable = values > LEAST_INFORMATION * values[-1]
     projected = vectors.T @ ((design * weights[:, None]).T @ right_side)
     return np.asarray(vectors[:, usable] @ (projected[usable] / values[usable]))
-
-
-def corresponding(
-    fixed_from_moved: RigidTransform, moved: SurfaceIndex, fixed: SurfaceIndex, limits: EvidenceLimits, points: int
-) -> tuple[Array, Array]:
-    """Find which of the first `points` surface points of one scan lie on which of the other: two index arrays."""
-    m = min(points, len(moved.points))
-    match = _matches(fixed_from_moved, moved.points[:m], moved.normals[:m], fixed, limits)
-    found = np.flatnonzero(match >= 0)
-    return found, match[found]
-
-
-def fitting(
-    fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
-) -> Flags:
-    """Say which moved points with their normals lie on the surface of a scan."""
-    return np.asarray(_matches(fixed_from_moved, points, normals, fixed, limits) >= 0)
-
-
-def _matches(
-    fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
-) -> Array:
-    from algorithms.scans import surface_index_kernels as kernels
-
-    match = np.empty(len(points), dtype=np.int64)
-    kernels.matched_surface(
-        np.ascontiguousarray(rotation_matrix(fixed_from_moved)),
-        np.ascontiguousarray(fixed_from_moved.translation, dtype=np.float64),
-        np.ascontiguousarray(points.T), normals, fixed.points, fixed.normals, fixed.owner, fixed.low_m, fixed.cell_m,
-        limits.as_array(), match,
-    )  # fmt: skip
-    return match

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Flags
-from algorithms.matching.polish import corresponding, fitting
 from algorithms.scans.pose_scores import FINAL_POINTS, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex, seen_through
+from algorithms.scans.surface_matches import corresponding, fitting
 
 LEAST_POINTS, PER_AGAINST, MOST_BACK = 8, 2.0, 0.1
 """Of at most `FINAL_POINTS` surface points of each scan so many must fit in the one pose and be impossible in the

@@ -8,6 +8,7 @@ from algorithms.arrays import Indices, Points, Scalars
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.quality.acceptance import Verification
+from algorithms.quality.control import controlled_area_m2
 from algorithms.quality.unexplained import MOST_PIECES, unexplained_pieces
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
 
@@ -61,6 +62,7 @@ def verify_pose(target: ScanFeatures, source: ScanFeatures, target_from_source: 
         violation_share=float(scores.violation[0]),
         score=float(scores.score[0]),
         free_space_known=all(index.knows_free_space for index in indices),
+        controlled_m2=controlled_area_m2(target, source, target_from_source, limits),
         unexplained=tuple(sorted(pieces, key=lambda piece: -piece.area_m2)[:MOST_PIECES]),
     )
 

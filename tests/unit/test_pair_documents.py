@@ -37,6 +37,7 @@ def document(**verified: object) -> Pair:
         "violation_share": 0.01,
         "score": 0.5,
         "free_space_known": True,
+        "controlled_m2": 5.0,
     }
     verification = Verification(**{**figures, **verified})
     result = PairResult(PairStatus.DOUBTFUL, ("a reason",), None, None, verification, ("translation along x",), "add")
@@ -163,7 +164,7 @@ def test_what_is_free_before_any_pose_stands_in_the_rank_report() -> None:
 
 
 def test_reasons_claim_nothing_about_free_space_that_nobody_could_test() -> None:
-    verification = Verification(0.5, 0.6, 0.004, 0.6, 0.0, 0.6, free_space_known=False)
+    verification = Verification(0.5, 0.6, 0.004, 0.6, 0.0, 0.6, free_space_known=False, controlled_m2=5.0)
     reasons = judge(verification, runner_up_score=0.0, supporters=50).reasons
     assert "is not known" in reasons[0]
     assert "0.0%" not in reasons[0]

@@ -6,10 +6,10 @@ from indexed_rooms import index, walls
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.geometry.rotations import rotation_matrix
-from algorithms.matching.polish import fitting
 from algorithms.matching.surface_evidence import SurfaceEvidence, SurfaceWitness
 from algorithms.scans.pose_scores import FINAL_POINTS, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex, evidence_of, seen_through, surface_index
+from algorithms.scans.surface_matches import fitting
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 7.0, 4.5, 2.6
 NOISE_M = 0.002

@@ -20,6 +20,7 @@ CLEAR = Verification(
     violation_share=0.001,
     score=0.6,
     free_space_known=True,
+    controlled_m2=5.0,
 )
 
 
