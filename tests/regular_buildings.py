@@ -4,7 +4,7 @@ Each builder draws its measures from a generator and gives the parts of a buildi
 for an instrument in it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +21,7 @@ Building = tuple[list[Part], Callable[[], Place]]
 def warehouse(rng: np.random.Generator) -> Building:
     """Give a hall with rows of equal racks, loaded by chance, and a gate at one end."""
     length, width, height = rng.uniform(28, 45), rng.uniform(20, 28), rng.uniform(6.5, 9)
-    parts = hall(length, width, height, {1: [hole_at(0.5 * width - 2, 4.0, 4.0)]})
+    parts = hall(length, width, height, {1: [gate_at(0.5 * width - 2, 4.0, 4.0)]})
     first_x, bay, step = 4 - length / 2, 2.8, 4.2
     bays, rows = int((length - 8) // bay), int(width // step)
     for row in range(rows):
@@ -51,7 +51,7 @@ def nave(rng: np.random.Generator) -> Building:
     length, width, height, bay = rng.uniform(30, 42), rng.uniform(15, 19), rng.uniform(9, 13), rng.uniform(4.5, 5.5)
     bays = int(length // bay)
     windows = [window_at((k + 0.5) * bay - 0.7, (k + 0.5) * bay + 0.7, 2.5, 6.5) for k in range(bays)]
-    parts = hall(length, width, height, {0: windows, 2: windows, 3: [hole_at(width / 2 - 1.2, 2.4, 3.2)]})
+    parts = hall(length, width, height, {0: windows, 2: windows, 3: [gate_at(width / 2 - 1.2, 2.4, 3.2)]})
     for x in (k * bay - length / 2 for k in range(1, bays)):
         parts += [
             block((x - 0.4, y - 0.4, 0), (x + 0.4, y + 0.4, height - 1), CONCRETE) for y in (-width / 4, width / 4)
@@ -82,7 +82,7 @@ def courtyard(rng: np.random.Generator) -> Building:
             window_at(x, x + 1.2, f * 3.2 + 1, f * 3.2 + 2.6) for x in edges for f in range(int(height // 3.3))
         ]
     side = int(rng.integers(4))
-    gate = hole_at(rng.uniform(2, (length, width)[side % 2] - 6), 3.0, 3.5)
+    gate = gate_at(rng.uniform(2, (length, width)[side % 2] - 6), 3.0, 3.5)
     openings[side] = [
         each for each in openings[side] if each.right_m < gate.left_m or each.left_m > gate.right_m + 0.2
     ] + [gate]
@@ -181,20 +181,22 @@ def window_at(left: float, right: float, sill: float, lintel: float) -> Opening:
     return Opening(float(left), float(right), float(sill), float(lintel))
 
 
-def hole_at(left: float, width: float, height: float) -> Opening:
-    """Give an open gate."""
+def gate_at(left: float, width: float, height: float) -> Opening:
+    """Give a gate, its leaf shut."""
     return Opening(left, left + width, 0.0, height, glazed=False)
 
 
 def door_at(left: float) -> Opening:
-    """Give an open door."""
+    """Give a door, its leaf shut."""
     return Opening(left, left + 1.0, 0.0, 2.1, glazed=False)
 
 
-def wall_between(start: Place, end: Place, height: float, openings: Sequence[Opening]) -> list[Part]:
+def wall_between(
+    start: Place, end: Place, height: float, openings: Iterable[Opening], reveal_m: float = 0.3
+) -> list[Part]:
     """Build a wall that is seen from the right of its direction."""
     rim = np.array([[0.0, height], [np.hypot(end[0] - start[0], end[1] - start[1]), height]])
-    return wall(wall_frame(start, end), rim, list(openings), PAINT, low_m=0.0)
+    return wall(wall_frame(start, end), rim, list(openings), PAINT, low_m=0.0, reveal_m=reveal_m)
 
 
 def walls_round(length: float, width: float, height: float, openings: dict[int, list[Opening]]) -> list[Part]:

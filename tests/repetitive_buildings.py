@@ -10,9 +10,9 @@ from regular_buildings import (
     anywhere,
     block,
     door_at,
+    gate_at,
     ground,
     hall,
-    hole_at,
     thing,
     walls_round,
     window_at,
@@ -60,7 +60,7 @@ def open_office(rng: np.random.Generator) -> Building:
     """Give a floor of equal pairs of desks with a screen between them, between two rows of windows."""
     length, width, height, step = rng.uniform(20, 35), rng.uniform(12, 18), rng.uniform(2.8, 3.3), rng.uniform(2.6, 3.2)
     windows = [window_at(k * step + 0.4, k * step + step - 0.4, 0.8, 2.4) for k in range(int(length // step))]
-    parts = hall(length, width, height, {0: windows, 2: windows, 1: [hole_at(width / 2 - 0.5, 1.0, 2.1)]})
+    parts = hall(length, width, height, {0: windows, 2: windows, 1: [gate_at(width / 2 - 0.5, 1.0, 2.1)]})
     rows = int((width - 3) // 3.6)
     for x, y in ((i * 3.2 - length / 2 + 2, j * 3.6 - width / 2 + 1.8) for i in range(int((length - 4) // 3.2))
                  for j in range(rows) if rng.uniform() < 0.85):  # fmt: skip
@@ -82,7 +82,7 @@ def parking_deck(rng: np.random.Generator) -> Building:
     bay_x, bay_y, height = rng.uniform(7, 8.5), rng.uniform(7, 8.5), rng.uniform(2.4, 2.9)
     nx, ny = int(rng.integers(4, 7)), int(rng.integers(3, 5))
     length, width = nx * bay_x, ny * bay_y
-    parts = hall(length, width, height, {0: [hole_at(length / 2 - 3, 6, 2.2)]})
+    parts = hall(length, width, height, {0: [gate_at(length / 2 - 3, 6, 2.2)]})
     for x in (i * bay_x - length / 2 for i in range(1, nx)):
         for y in (j * bay_y - width / 2 for j in range(1, ny)):
             parts.append(block((x - 0.2, y - 0.2, 0), (x + 0.2, y + 0.2, height), CONCRETE))

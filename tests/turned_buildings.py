@@ -1,7 +1,4 @@
-"""Places that a turn or a shift lays on themselves: crossings, towers, platforms, racks, carriages, galleries, cells.
-
-And flats of rooms that differ, whose rooms show each other no more than a doorway lets through.
-"""
+"""Places that a turn or shift lays on themselves: crossings, towers, platforms, racks, cells, galleries, carriages."""
 
 import numpy as np
 from regular_buildings import (
@@ -10,9 +7,9 @@ from regular_buildings import (
     anywhere,
     block,
     door_at,
+    gate_at,
     ground,
     hall,
-    hole_at,
     thing,
     wall_between,
     window_at,
@@ -21,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from algorithms.simulation.curved_parts import tube
 from algorithms.simulation.materials import CONCRETE, STEEL, WOOD
-from algorithms.simulation.parts import Part
 from algorithms.simulation.walls import Opening
 
 
@@ -39,14 +35,9 @@ def crossing(rng: np.random.Generator) -> Building:
         for side in (1, -1):
             lefts = [i * step + 1.2 for i in range(int((arm - 2) // step)) if rng.uniform() < 0.9]
             near, far = _quarter(k, half, side * half), _quarter(k, arm, side * half)
-            behind = _quarter(k, half, side * (half + 3)), _quarter(k, arm, side * (half + 3))
-            if side > 0:
-                parts += [*wall_between(near, far, height, map(door_at, lefts)), *wall_between(*behind, height, [])]
-            else:
-                lefts = [arm - half - left - 1 for left in lefts]
-                parts += [
-                    *wall_between(far, near, height, map(door_at, lefts)), *wall_between(*behind[::-1], height, [])
-                ]  # fmt: skip
+            if side < 0:
+                lefts, near, far = [arm - half - left - 1 for left in lefts], far, near
+            parts += wall_between(near, far, height, map(door_at, lefts))
         window = [window_at(half - 0.5, half + 0.5, 1, 2)] if rng.uniform() < 0.7 else []
         parts += wall_between(_quarter(k, arm, half), _quarter(k, arm, -half), height, window)
     for _ in range(int(rng.integers(1, 5))):
@@ -163,7 +154,7 @@ def atrium(rng: np.random.Generator) -> Building:
 def carriage(rng: np.random.Generator) -> Building:
     """Give a railway carriage with equal windows and seats, open at both ends, and a few pieces of luggage."""
     length, width, step = rng.uniform(18, 24), rng.uniform(2.7, 3), rng.uniform(1.6, 1.9)
-    rows, door = int((length - 4) // step), [hole_at(width / 2 - 0.4, 0.8, 2.0)]
+    rows, door = int((length - 4) // step), [gate_at(width / 2 - 0.4, 0.8, 2.0)]
     windows = [window_at(2 + k * step + 0.3, 2 + (k + 1) * step - 0.3, 0.8, 1.7) for k in range(rows)]
     parts = hall(length, width, 2.3, {0: windows, 2: windows, 1: door, 3: door})
     for x in (k * step - length / 2 + 2.2 for k in range(rows)):
@@ -195,56 +186,9 @@ def greenhouse(rng: np.random.Generator) -> Building:
     return parts, lambda: (rng.uniform(1 - end, end - 1), rows[int(rng.integers(len(rows)))] - 0.45)
 
 
-def flat(rng: np.random.Generator) -> Building:
-    """Give four or six rooms of different sizes with doors between most of them, windows and furniture."""
-    xs = np.concatenate([[0.0], np.cumsum(rng.uniform(2.8, 5.5, int(rng.integers(2, 4))))])
-    ys = np.concatenate([[0.0], np.cumsum(rng.uniform(2.8, 5.0, 2))])
-    height, columns, rows = rng.uniform(2.4, 2.8), len(xs) - 1, len(ys) - 1
-    doors = {
-        (axis, i, j): rng.uniform(0.25, 1.5) for axis in (0, 1) for i in range(columns) for j in range(rows)
-        if rng.uniform() < 0.75 and (i, j)[axis] > 0
-    }  # fmt: skip
-    size = float(xs[-1] + ys[-1])
-    parts = [ground(3 * size, 3 * size), ground(3 * size, 3 * size, height)]
-
-    def side(start: Place, end: Place, door: tuple[int, int, int], *, outer: bool, backwards: bool) -> list[Part]:
-        long, openings = float(np.hypot(end[0] - start[0], end[1] - start[1])), []
-        if outer and rng.uniform() < 0.8:
-            left = rng.uniform(0.4, long - 2)
-            openings = [window_at(left, left + rng.uniform(0.8, 1.6), rng.uniform(0.7, 1), rng.uniform(2, 2.3))]
-        elif door in doors:
-            left = long - doors[door] - 0.9 if backwards else doors[door]
-            openings = [Opening(left, left + 0.9, 0.0, 2.05, glazed=False)]
-        return wall_between(start, end, height, openings)
-
-    for i, j in ((i, j) for i in range(columns) for j in range(rows)):
-        west, east, south, north = (float(v) for v in (xs[i] + 0.06, xs[i + 1] - 0.06, ys[j] + 0.06, ys[j + 1] - 0.06))
-        parts += side((west, north), (east, north), (1, i, j + 1), outer=j == rows - 1, backwards=False)
-        parts += side((east, north), (east, south), (0, i + 1, j), outer=i == columns - 1, backwards=True)
-        parts += side((east, south), (west, south), (1, i, j), outer=j == 0, backwards=True)
-        parts += side((west, south), (west, north), (0, i, j), outer=i == 0, backwards=False)
-        for _ in range(int(rng.integers(2, 6))):
-            a, b, c = rng.uniform([0.4, 0.4, 0.4], [1.8, 0.9, 2.0])
-            wide, deep = (a, b) if rng.uniform() < 0.5 else (b, a)
-            x, y = rng.uniform(west + 0.05, east - wide - 0.05), rng.uniform(south + 0.05, north - deep - 0.05)
-            if wide > deep:
-                y = float(rng.choice([south + 0.03, north - deep - 0.03]))
-            else:
-                x = float(rng.choice([west + 0.03, east - wide - 0.03]))
-            parts.append(block((x, y, 0), (x + wide, y + deep, c), WOOD))
-
-    def place() -> Place:
-        i, j = int(rng.integers(columns)), int(rng.integers(rows))
-        middle = np.array([xs[i] + xs[i + 1], ys[j] + ys[j + 1]]) / 2
-        x, y = middle + rng.uniform(-0.5, 0.5, 2)
-        return float(x), float(y)
-
-    return parts, place
-
-
 TURNED_BUILDINGS = {
     each.__name__: each
     for each in (
-        crossing, round_tower, metro_station, pipe_rack, cell, atrium, carriage, greenhouse, flat,
+        crossing, round_tower, metro_station, pipe_rack, cell, atrium, carriage, greenhouse,
     )
 }  # fmt: skip

@@ -11,6 +11,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from floor_plans import FLOOR_PLANS
 from regular_buildings import BUILDINGS
 from repetitive_buildings import REPETITIVE_BUILDINGS
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -28,7 +29,7 @@ from algorithms.simulation.scene import scene_from_parts
 from algorithms.simulation.stations import station_pose
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
-ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS | TURNED_BUILDINGS
+ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS | TURNED_BUILDINGS | FLOOR_PLANS
 COUNT, SEED = (int(os.environ.get(key, default)) for key, default in (
     ("TIELINE_REGULAR", len(ALL_BUILDINGS)), ("TIELINE_REGULAR_SEED", 0)
 ))  # fmt: skip
