@@ -1,7 +1,7 @@
-"""Regular buildings that hardly differ from themselves elsewhere. Run with -m benchmark -s to see the figures.
+"""Set-ups at random in buildings that hardly differ from themselves elsewhere. Run with -m benchmark -s for figures.
 
-`TIELINE_REGULAR` sets how many buildings are scanned (one of each kind unless given), from three stations each, and
-`TIELINE_REGULAR_SEED` which (0).
+`TIELINE_REGULAR` sets how many buildings are scanned (one of each kind unless given), from three stations each,
+`TIELINE_REGULAR_SEED` which (0), and `TIELINE_REGULAR_KINDS` of what kinds, by commas (all).
 """
 
 import os
@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from floor_plans import FLOOR_PLANS
+from random_setups import places_about_stations
 from regular_buildings import BUILDINGS
 from repetitive_buildings import REPETITIVE_BUILDINGS
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -26,12 +27,16 @@ from algorithms.registration.base import PairStatus, RegistrationProblem
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scene import scene_from_parts
+from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
 ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS | TURNED_BUILDINGS | FLOOR_PLANS
+WHOLE_SCENES = ("office", "house", "pipe_hall", "street_square")
+"""Scenes of the simulator, which stand as they are: only the set-ups are drawn."""
+KINDS = os.environ.get("TIELINE_REGULAR_KINDS", ",".join([*ALL_BUILDINGS, *WHOLE_SCENES])).split(",")
 COUNT, SEED = (int(os.environ.get(key, default)) for key, default in (
-    ("TIELINE_REGULAR", len(ALL_BUILDINGS)), ("TIELINE_REGULAR_SEED", 0)
+    ("TIELINE_REGULAR", len(KINDS)), ("TIELINE_REGULAR_SEED", 0)
 ))  # fmt: skip
 SCANNER = VirtualScanner(rows=400, columns=960)
 WRONG_RAD, WRONG_M = np.radians(0.3), 0.05
@@ -39,16 +44,24 @@ WRONG_RAD, WRONG_M = np.radians(0.3), 0.05
 CLASSES = ((0.3, "30 % of the surface in common"), (0.1, "10 to 30 %"), (0.0, "less"))
 
 
-def pairs_of(name, seed):
+def building_of(kind, rng):
+    """Give a scene and a function that draws a place for an instrument in it."""
+    if kind in WHOLE_SCENES:
+        scene = SCENES[kind]()
+        return scene, places_about_stations(scene, rng)
+    parts, place = ALL_BUILDINGS[kind](rng)
+    return scene_from_parts(kind, parts, []), place
+
+
+def pairs_of(kind, seed):
     """Scan a building from three places, move each scan at random, and give features and true pose of each pair."""
     rng = np.random.default_rng([SEED, seed])
-    parts, place = ALL_BUILDINGS[name](rng)
-    stations = []
+    scene, place = building_of(kind, rng)
+    stations, scans = [], []
     for _ in range(3):
         x, y, *floor = place()
         height = sum(floor) + rng.uniform(1.4, 1.9)
         stations.append(station_pose((x, y, height), rng.uniform(0, 2 * np.pi), *rng.normal(0, 0.01, 2)))
-    scene, scans = scene_from_parts(name, parts, stations), []
     for station, scan in zip(stations, simulate_stations(scene, stations, SCANNER, rng), strict=True):
         motion = RigidTransform.from_components(rng.uniform(-30.0, 30.0, 3), Rotation.random(random_state=rng))
         points, sensor = np.ascontiguousarray(motion.apply(scan.points)), motion.apply(np.zeros(3))
@@ -60,10 +73,10 @@ def pairs_of(name, seed):
 
 
 def test_no_pair_is_accepted_wrong():
-    table, wrong, names = Counter(), [], list(ALL_BUILDINGS)
+    table, wrong = Counter(), []
     for k in range(COUNT):
-        name = names[k % len(names)]
-        for target, source, truth in pairs_of(name, k):
+        kind = KINDS[k % len(KINDS)]
+        for target, source, truth in pairs_of(kind, k):
             result = DEFAULT_METHOD().register(
                 RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0)
             )
@@ -74,9 +87,9 @@ def test_no_pair_is_accepted_wrong():
                 right = turn < WRONG_RAD and np.linalg.norm(pose.apply(centre) - truth.apply(centre)) < WRONG_M
             common = verify_pose(target, source, truth).support_share
             class_ = next(label for least, label in CLASSES if common >= least)
-            table[name, class_, result.status.value, "right" if right else "wrong or none"] += 1
+            table[kind, class_, result.status.value, "right" if right else "wrong or none"] += 1
             if result.status is PairStatus.ACCEPTED and not right:
-                wrong.append(f"{name} {k}, {common:.3f} of the surface in common")
+                wrong.append(f"{kind} {k}, {common:.3f} of the surface in common")
     for key, count in sorted(table.items()):
         print(f"{count:4d}  {', '.join(key)}")
     assert not wrong
