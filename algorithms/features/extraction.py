@@ -23,6 +23,7 @@ from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
+from algorithms.scans.edge_on import planes_seen_edge_on
 from algorithms.scans.grid_cells import grid_cells
 from algorithms.scans.layered_cells import layered_cells
 from algorithms.scans.mixed_pixels import angular_step, grid_ranges
@@ -97,6 +98,10 @@ def extract_features(
         regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), sensor_m=sensor,
         min_points=options.min_plane_points,
     )  # fmt: skip
+    if sensor is not None:
+        edge_on = planes_seen_edge_on(fitted.normals, fitted.centroids, fitted.bases, fitted.extents, sensor)
+        real = np.flatnonzero(~edge_on)
+        fitted, regions_fitted = fitted.select(real), regions_fitted[real]
     planes, rasters, kept = bound_planes(
         scan.points, fitted, cells, 0.25 * cells.size_m,
         min_area_m2=options.min_plane_area_m2, max_planes=options.max_planes,

@@ -6,6 +6,7 @@ from jaxtyping import Float64
 from algorithms.arrays import Array, Labels, Vector3
 from algorithms.features.scan_features import SurfaceSample
 from algorithms.features.sparse_surface import LEAST_COUNT, is_dense, sparse_surface
+from algorithms.scans.edge_on import seen_edge_on
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
 from algorithms.scans.voxel_grid import fullest_of_voxels
 
@@ -50,6 +51,8 @@ def sample_surface(
     means = np.concatenate([cells.means[used], sparse.points])
     normals = np.concatenate([normals, sparse.normals])
     labels = np.concatenate([labels, np.full(len(sparse.points), -1, dtype=labels.dtype)])
+    if sensor_m is not None:  # curtains behind edges: on a plane they were seen to be none
+        normals[(labels < 0) & seen_edge_on(means, normals, sensor_m)] = 0.0
     counts = np.concatenate([cells.counts[used], sparse.counts])
     size = cells.size_m
     kept: slice | Array = slice(None)
