@@ -44,6 +44,9 @@ def unexplained_pieces(
 ) -> list[UnexplainedPiece]:
     """List the pieces of a scan's surface that stand in the other's free space, the largest first. O(n log n).
 
+    What was seen behind them must not fit the plane of the piece: a low instrument that measures nothing near itself
+    looks along rough ground over ground that only others see, and meets it no farther off than its noise.
+
     Parameters
     ----------
     moved, fixed
@@ -62,7 +65,8 @@ def unexplained_pieces(
     At most `MOST_PIECES`; none where the other instrument's position is unknown.
     """
     own, other = moved.index, fixed.index
-    points = own.points[~explained & seen_through(fixed_from_moved, own.points, own.normals, other, limits)]
+    free = seen_through(fixed_from_moved, own.points, own.normals, other, limits, across_m=limits.max_distance_m)
+    points = own.points[~explained & free]
     if len(points) < LEAST_POINTS:
         return []
     pairs = cKDTree(points).query_pairs(GAP_SPACINGS * own.spacing_m, output_type="ndarray")

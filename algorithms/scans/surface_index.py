@@ -214,7 +214,13 @@ def evidence_of(
 
 
 def seen_through(
-    fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
+    fixed_from_moved: RigidTransform,
+    points: Points,
+    normals: Points,
+    fixed: SurfaceIndex,
+    limits: EvidenceLimits,
+    *,
+    across_m: float = 0.0,
 ) -> Flags:
     """Say which moved points stand where the other instrument looked through; none where its position is unknown.
 
@@ -228,6 +234,8 @@ def seen_through(
         The other scan.
     limits
         Margins of free space; what lies on the surface is not told apart here.
+    across_m
+        Only where what was seen lies farther than this off the plane of the surface that stands there [m].
     """
     from algorithms.scans import surface_index_kernels as kernels
 
@@ -236,7 +244,7 @@ def seen_through(
         rays = np.ascontiguousarray((fixed_from_moved.apply(points) - fixed.sensor_m).T)
         turned = normals @ rotation_matrix(fixed_from_moved).T
         kernels.seen_through(
-            rays, turned, fixed.nearest_m, fixed.cell_rad, limits.margin_m, limits.margin_relative, free
+            rays, turned, fixed.nearest_m, fixed.cell_rad, limits.margin_m, limits.margin_relative, across_m, free
         )
     return free
 

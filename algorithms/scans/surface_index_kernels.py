@@ -134,11 +134,13 @@ def _stands_before(
 
 @njit(cache=True, nogil=True)
 def seen_through(
-    rays: Array, normals: Array, nearest: Array, cell_rad: float, margin: float, relative: float, out: Array
-) -> Any:  # pragma: no cover - compiled
+    rays: Array, normals: Array, nearest: Array, cell_rad: float, margin: float, relative: float, across: float,
+    out: Array,
+) -> Any:  # pragma: no cover - compiled  # fmt: skip
     """Write for places, given by the rays that lead to them, (3, n) by axes, whether an instrument looked through them.
 
-    `normals` (n, 3) are those of the surface that stands there, along the same axes.
+    `normals` (n, 3) are those of the surface that stands there, along the same axes. `across`: what was seen lies
+    farther than this off the plane of that surface.
     """
     n = rays.shape[1]
     lengths, pixels, ranges = np.empty(n), np.empty(n, np.int32), nearest.ravel()
@@ -150,7 +152,9 @@ def seen_through(
         if lengths[k] < 1e-9 or seen == np.inf:
             continue
         along = normals[k, 0] * rays[0, k] + normals[k, 1] * rays[1, k] + normals[k, 2] * rays[2, k]
-        out[k] = _stands_before(lengths[k], seen, abs(along) / lengths[k], cell_rad, margin, relative)
+        cosine = abs(along) / lengths[k]
+        out[k] = _stands_before(lengths[k], seen, cosine, cell_rad, margin, relative)
+        out[k] &= (seen - lengths[k]) * cosine >= across
 
 
 BATCH = 64

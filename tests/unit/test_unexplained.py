@@ -33,11 +33,23 @@ def hall(*pieces, sensor=(7.0, 6.0, 1.5)) -> ScanFeatures:
     return scan(*pieces, sensor=sensor, room=[np.array(wall) * (2.0, 2.0, 1.0) for wall in ROOM])
 
 
+def field(*, sensor, blind_m, rng) -> ScanFeatures:
+    """Rough ground, but for what is nearer than that to an instrument low above it."""
+    places = np.stack(np.meshgrid(np.arange(-8.0, 8.0, 0.1), np.arange(-8.0, 8.0, 0.1)), axis=-1).reshape(-1, 2)
+    places = places[np.linalg.norm(places - sensor[:2], axis=1) > blind_m]
+    points = np.column_stack([places, rng.normal(0.0, 0.025, len(places))])
+    return bare(points, np.broadcast_to([0.0, 0.0, 1.0], points.shape), np.array(sensor), noise_std_m=0.04)
+
+
 def scan(*pieces, sensor=(3.0, 3.0, 1.5), origin=(0.0, 0.0, 0.0), moved=None, room=ROOM) -> ScanFeatures:
     points, normals = walls(*room, *pieces)
     place = np.array(sensor, float)
     if moved is not None:
         points, normals, place = moved.apply(points), moved.rotation.apply(normals), moved.apply(place)
+    return bare(points, normals, place, origin=origin)
+
+
+def bare(points, normals, place, *, origin=(0.0, 0.0, 0.0), noise_std_m=0.002) -> ScanFeatures:
     empty = np.empty((0, 3))
     return ScanFeatures(
         lines=lines_from_arrays(empty, empty, np.empty((0, 4, 4)), np.empty((0, 2)), sources=np.empty(0, np.int32)),
@@ -48,7 +60,7 @@ def scan(*pieces, sensor=(3.0, 3.0, 1.5), origin=(0.0, 0.0, 0.0), moved=None, ro
         origin_m=np.array(origin, float),
         sensor_m=place,
         point_count=len(points),
-        noise_std_m=0.002,
+        noise_std_m=noise_std_m,
     )
 
 
@@ -73,6 +85,13 @@ def test_it_is_said_of_whichever_scan_shows_it() -> None:
 def test_two_scans_of_the_same_room_leave_nothing_unexplained() -> None:
     both = scan(BOARD, CRATE), scan(BOARD, CRATE, sensor=(3.5, 3.2, 1.4))
     assert verify_pose(*both, RigidTransform.identity()).unexplained == ()
+
+
+def test_rough_ground_that_a_low_instrument_measures_only_farther_off_stands_in_nobody_s_way() -> None:
+    rng = np.random.default_rng(3)
+    target = field(sensor=(0.0, 0.0, 0.35), blind_m=3.0, rng=rng)
+    source = field(sensor=(5.0, 0.0, 0.35), blind_m=3.0, rng=rng)
+    assert verify_pose(target, source, RigidTransform.identity()).unexplained == ()
 
 
 def test_where_the_other_instrument_is_unknown_nothing_is_said() -> None:
