@@ -22,7 +22,7 @@ class SurfaceSample:
     points: Points
     """(k, 3) voxel centroids, reduced scan frame [m]."""
     normals: Points
-    """(k, 3) unit normals towards the sensor; zero where no surface could be fitted."""
+    """(k, 3) unit normals towards the sensor; zero where no surface could be fitted, or only one seen edge-on."""
     plane_labels: Labels
     """(k,) number of the plane the voxel belongs to, -1 for none."""
     voxel_size_m: float

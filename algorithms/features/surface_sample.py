@@ -36,7 +36,7 @@ def sample_surface(
     plane_normals
         (k, 3) unit normals of the planes.
     sensor_m
-        Where the instrument stood; None when unknown.
+        Where the instrument stood; None when unknown. What it would have seen edge-on (`edge_on`) gets no normal.
     """
     dense = is_dense(cells, surfaces, cell_labels)
     done = dense
@@ -51,7 +51,7 @@ def sample_surface(
     means = np.concatenate([cells.means[used], sparse.points])
     normals = np.concatenate([normals, sparse.normals])
     labels = np.concatenate([labels, np.full(len(sparse.points), -1, dtype=labels.dtype)])
-    if sensor_m is not None:  # curtains behind edges: on a plane they were seen to be none
+    if sensor_m is not None:  # curtains behind edges; planes were asked before as a whole, which tells better
         normals[(labels < 0) & seen_edge_on(means, normals, sensor_m)] = 0.0
     counts = np.concatenate([cells.counts[used], sparse.counts])
     size = cells.size_m

@@ -1,4 +1,4 @@
-"""Surface that would have been seen edge-on is none: curtains behind edges, and single profiles."""
+"""Surface that would have been seen edge-on is none, as the curtains behind edges."""
 
 import numpy as np
 
@@ -42,6 +42,15 @@ def test_a_curtain_of_mixed_pixels_behind_the_edge_of_a_door_is_no_plane_and_no_
     index = features.index
     hanging = (index.points[:, 0] < 0.0) & (np.abs(index.points[:, 2]) < 0.9) & (index.points[:, 1] < 3.0)
     assert not hanging.any()
+
+
+def test_a_scan_of_nothing_but_a_curtain_has_no_plane():
+    rng = np.random.default_rng(3)
+    ranges, heights = rng.uniform(0.8, 2.2, 6_000), rng.uniform(-1.0, 1.0, 6_000)
+    points = np.column_stack([-0.6 * ranges, 0.8 * ranges, heights])
+    features = features_of(Scan(points=points, origin_m=np.zeros(3), name="curtain", sensor_m=SENSOR))
+    assert len(features.planes) == 0
+    assert len(features.index.points) == 0
 
 
 def test_a_screen_that_stands_beside_the_rays_stays():
