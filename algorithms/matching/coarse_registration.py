@@ -1,6 +1,6 @@
 """Find the pose of one scan in another without a first guess."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -9,6 +9,7 @@ from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.degeneracy import require_determining_geometry
+from algorithms.matching.directions import comes_first
 from algorithms.matching.feature_fit import common_features
 from algorithms.matching.hypotheses import FINE_SIFTS, RankedPoses, rank_hypotheses
 from algorithms.matching.options import MatchingOptions
@@ -76,6 +77,14 @@ class CoarseRegistration:
     simulated scenes, 0.003 in a garage, 0.007 in a street, 0.04 among trees, the cleanest wrong ones beside them 0.09
     to 0.26."""
 
+    def inverted(self) -> "CoarseRegistration":
+        """Give the same finding with target and source exchanged; its words name neither."""
+        return replace(
+            self,
+            target_from_source=self.target_from_source.inv(),
+            runner_up=None if self.runner_up is None else self.runner_up.inv(),
+        )
+
 
 def match_features(
     target: ScanFeatures,
@@ -89,7 +98,7 @@ def match_features(
 
     Pairs of lines that look alike vote for motions (Lichtenstein's solution, MATH 1.7 and 5.5), planes propose
     more, and every leading motion is tested: how much surface fits, and how much stands where the other instrument
-    looked through. Deterministic.
+    looked through. Deterministic, and the same whichever scan is called the target (`directions`).
 
     Parameters
     ----------
@@ -114,6 +123,15 @@ def match_features(
         require_determining_geometry(features, name)
     if min(len(features.index.points) for features in (target, source)) == 0:
         raise TooFewCorrespondencesError(0, 1, "surface points")
+    if comes_first(target, source):
+        return _found(target, source, options, tell, priors)
+    return _found(source, target, options, tell, None if priors is None else priors.exchanged()).inverted()
+
+
+def _found(
+    target: ScanFeatures, source: ScanFeatures, options: MatchingOptions, tell: Progress, priors: PairPriors | None
+) -> CoarseRegistration:
+    """Find the pose in one direction."""
     tell.report(0.0, "pairs of lines and planes")
     hypotheses = candidate_motions(target, source, options)
     hypotheses = hypotheses if priors is None else priors.proposed(hypotheses)

@@ -9,6 +9,7 @@ from algorithms.arrays import Array, Flags, IndexPairs, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
 from algorithms.geometry.rotations import rotation_matrix
+from algorithms.matching.directions import comes_first
 from algorithms.matching.line_pairs import DescribedLines, described_lines
 
 GATES = ((0.035, 0.10), (0.02, 0.05), (0.02, 0.05), (0.02, 0.05))
@@ -67,13 +68,10 @@ def corresponding_lines(
     -------
     (k, 2) numbers (target line, source line), one-to-one, by rising target number.
     """
-    near = lines_near(
-        described_lines(target),
-        described_lines(source),
-        target_from_source,
-        max_angle_rad=max_angle_rad,
-        max_distance_m=max_distance_m,
-    )
+    limits = {"max_angle_rad": max_angle_rad, "max_distance_m": max_distance_m}
+    if not comes_first(target, source):
+        return _exchanged(corresponding_lines(source, target, target_from_source.inv(), **limits))
+    near = lines_near(described_lines(target), described_lines(source), target_from_source, **limits)
     near = near[near.overlaps_m >= -MAX_GAP_M]
     cost = np.full((len(target.lines), len(source.lines)), np.inf)
     cost[near.pairs[:, 0], near.pairs[:, 1]] = (near.distances_m / max_distance_m) ** 2 + (
@@ -162,6 +160,9 @@ def corresponding_planes(
     ours, theirs = target.planes, source.planes
     if len(ours) == 0 or len(theirs) == 0:
         return np.empty((0, 2), dtype=np.int64)
+    if not comes_first(target, source):
+        limits = {"max_angle_rad": max_angle_rad, "max_distance_m": max_distance_m}
+        return _exchanged(corresponding_planes(source, target, target_from_source.inv(), **limits))
     normals = theirs.normals @ rotation_matrix(target_from_source).T
     centroids = target_from_source.apply(theirs.centroids)
     angles = np.arccos(np.clip(ours.normals @ normals.T, -1.0, 1.0))
@@ -180,6 +181,11 @@ def corresponding_planes(
         - 0.5 * np.minimum(depths, 2.0)  # pieces that overlap by metres are surely the same
     )  # fmt: skip
     return mutual_best(cost)
+
+
+def _exchanged(pairs: IndexPairs) -> IndexPairs:
+    """Give pairs (source, target) as (target, source), by rising target number."""
+    return pairs[np.argsort(pairs[:, 1], kind="stable")][:, ::-1]
 
 
 def mutual_best(cost: Array) -> IndexPairs:

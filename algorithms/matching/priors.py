@@ -64,6 +64,10 @@ class PairPriors:
             return None
         return self.target.world_from_scan.target_from_source.inv() * self.source.world_from_scan.target_from_source
 
+    def exchanged(self) -> "PairPriors":
+        """Give the same with target and source exchanged."""
+        return PairPriors(self.source, self.target)
+
     def proposed(self, found: Motions) -> Motions:
         """Leave out hypotheses that tilt levelled instruments, and add the approximate pose as one more.
 

@@ -1,6 +1,6 @@
 """The pose by surfaces alone: point to plane from both scans to each other, with a covariance that misfits tell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -11,6 +11,7 @@ from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.rotations import cross_matrix
+from algorithms.matching.directions import comes_first
 from algorithms.matching.polish import LEAST_GAPS, SurfaceGaps, surface_gaps
 from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
 from algorithms.registration.surface_options import SurfaceOptions
@@ -76,6 +77,11 @@ class SurfaceEstimate:
     """Rounds."""
     converged: bool
 
+    def inverted(self) -> "SurfaceEstimate":
+        """Give the same estimate with target and source exchanged."""
+        centre = self.pose.target_from_source.inv().apply(self.centre_m)
+        return replace(self, pose=self.pose.inverse(), centre_m=centre)
+
     def in_words(self) -> str:
         """Say what the estimate rests on."""
         return (
@@ -115,6 +121,9 @@ def estimate_by_surfaces(
     TooFewCorrespondencesError
         When too little surface lies on surface.
     """
+    if not comes_first(target, source):
+        turned = None if left_out is None else (left_out[1], left_out[0])
+        return estimate_by_surfaces(source, target, start.inv(), options, left_out=turned).inverted()
     noise_m = max(target.noise_std_m, source.noise_std_m)
     least_gate = max(GATE_NOISES * noise_m, LEAST_GATE_M)
     gate = max(options.max_distance_m, least_gate)
