@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.exchanged import snooped_from_source
 from algorithms.adjustment.external_reliability import component_effects
 from algorithms.adjustment.mount_errors import MountError, with_less_trust
 from algorithms.adjustment.observations.line_line import LineLine
@@ -125,6 +126,7 @@ def adjust_lines(
     target_photo_covariances: Float64[Array, "target_photos 6 6"] | None = None,
     source_photo_covariances: Float64[Array, "source_photos 6 6"] | None = None,
     doubted: Bool[Array, "pairs"] | None = None,
+    from_source: bool = False,
     options: AdjustmentOptions = DEFAULT_OPTIONS,
 ) -> LineAdjustment:
     """Adjust the pose to matched lines, remove wrong correspondences, and say what is determined and how well.
@@ -153,6 +155,8 @@ def adjust_lines(
     doubted
         True for correspondences, lines first, then planes, that take no part unless they fit what the others say: such
         as planes some centimetres apart, which may have been moved between the scans. They are reported in any case.
+    from_source
+        Let the opposite direction decide (`exchanged`): the pose is the inverse of what exchanged scans give without.
     options
         Significance levels and limits.
 
@@ -191,8 +195,15 @@ def adjust_lines(
         options.robust_variance,
         options.power if options.b_method else None,
     )
-    adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
-    result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust, doubted)
+    reduced: list[LineLine | PlanePlane] = [part.about(origins.target_m, origins.source_m) for part in observations]
+    if from_source:
+        result = snooped_from_source(
+            problem, tuple(reduced), reduced_start, rules, origins, max_iterations=options.max_iterations,
+            suspicious=doubted,
+        )  # fmt: skip
+    else:
+        adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
+        result = adjust_and_snoop(problem, Unknowns.of_pair(reduced_start), rules, adjust, doubted)
     problem = with_less_trust(problem, result.mounts)
     solution, used = result.solution, problem.selected(result.used)
     rank = rank_of(used, solution, origins)
@@ -202,11 +213,9 @@ def adjust_lines(
     effects = component_effects(solution, components, frame.centroid, result.variance_factor)
     reduced_lines = lines.about(origins.target_m, origins.source_m)
     of_lines, of_planes = line_report(reduced_lines, result, components, effects, options), no_planes()
-    reduced: list[LineLine | PlanePlane] = [reduced_lines]
     if planes is not None:
         reduced_planes = planes.about(origins.target_m, origins.source_m)
         of_planes = plane_report(reduced_planes, len(lines), result, components, effects, options)
-        reduced.append(reduced_planes)
     return LineAdjustment(
         pose=reduced_pose.moved_to_origins(origins.target_m, origins.source_m),
         rank=rank.rank,

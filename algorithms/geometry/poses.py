@@ -113,15 +113,8 @@ class PoseEstimate:
         return correlations
 
     def inverse(self) -> "PoseEstimate":
-        """Give source from target with its covariance, in source axes then.
-
-        From Exp(δθ) R, t + δt: δθ⁻ = -Rᵀ δθ and δt⁻ = -Rᵀ S(t) δθ - Rᵀ δt.
-        """
-        transposed = self.rotation.as_matrix().T
-        jacobian = np.zeros((6, 6))
-        jacobian[:3, :3] = jacobian[3:, 3:] = -transposed
-        jacobian[3:, :3] = -transposed @ cross_matrix(self.translation_m)
-        return self._mapped(self.target_from_source.inv(), jacobian)
+        """Give source from target with its covariance, in source axes then."""
+        return self._mapped(self.target_from_source.inv(), inversion_jacobian(self.target_from_source))
 
     def moved_to_origins(self, origin_target_m: Vector3, origin_source_m: Vector3) -> "PoseEstimate":
         """Give the pose between full coordinates from the pose between reduced ones (MATH 3.4).
@@ -177,6 +170,23 @@ class PoseEstimate:
     def _masked(std: Array, undetermined: Array) -> OptionalTriple:
         values = [None if open_ else float(value) for value, open_ in zip(std, undetermined, strict=True)]
         return (values[0], values[1], values[2])
+
+
+def inversion_jacobian(pose: RigidTransform) -> Matrix6:
+    """Give the derivatives (6, 6) of the inverse pose's changes by those of a pose, each on the left.
+
+    From Exp(δθ) R, t + δt: δθ⁻ = -Rᵀ δθ and δt⁻ = -Rᵀ S(t) δθ - Rᵀ δt.
+
+    Parameters
+    ----------
+    pose
+        Target from source.
+    """
+    transposed = pose.rotation.as_matrix().T
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = jacobian[3:, 3:] = -transposed
+    jacobian[3:, :3] = -transposed @ cross_matrix(np.asarray(pose.translation))
+    return jacobian
 
 
 def _std(covariance: Matrix) -> Array:

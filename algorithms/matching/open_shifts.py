@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.correspondences import lines_near
+from algorithms.matching.directions import comes_first
 from algorithms.matching.line_evidence import COMMON_SHARE, FOUND_ANGLE_RAD, FOUND_DISTANCE_M, with_witnesses
 from algorithms.matching.line_pairs import described_lines
 
@@ -41,6 +42,9 @@ def shifted_by_lines(
     direction
         (3,) unit direction of the open shift, target frame.
     """
+    if not comes_first(target, source):
+        found = shifted_by_lines(source, target, pose.inv(), pose.rotation.inv().apply(direction))
+        return None if found is None else found.inv()
     shifts, ours, theirs = _votes(target, source, pose, direction)
     if len(shifts) == 0:
         return None

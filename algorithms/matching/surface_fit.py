@@ -5,7 +5,9 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Matrix6
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.poses import inversion_jacobian
 from algorithms.geometry.rotations import cross_matrix
+from algorithms.matching.directions import comes_first
 from algorithms.matching.polish import LEAST_GAPS, polished, surface_gaps
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses
 from algorithms.scans.surface_index import EvidenceLimits
@@ -45,6 +47,8 @@ def surface_pose_near(
     rival
         Best pose of the search.
     """
+    if not comes_first(target, source):
+        return surface_pose_near(source, target, pose.inv(), rival.inv()).inv()
     gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), LEAST_GATE_M)
     if gate > WIDEST_GATE_M:
         return rival
@@ -76,6 +80,10 @@ def surface_pose_covariance(target: ScanFeatures, source: ScanFeatures, pose: Ri
     -------
     (6, 6) covariance of rotation vector (left, target axes) and translation [rad, m], as of `PoseEstimate`.
     """
+    if not comes_first(target, source):
+        back = pose.inv()
+        turn = inversion_jacobian(back)
+        return np.asarray(turn @ surface_pose_covariance(source, target, back) @ turn.T)
     indices = (target.index, source.index)
     gate = max(NOISES * max(target.noise_std_m, source.noise_std_m), WIDEST_GATE_M)
     limits = EvidenceLimits(gate, np.radians(20.0), 2.5 * max(index.spacing_m for index in indices))

@@ -12,6 +12,7 @@ from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.arrays import Array, Flags, IndexPairs, OtherIndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
+from algorithms.matching.directions import comes_first
 from algorithms.matching.open_shifts import shifted_by_lines
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
@@ -170,6 +171,7 @@ def _fine(
         target_photo_covariances=target.photo_covariances,
         source_photo_covariances=source.photo_covariances,
         doubted=doubted,
+        from_source=not comes_first(target, source),
         options=options,
     )
     return FineRegistration(

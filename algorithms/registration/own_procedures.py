@@ -18,6 +18,7 @@ from algorithms.geometry.line_motion import lines_about
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.matching.directions import comes_first
 from algorithms.matching.options import MatchingOptions
 from algorithms.registration.base import RegistrationProblem
 
@@ -82,6 +83,7 @@ def rigorously_adjusted(
         source_plane_covariances=problem.source.planes.covariances,
         target_photo_covariances=problem.target.photo_covariances,
         source_photo_covariances=problem.source.photo_covariances,
+        from_source=not comes_first(problem.target, problem.source),
         options=options,
     )
 

@@ -8,10 +8,11 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Points
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
+from algorithms.matching.directions import comes_first
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.surface_fit import surface_pose_covariance, surface_pose_near
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
@@ -171,26 +172,33 @@ def _misfit(
 
     None where all are within what standard deviations and noise allow.
     """
-    target, pose = problem.target, fine.adjustment.pose_a_posteriori
-    lines, planes = (
-        pairs[report.states != CorrespondenceState.REMOVED, 0]
-        for pairs, report in ((fine.lines, fine.adjustment.lines), (fine.planes, fine.adjustment.planes))
-    )
-    points = np.vstack([target.lines.anchors[lines], target.planes.centroids[planes]])
+    pose = fine.adjustment.pose_a_posteriori
+    points = _used_features(problem, fine)
     shifts = surface_pose.apply(pose.target_from_source.inv().apply(points)) - points
-    surfaces = PoseEstimate(surface_pose, surface_pose_covariance(target, problem.source, surface_pose))
-    stds = np.hypot(*(_position_stds(estimate, points) for estimate in (pose, surfaces)))
-    allowance = SURFACE_NOISES * max(target.noise_std_m, problem.source.noise_std_m)
-    excess = (np.abs(shifts) - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
+    surfaces = PoseEstimate(surface_pose, surface_pose_covariance(problem.target, problem.source, surface_pose))
+    covariances = np.array([pose.position_covariance_m2(p) + surfaces.position_covariance_m2(p) for p in points])
+    # along the axes of each covariance, which turn with the frame
+    variances, axes = np.linalg.eigh(covariances)
+    stds = np.sqrt(np.maximum(variances, 0.0))
+    along = np.abs(np.einsum("nij,ni->nj", axes, shifts))
+    allowance = SURFACE_NOISES * max(problem.target.noise_std_m, problem.source.noise_std_m)
+    excess = (along - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
     worst = int(np.argmax(excess))
     if excess[worst] <= 0.0:
         return None
     return float(np.linalg.norm(shifts[worst])), float(np.linalg.norm(stds[worst]))
 
 
-def _position_stds(pose: PoseEstimate, points: Points) -> Array:
-    """Give the standard deviations of where points come to lie, (n, 3) [m]; inf where undetermined."""
-    return np.array([[np.inf if s is None else s for s in pose.position_std_m(point)] for point in points])
+def _used_features(problem: RegistrationProblem, fine: FineRegistration) -> Points:
+    """Give the places of the used lines and planes of the scan that comes first, in the target's frame."""
+    first = comes_first(problem.target, problem.source)
+    side, features = (0, problem.target) if first else (1, problem.source)
+    lines, planes = (
+        pairs[report.states != CorrespondenceState.REMOVED, side]
+        for pairs, report in ((fine.lines, fine.adjustment.lines), (fine.planes, fine.adjustment.planes))
+    )
+    points = np.vstack([features.lines.anchors[lines], features.planes.centroids[planes]])
+    return points if first else fine.adjustment.pose.target_from_source.apply(points)
 
 
 def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> list[str]:

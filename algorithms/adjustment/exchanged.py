@@ -1,0 +1,98 @@
+"""Decide an adjustment of a pair from the source's side, and tell it from the target's.
+
+Which correspondences are wrong is decided near limits, and what is left out when equations are linearised depends on
+whose features the residuals are measured at. So one direction decides, whichever scan is called the target; the other
+one only tells the same solution in its own frame and at its own features.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.mount_errors import with_less_trust
+from algorithms.adjustment.observations.line_line import LineLine
+from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.pair_adjustment import adjust_pair
+from algorithms.adjustment.pair_problem import PairProblem
+from algorithms.adjustment.rank import UserOrigins
+from algorithms.adjustment.snooping import SnoopingResult, SnoopingRules, adjust_and_snoop
+from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.unknowns import Unknowns
+from algorithms.adjustment.weights import whitening_of
+from algorithms.arrays import Flags
+from algorithms.geometry.poses import inversion_jacobian
+
+
+def snooped_from_source(
+    problem: PairProblem,
+    observations: tuple[LineLine | PlanePlane, ...],
+    start: RigidTransform,
+    rules: SnoopingRules,
+    origins: UserOrigins,
+    *,
+    max_iterations: int,
+    suspicious: Flags | None,
+) -> SnoopingResult:
+    """Adjust and snoop (`adjust_and_snoop`) with target and source exchanged, and turn the result round.
+
+    Parameters
+    ----------
+    problem
+        All correspondences between the reduced frames.
+    observations
+        The same, by their kinds, in its order.
+    start
+        Target from source.
+    rules
+        Significance level and limits.
+    origins
+        Where the origins of the reduced frames lie in the user's frames.
+    max_iterations
+        Limit of rounds.
+    suspicious
+        True for correspondences that are out at first.
+    """
+    turned = PairProblem(
+        tuple(_exchanged(part) for part in observations),
+        {1 - station: each for station, each in problem.plane_covariances.items()},
+        {1 - station: each for station, each in problem.photo_covariances.items()},
+    )
+    adjust = partial(
+        adjust_pair, origins=UserOrigins(origins.source_m, origins.target_m), max_iterations=max_iterations
+    )
+    found = adjust_and_snoop(turned, Unknowns.of_pair(start.inv()), rules, adjust, suspicious)
+    mounts = tuple(replace(mount, photo=(1 - mount.photo[0], mount.photo[1])) for mount in found.mounts)
+    steps = tuple(
+        replace(step, plane=None if step.plane is None else (1 - step.plane[0], step.plane[1])) for step in found.steps
+    )
+    used = with_less_trust(problem, mounts).selected(found.used)
+    return replace(found, solution=_told(found.solution, used), mounts=mounts, steps=steps)
+
+
+def _exchanged(part: LineLine | PlanePlane) -> LineLine | PlanePlane:
+    pairs = np.ascontiguousarray(part.pairs[:, ::-1])
+    if isinstance(part, LineLine):
+        return LineLine(part.source, part.target, pairs)
+    return PlanePlane(part.source, part.target, pairs)
+
+
+def _told(solution: Solution, used: PairProblem) -> Solution:
+    """Tell a solution in the other frame: same motion and sum of squares, residuals at the other features."""
+    unknowns = Unknowns.of_pair(solution.pose.inv())
+    system = used.linearised(unknowns)
+    whitening = whitening_of(system)
+    whitened = whitening.apply(system.dense_jacobian)
+    turn = inversion_jacobian(solution.pose)
+    return replace(
+        solution,
+        unknowns=unknowns,
+        # conditions bᵀ dx = 0 on changes of the pose, as conditions on those of its inverse
+        held=np.linalg.solve(turn.T, solution.held),
+        cofactors=turn @ solution.cofactors @ turn.T,
+        normal_matrix=whitened.T @ whitened,
+        system=system,
+        whitening=whitening,
+        linear_step=None,
+    )
