@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.external_reliability import component_effects
 from algorithms.adjustment.mount_errors import with_less_trust
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
@@ -19,10 +20,12 @@ from algorithms.adjustment.pair_problem import PairProblem
 from algorithms.adjustment.rank import UserOrigins
 from algorithms.adjustment.snooping import SnoopingResult, SnoopingRules, adjust_and_snoop
 from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.testing import component_tests
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.weights import whitening_of
-from algorithms.arrays import Flags
+from algorithms.arrays import Flags, Matrix
 from algorithms.geometry.poses import inversion_jacobian
+from algorithms.geometry.rotations import rotation_matrix
 
 
 def snooped_from_source(
@@ -32,9 +35,10 @@ def snooped_from_source(
     rules: SnoopingRules,
     origins: UserOrigins,
     *,
+    power: float,
     max_iterations: int,
     suspicious: Flags | None,
-) -> SnoopingResult:
+) -> tuple[SnoopingResult, Matrix]:
     """Adjust and snoop (`adjust_and_snoop`) with target and source exchanged, and turn the result round.
 
     Parameters
@@ -49,10 +53,21 @@ def snooped_from_source(
         Significance level and limits.
     origins
         Where the origins of the reduced frames lie in the user's frames.
+    power
+        Of the tests, for what they do not find.
     max_iterations
         Limit of rounds.
     suspicious
         True for correspondences that are out at first.
+
+    Returns
+    -------
+    result
+        In the target's frame.
+    undetected
+        (m, 6) what an error that just stays undetected in any component of the used correspondences does to the pose,
+        told where it was decided: rotation vector in the target's axes [rad], shift at the centroid of the source's
+        features [m].
     """
     turned = PairProblem(
         tuple(_exchanged(part) for part in observations),
@@ -68,7 +83,13 @@ def snooped_from_source(
         replace(step, plane=None if step.plane is None else (1 - step.plane[0], step.plane[1])) for step in found.steps
     )
     used = with_less_trust(problem, mounts).selected(found.used)
-    return replace(found, solution=_told(found.solution, used), mounts=mounts, steps=steps)
+    components = component_tests(found.solution, rules.alpha, power)
+    centroid = turned.selected(found.used).target_points().mean(axis=0)
+    undetected = component_effects(found.solution, components, centroid, found.variance_factor).motions
+    # the sign of an error means nothing
+    back = rotation_matrix(found.solution.pose)
+    undetected = np.hstack([undetected[:, :3] @ back, undetected[:, 3:] @ back])
+    return replace(found, solution=_told(found.solution, used), mounts=mounts, steps=steps), undetected
 
 
 def _exchanged(part: LineLine | PlanePlane) -> LineLine | PlanePlane:

@@ -83,10 +83,14 @@ class LineAdjustment:
     """Mounts of photos that contradict what else is seen and are trusted less than stated, in order."""
     principal_motions: tuple[PrincipalMotion, ...]
     """The determined motions, worst first, with a-priori standard deviations (MATH 5.1)."""
+    undetected: Array
+    """(m, 6) what errors that just stay undetected in the components of used features do to the pose, as of
+    `CorrespondenceReport.effects`, but of the components in which the adjustment was decided (`from_source`)."""
     doubted_count: int
     """Correspondences that took part only if they fitted (`doubted` of `adjust_lines`)."""
     centroid_m: Vector3
-    """(3,) centroid of the used target lines' end points [m]."""
+    """(3,) centroid of the used features (ends of lines, centroids of planes) of the scan that decides, the target
+    unless `from_source` [m]."""
     radius_m: float
     """Rms distance of those points from their centroid [m]."""
     centroid_std_m: OptionalTriple
@@ -197,9 +201,9 @@ def adjust_lines(
     )
     reduced: list[LineLine | PlanePlane] = [part.about(origins.target_m, origins.source_m) for part in observations]
     if from_source:
-        result = snooped_from_source(
-            problem, tuple(reduced), reduced_start, rules, origins, max_iterations=options.max_iterations,
-            suspicious=doubted,
+        result, undetected = snooped_from_source(
+            problem, tuple(reduced), reduced_start, rules, origins, power=options.power,
+            max_iterations=options.max_iterations, suspicious=doubted,
         )  # fmt: skip
     else:
         adjust = partial(adjust_pair, origins=origins, max_iterations=options.max_iterations)
@@ -208,9 +212,11 @@ def adjust_lines(
     solution, used = result.solution, problem.selected(result.used)
     rank = rank_of(used, solution, origins)
     reduced_pose = PoseEstimate(solution.pose, solution.cofactors, rank.null_space)
-    frame = centred_frame(used)
+    points = solution.pose.apply(used.source_points()) if from_source else used.target_points()
+    frame = centred_frame(points)
     components = component_tests(solution, options.alpha_single, options.power)
     effects = component_effects(solution, components, frame.centroid, result.variance_factor)
+    undetected = undetected if from_source else effects.motions
     reduced_lines = lines.about(origins.target_m, origins.source_m)
     of_lines, of_planes = line_report(reduced_lines, result, components, effects, options), no_planes()
     if planes is not None:
@@ -222,7 +228,7 @@ def adjust_lines(
         free_directions=rank.free_directions,
         advice=rank.advice,
         ghost_ratio=rank.ratio,
-        weak=weak_directions(used, solution.pose, solution.cofactors, rank),
+        weak=weak_directions(frame, solution.pose, solution.cofactors, rank),
         observation_count=len(solution.system.residuals),
         independent_condition_count=solution.whitening.rank,
         redundancy=solution.redundancy,
@@ -238,6 +244,7 @@ def adjust_lines(
         removals=removals_in_words(problem, reduced, result, options.alpha_single),
         mount_errors=result.mounts,
         principal_motions=principal_motions(reduced_pose, frame.centroid, frame.radius_m),
+        undetected=undetected,
         doubted_count=0 if doubted is None else int(doubted.sum()),
         centroid_m=frame.centroid + origins.target_m,
         radius_m=frame.radius_m,

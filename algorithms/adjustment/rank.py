@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.pair_problem import PairProblem
 from algorithms.adjustment.problem import LinearSystem
-from algorithms.arrays import Array, Matrix, Matrix3, Matrix6, Vector3
+from algorithms.arrays import Array, Matrix, Matrix3, Matrix6, Points, Vector3
 from algorithms.geometry.rotations import cross_matrix
 
 NOT_ESTIMABLE_RATIO = 10.0
@@ -81,9 +81,8 @@ class CentredFrame:
         return conversion
 
 
-def centred_frame(problem: PairProblem) -> CentredFrame:
-    """Find centroid and rms radius of the target features (MATH 5.1)."""
-    points = problem.target_points()
+def centred_frame(points: Points) -> CentredFrame:
+    """Find centroid and rms radius of features (MATH 5.1)."""
     centroid = points.mean(axis=0)
     radius = float(np.sqrt(((points - centroid) ** 2).sum(axis=1).mean()))
     return CentredFrame(centroid, radius if radius > 0.0 else 1.0)
@@ -122,7 +121,7 @@ def analyse_rank(
     ghosts = [sum(part.ghost_shift_information(c, vectors[:, k]) for part, c in parts) for k in range(3)]
     free = _not_estimable(values, ghosts)
     shifts = vectors[:, free]
-    frame = centred_frame(problem)
+    frame = centred_frame(problem.target_points())
     conversion = frame.to_pose(pose)
     turns = _free_turns(problem, conversion.T @ normal_matrix @ conversion, frame, shifts)
     null_space = np.hstack([np.vstack([np.zeros_like(shifts), shifts]), conversion @ turns])
@@ -143,20 +142,20 @@ def analyse_rank(
 
 
 def weak_directions(
-    problem: PairProblem, pose: RigidTransform, cofactors: Matrix6, report: RankReport
+    frame: CentredFrame, pose: RigidTransform, cofactors: Matrix6, report: RankReport
 ) -> tuple[WeakDirection, ...]:
     """Name the motions whose standard deviation is much larger than the others' (MATH 5.2).
 
     Parameters
     ----------
-    problem, pose
-        Correspondences and their pose.
+    frame, pose
+        Of the correspondences, and their pose.
     cofactors
         (6, 6) covariance of the pose.
     report
         Its rank report.
     """
-    back = np.linalg.inv(centred_frame(problem).to_pose(pose))
+    back = np.linalg.inv(frame.to_pose(pose))
     values, vectors = np.linalg.eigh(back @ cofactors @ back.T)
     std = np.sqrt(np.maximum(values, 0.0))
     determined = std > 1e-9 * std[-1]

@@ -191,7 +191,7 @@ def hidden_shift_m(fine: FineRegistration, whole: Joined) -> float:
     reports = [
         (report, report.states != CorrespondenceState.REMOVED) for report in (adjustment.lines, adjustment.planes)
     ]
-    motions = np.vstack([report.effects[used].reshape(-1, 6) for report, used in reports])
+    motions = adjustment.undetected
     arm = frame.centroid - adjustment.centroid_m
     moved = np.hstack([motions[:, :3] * frame.radius_m, shift_of_origin(motions[:, :3], motions[:, 3:], arm)])
     found = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", moved, whole.parallel, moved), 1e-30))

@@ -134,11 +134,7 @@ def largest_hidden_shift_m(adjustment: LineAdjustment) -> float:
 
     Each component of a line or plane by itself: an error in a direction between two components may hide better.
     """
-    shifts = [
-        np.linalg.norm(report.effects[report.states != CorrespondenceState.REMOVED][..., 3:], axis=-1).ravel()
-        for report in (adjustment.lines, adjustment.planes)
-    ]
-    return float(np.concatenate([*shifts, [0.0]]).max())
+    return float(np.linalg.norm(adjustment.undetected[:, 3:], axis=1).max(initial=0.0))
 
 
 def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
