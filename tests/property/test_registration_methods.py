@@ -19,6 +19,7 @@ from algorithms.matching.coarse_registration import match_features
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
 from algorithms.registration import RegistrationMethod, pair_verdict
+from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
 from algorithms.registration.own_estimates import register_own_way
@@ -121,8 +122,35 @@ def test_the_same_input_gives_the_same_answer(method: Any) -> None:
 def test_swapping_the_scans_inverts_the_answer(method: Any) -> None:
     there, back = (pose_of(registered(method, "pipe_hall", swapped=swapped)) for swapped in (False, True))
     difference = error_of(back.inverse().target_from_source, there.target_from_source)
-    # the search is not symmetric, so a few other correspondences may be used: within the standard deviations
-    assert (np.abs(difference) < 3.0 * np.sqrt(np.diag(there.covariance))).all()
+    # of what is linearised, the square is left; other authors' estimators measure at the target's lines by definition
+    part = 0.1 if registered(method, "pipe_hall").own_figures is None else 3.0
+    assert (np.abs(difference) < part * np.sqrt(np.diag(there.covariance))).all()
+
+
+@every_method
+def test_swapping_the_scans_changes_neither_status_nor_estimator(method: Any) -> None:
+    there, back = (registered(method, "pipe_hall", swapped=swapped) for swapped in (False, True))
+    assert back.status is there.status
+    assert (None if back.final is None else back.final.estimator) == (
+        None if there.final is None else there.final.estimator
+    )
+
+
+def test_swapping_scans_of_like_rooms_that_share_little_inverts_the_answer() -> None:
+    scene = SCENES["office"]()
+    scans = simulate_stations(scene, [scene.stations[k] for k in (1, 3)], SCANNER, np.random.default_rng(3))
+    one, other = (extracted(scan) for scan in scans)
+    there, back = (
+        AutoMethod().register(RegistrationProblem(*pair), progress=NoProgress(), rng=np.random.default_rng(0))
+        for pair in ((one, other), (other, one))
+    )
+    assert back.status is there.status
+    turned = pose_of(back).inverse()
+    std = np.sqrt(np.diag(pose_of(there).covariance))
+    difference = error_of(turned.target_from_source, pose_of(there).target_from_source)
+    # of what is linearised, the square is left
+    assert (np.abs(difference) < 0.01 * std).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(turned.covariance)), std, rtol=0.01)
 
 
 @every_method

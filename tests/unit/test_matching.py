@@ -93,13 +93,19 @@ def test_the_same_scans_give_the_same_answer() -> None:
 
 def test_swapping_source_and_target_inverts_the_pose() -> None:
     features, _ = scene_features("pipe_hall")
-    swapped = match_features(features[1], features[0], OPTIONS)
-    turn, shift = _errors(
-        swapped.target_from_source.inv(), hall().target_from_source, features[1].surface.points.mean(axis=0)
-    )
-    # Both runs polish from different hypotheses; they meet within a fraction of the point spacing.
-    assert turn < 0.1
-    assert shift < 0.02
+    swapped = match_features(features[1], features[0], OPTIONS).inverted()
+    # one direction is searched, so only the rounding of the inverse is left
+    np.testing.assert_allclose(swapped.target_from_source.as_matrix(), hall().target_from_source.as_matrix(), atol=1e-9)
+    assert swapped.runner_up is not None
+    assert hall().runner_up is not None
+    np.testing.assert_allclose(swapped.runner_up.as_matrix(), hall().runner_up.as_matrix(), atol=1e-9)
+
+
+def test_swapping_source_and_target_changes_neither_scores_nor_words() -> None:
+    features, _ = scene_features("pipe_hall")
+    swapped, answer = match_features(features[1], features[0], OPTIONS), hall()
+    for name in ("score", "support", "runner_up_score", "runner_up_support", "ambiguous", "reasons", "remarks"):
+        assert getattr(swapped, name) == getattr(answer, name), name
 
 
 def test_parallel_pipes_only_are_refused_with_rank_five() -> None:
