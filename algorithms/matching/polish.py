@@ -1,11 +1,11 @@
 """Improve a pose by laying surface on surface (point to plane), so that correspondences can be found near it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.arrays import Array, IndexPairs, Points, Scalars, Vector3
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 from algorithms.scans.surface_matches import corresponding
@@ -68,6 +68,8 @@ class SurfaceGaps:
     """(n,) how far the source should move along them [m]."""
     weights: Scalars
     """(n,) weights that give every direction of normals the same say."""
+    pairs: IndexPairs = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    """(n, 2) numbers of the target's and the source's surface points; empty where the distances are between others."""
 
     def design(self, centre_m: Vector3) -> Array:
         """Give the derivatives (n, 6) of the distances by rotation about a centre, and translation."""
@@ -116,6 +118,7 @@ def surface_gaps(
             ]
         ),
         weights=np.concatenate([source.weights[match], target.weights[back]]),
+        pairs=np.stack([np.concatenate([here, back]), np.concatenate([match, there])], axis=1),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Matrix3, Scalars, Vector3
+from algorithms.arrays import Array, Labels, Matrix3, Scalars, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
@@ -14,6 +14,7 @@ from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.directions import comes_first
 from algorithms.matching.polish import LEAST_GAPS, SurfaceGaps, surface_gaps
 from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
+from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
 from algorithms.registration.surface_options import SurfaceOptions
 from algorithms.scans.surface_index import EvidenceLimits
 
@@ -146,7 +147,15 @@ def estimate_by_surfaces(
             points, converged = most, False
         gate = narrower
     fit = _weighed(_gaps(target, source, pose, gate, most, options, left_out))
-    return _with_covariance(fit, pose, options, rounds, converged)
+    walls = wall_pieces(_planes_of(fit.gaps, target, source), fit.gaps.positions)
+    return _with_covariance(fit, pose, walls, options, rounds, converged)
+
+
+def _planes_of(gaps: SurfaceGaps, target: ScanFeatures, source: ScanFeatures) -> Labels:
+    """Give the plane that corresponding surface belongs to, those of the source numbered on; -1 for none."""
+    labels = target.surface.plane_labels[target.index.numbers[gaps.pairs[:, 0]]]
+    others = source.surface.plane_labels[source.index.numbers[gaps.pairs[:, 1]]]
+    return np.where(labels >= 0, labels, np.where(others >= 0, others + len(target.planes), -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +258,7 @@ def _motions(normal_matrix: Array, spread: Matrix3) -> Array:
 
 
 def _with_covariance(
-    fit: _Fit, pose: RigidTransform, options: SurfaceOptions, rounds: int, converged: bool
+    fit: _Fit, pose: RigidTransform, walls: Labels, options: SurfaceOptions, rounds: int, converged: bool
 ) -> SurfaceEstimate:
     """Add the covariance, told at the origins of the reduced frames."""
     shifts = fit.known[3:]
@@ -265,8 +274,13 @@ def _with_covariance(
     )
     enlarged = np.where(fit.testimony < WEAK_TESTIMONY, WEAK_VARIANCE**0.5, 1.0)
     axes, controlled = fit.known @ (enlarged[:, None] * found.axes), np.isfinite(found.variances)
-    variances = found.variances[controlled] + (COMMON_SPREADS * fit.spread_m) ** 2
-    scaled = (axes[:, controlled] * variances) @ axes[:, controlled].T
+    by_walls = wall_covariance(fit.design @ fit.known, fit.weights, fit.gaps.gaps_m, walls, bread=fit.bread)
+    kept = found.axes[:, controlled]
+    along = np.diag(found.variances[controlled])
+    if kept.shape[1]:
+        along = covering(along, kept.T @ by_walls @ kept)
+    along += (COMMON_SPREADS * fit.spread_m) ** 2 * np.eye(len(along))
+    scaled = axes[:, controlled] @ along @ axes[:, controlled].T
     to_pose = np.eye(6) / fit.radius_m
     to_pose[3:, 3:] = np.eye(3)
     to_pose[3:, :3] = cross_matrix(fit.centre_m - np.asarray(pose.translation)) / fit.radius_m

@@ -49,6 +49,11 @@ def fitting(
     return np.asarray(_matches(fixed_from_moved, points, normals, fixed, limits) >= 0)
 
 
+def nearest_surface(points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits) -> Indices:
+    """Give the surface point of a scan that each of some points (n, 3) in its frame lies on, -1 where on none."""
+    return _matches(RigidTransform.identity(), points, normals, fixed, limits)
+
+
 def _matches(
     fixed_from_moved: RigidTransform, points: Points, normals: Points, fixed: SurfaceIndex, limits: EvidenceLimits
 ) -> Indices:

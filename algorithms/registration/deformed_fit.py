@@ -1,0 +1,348 @@
+"""Lay the surfaces of two scans on each other with a motion and a deformation: do they differ by more than a motion?"""
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.arrays import Array, Labels, Matrix3, Points, Scalars, Vector3
+from algorithms.errors import TooFewCorrespondencesError
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.rotations import rotation_matrix
+from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
+from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
+from algorithms.scans.surface_index import EvidenceLimits
+from algorithms.scans.surface_matches import nearest_surface
+
+WIDE_GATE_M = 0.3
+"""Surfaces so far apart correspond in the first round; the gate is halved from round to round, down to `NARROW`."""
+STEPS = 4
+"""Steps with each gate."""
+MOST_LAST_STEPS = 15
+"""Most steps with the last gate."""
+GATE_SPREADS, GATE_NOISES, LEAST_GATE_M = 6.0, 6.0, 0.02
+"""The last gate: so many standard deviations of the gaps, and of the noise, and never less than 2 cm."""
+DOUBTFUL_SHARE = 0.3
+"""A gap of this share of a gate counts a quarter (Geman and McClure)."""
+TUKEY, MAD_TO_STD, LEAST_SPREAD_M = 4.685, 1.4826, 1e-4
+"""As of `surface_estimate`."""
+LEAST_TESTIMONY = 1e-3
+"""Open is what changes the gaps by less than the root of this when it moves the surface by one metre (rms)."""
+SETTLED_SPREADS = 0.005
+FEW_POINTS = 4_000
+"""So many points of each scan find the deformation; all of them tell how well it is known."""
+LEAST_GAPS = 200
+MAX_ANGLE_RAD = 0.35
+FITS_SPREADS = 3.0
+"""Surface fits within so many standard deviations of the gaps."""
+
+
+class DeformationKind(StrEnum):
+    """By what two scans may differ beyond a motion."""
+
+    SCALE = "scale"
+    STRAIN = "strain"
+    """A scale of its own along each of three axes of any direction: three stretches, three shears."""
+    BEND = "bend"
+    """Strain, and displacements that grow with the square of the distance."""
+
+
+COUNTS = {DeformationKind.SCALE: 1, DeformationKind.STRAIN: 6, DeformationKind.BEND: 24}
+"""Coefficients of each kind."""
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """Displacements Σ c_k φ_k(arm) of points at given arms from a centre."""
+
+    kind: DeformationKind
+    radius_m: float
+    """Unit of length of the quadratic displacements [m]."""
+    coefficients: Array
+    """(m,) scale; or the symmetric strain xx yy zz √2·xy √2·xz √2·yz; of a bend also (6, 3) quadratic terms in that
+    order of products, each an axis' displacement at one radius over the radius."""
+
+    def fields(self, arms: Points) -> Array:
+        """Give φ, (n, 3, m), at arms (n, 3) [m]."""
+        if self.kind is DeformationKind.SCALE:
+            return arms[:, :, None]
+        out = np.zeros((len(arms), 3, COUNTS[self.kind]))
+        for k, (a, b) in enumerate(_PAIRS):
+            factor = 1.0 if a == b else 0.5**0.5
+            out[:, a, k] = factor * arms[:, b]
+            out[:, b, k] = factor * arms[:, a]
+        if self.kind is DeformationKind.BEND:
+            for k, (a, b) in enumerate(_PAIRS):
+                product = arms[:, a] * arms[:, b] / self.radius_m
+                for axis in range(3):
+                    out[:, axis, 6 + 3 * k + axis] = product
+        return out
+
+    def strain(self) -> Matrix3:
+        """Give the strain as a symmetric matrix."""
+        if self.kind is DeformationKind.SCALE:
+            return np.asarray(self.coefficients[0] * np.eye(3))
+        out = np.zeros((3, 3))
+        for k, (a, b) in enumerate(_PAIRS):
+            out[a, b] = out[b, a] = self.coefficients[k] * (1.0 if a == b else 0.5**0.5)
+        return out
+
+    def as_kind(self, kind: DeformationKind, radius_m: float) -> "Deformation":
+        """Give the same strain as a deformation of a more general kind."""
+        strain = self.strain()
+        coefficients = np.zeros(COUNTS[kind])
+        for k, (a, b) in enumerate(_PAIRS):
+            coefficients[k] = strain[a, b] * (1.0 if a == b else 2.0**0.5)
+        return Deformation(kind, radius_m, coefficients)
+
+    def displacements(self, arms: Points) -> Points:
+        """Give the displacements (n, 3) at arms (n, 3) [m]."""
+        return np.asarray(self.fields(arms) @ self.coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class DeformedFit:
+    """Motion and deformation: y = x + u(x - centre), x = target from source."""
+
+    target_from_source: RigidTransform
+    """Between the reduced frames."""
+    centre_m: Vector3
+    """(3,) in the target frame [m]."""
+    deformation: Deformation
+    determined: Array
+    """(m, r) orthonormal combinations of the coefficients that the surfaces determine."""
+    covariance: Array
+    """(r, r) covariance of those."""
+    spread_m: float
+    """Robust standard deviation of the gaps that are left [m]."""
+    fitting: float
+    """Surface that fits within three such standard deviations, by weight."""
+    fitting_rigidly: float
+    """The same in the pose that was asked about."""
+
+    @property
+    def gain(self) -> float:
+        """How much more surface fits than in the pose, relative to that."""
+        return self.fitting / max(self.fitting_rigidly, 1e-9) - 1.0
+
+    def apply(self, points: Points) -> Points:
+        """Take points of the source (n, 3) to the target frame, deformed."""
+        moved = self.target_from_source.apply(points)
+        return np.asarray(moved + self.deformation.displacements(moved - self.centre_m))
+
+    def undone(self, points: Points) -> Points:
+        """Take points of the target (n, 3) to the source as it is, to second order of the deformation."""
+        return np.asarray(self.target_from_source.inv().apply(_undone(self.deformation, points, self.centre_m)))
+
+
+def _undone(deformation: Deformation, points: Points, centre: Vector3) -> Points:
+    once = points - deformation.displacements(points - centre)
+    return np.asarray(points - deformation.displacements(once - centre))
+
+
+@dataclass(frozen=True, eq=False)
+class _Gaps:
+    """As of `SurfaceGaps`, with the planes that the surface belongs to."""
+
+    positions: Points
+    normals: Points
+    gaps_m: Scalars
+    weights: Scalars
+    planes: Labels
+
+
+def fit_deformed(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    pose: RigidTransform,
+    kind: DeformationKind,
+    *,
+    thorough: bool = True,
+    start: DeformedFit | None = None,
+) -> DeformedFit:
+    """Estimate motion and deformation together, from a pose that lays a part of the surfaces on each other.
+
+    Robust least squares of the distances along the normals from both sides, as `estimate_by_surfaces`, but from a wide
+    gate on, with weights that grow stricter: what fits now may be the part that fits by chance. The covariance is the
+    smallest that is not below that of neighbourhoods and that of walls. O(n) for n surface points, a few dozen times.
+
+    Parameters
+    ----------
+    target, source
+        Features of both scans.
+    pose
+        Target from source between the reduced frames.
+    kind
+        Of deformation.
+    thorough
+        Whether all points tell how well it is known, and how much fits; else few do.
+    start
+        A simpler deformation near which this one is looked for.
+
+    Raises
+    ------
+    TooFewCorrespondencesError
+        When too little surface lies near surface.
+    """
+    most = max(len(target.index.points), len(source.index.points)) if thorough else FEW_POINTS
+    noise_m = max(target.noise_std_m, source.noise_std_m)
+    narrow = max(GATE_NOISES * noise_m, LEAST_GATE_M)
+    first = _measure(target, source, pose, None, np.zeros(3), WIDE_GATE_M, FEW_POINTS)
+    centre = np.average(first.positions, axis=0, weights=first.weights) if start is None else start.centre_m
+    arms = first.positions - centre
+    radius = max(float(np.sqrt(np.average(np.sum(arms**2, axis=1), weights=first.weights))), 1e-3)
+    found, bent, gate = pose, Deformation(kind, radius, np.zeros(COUNTS[kind])), WIDE_GATE_M
+    if start is not None:
+        found, bent, gate = start.target_from_source, start.deformation.as_kind(kind, radius), 2.0 * narrow
+    while True:
+        last = gate <= narrow
+        for _ in range(MOST_LAST_STEPS if last else STEPS):
+            gaps = _measure(target, source, found, bent, centre, gate, FEW_POINTS)
+            system = _System.of(gaps, bent, centre, None if last else DOUBTFUL_SHARE * gate)
+            step, change = system.solution()
+            found = _moved(found, step, centre, radius)
+            bent = replace(bent, coefficients=bent.coefficients + change)
+            length = float(np.linalg.norm(step) + radius * np.linalg.norm(change))
+            if length < SETTLED_SPREADS * system.spread_m:
+                break
+        if last:
+            break
+        gate = max(narrow, min(0.5 * gate, max(GATE_SPREADS * system.spread_m, narrow)))
+    gaps = _measure(target, source, found, bent, centre, gate, most)
+    system = _System.of(gaps, bent, centre, None)
+    fits_m = FITS_SPREADS * system.spread_m
+    return DeformedFit(
+        target_from_source=found,
+        centre_m=centre,
+        deformation=bent,
+        determined=system.determined,
+        covariance=system.covariance(),
+        spread_m=system.spread_m,
+        fitting=_weight_within(gaps, fits_m),
+        fitting_rigidly=_weight_within(_measure(target, source, pose, None, centre, gate, most), fits_m),
+    )
+
+
+def _weight_within(gaps: _Gaps, distance_m: float) -> float:
+    return float(gaps.weights[np.abs(gaps.gaps_m) < distance_m].sum())
+
+
+def _moved(pose: RigidTransform, step: Array, centre: Vector3, radius: float) -> RigidTransform:
+    rotation = Rotation.from_rotvec(step[:3] / radius)
+    return RigidTransform.from_components(step[3:] + centre - rotation.apply(centre), rotation) * pose
+
+
+def _measure(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    pose: RigidTransform,
+    bent: Deformation | None,
+    centre: Vector3,
+    gate_m: float,
+    points: int,
+) -> _Gaps:
+    """Measure between corresponding surface, the source moved and deformed.
+
+    From the target's points one looks back into the source as it is: the deformation is undone to second order.
+    """
+    here, there = target.index, source.index
+    limits = EvidenceLimits(gate_m, MAX_ANGLE_RAD, 2.5 * max(here.spacing_m, there.spacing_m))
+    turn = rotation_matrix(pose)
+    moved = pose.apply(there.points[:points])
+    if bent is not None:
+        moved = moved + bent.displacements(moved - centre)
+    match = nearest_surface(moved, there.normals[:points] @ turn.T, here, limits)
+    on = np.flatnonzero(match >= 0)
+    back = here.points[:points]
+    if bent is not None:
+        back = _undone(bent, back, centre)
+    rematch = nearest_surface(pose.inv().apply(back), here.normals[:points] @ turn, there, limits)
+    on_back = np.flatnonzero(rematch >= 0)
+    if len(on) + len(on_back) < LEAST_GAPS:
+        raise TooFewCorrespondencesError(len(on) + len(on_back), LEAST_GAPS, "surface points")
+    normals = here.normals[match[on]]
+    normals_back = there.normals[rematch[on_back]] @ turn.T
+    labels = target.surface.plane_labels[here.numbers]
+    return _Gaps(
+        positions=np.vstack([moved[on], back[on_back]]),
+        normals=np.vstack([normals, normals_back]),
+        gaps_m=np.concatenate(
+            [
+                np.einsum("ij,ij->i", normals, here.points[match[on]] - moved[on]),
+                np.einsum("ij,ij->i", normals_back, back[on_back] - pose.apply(there.points[rematch[on_back]])),
+            ]
+        ),
+        weights=np.concatenate([there.weights[:points][on], here.weights[:points][on_back]]),
+        planes=np.concatenate([labels[match[on]], labels[:points][on_back]]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Weighted gaps and the normal equations of what they determine."""
+
+    gaps: _Gaps
+    weights: Scalars
+    bread: float
+    spread_m: float
+    radius_m: float
+    design: Array
+    """(n, 6 + m) by (radius times turn, shift, radius times coefficients) [m]."""
+    known: Array
+    """(6, k) motions that the surfaces determine."""
+    determined: Array
+    """(m, r) deformations that they determine beside these."""
+
+    @staticmethod
+    def of(gaps: _Gaps, bent: Deformation, centre: Vector3, doubtful_m: float | None) -> "_System":
+        """Weigh gaps: those of `doubtful_m` count a quarter; None: Tukey's weights by the spread of the gaps."""
+        spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
+        if doubtful_m is None:
+            squares = np.square(gaps.gaps_m / (TUKEY * spread))
+            inside = squares < 1.0
+            weights = np.where(inside, np.square(1.0 - squares), 0.0) * gaps.weights
+            slopes = np.where(inside, (1.0 - squares) * (1.0 - 5.0 * squares), 0.0) * gaps.weights
+            bread = float(slopes.sum() / weights.sum())
+        else:
+            weights = gaps.weights / np.square(1.0 + np.square(gaps.gaps_m / doubtful_m))
+            bread = 1.0
+        arms = gaps.positions - centre
+        fields = np.einsum("ni,nik->nk", gaps.normals, bent.fields(arms)) / bent.radius_m
+        design = np.hstack([np.cross(arms, gaps.normals) / bent.radius_m, gaps.normals, fields])
+        matrix = (design * (weights / weights.sum())[:, None]).T @ design
+        values, vectors = np.linalg.eigh(matrix[:6, :6])
+        known = vectors[:, values > LEAST_TESTIMONY]
+        cross = known.T @ matrix[:6, 6:]
+        rest = matrix[6:, 6:] - cross.T @ np.linalg.solve(known.T @ matrix[:6, :6] @ known, cross)
+        values, vectors = np.linalg.eigh(rest)
+        return _System(
+            gaps, weights, bread, spread, bent.radius_m, design, known, vectors[:, values > LEAST_TESTIMONY]
+        )
+
+    @property
+    def reduced(self) -> Array:
+        """(n, k + r) derivatives by what is determined."""
+        return np.hstack([self.design[:, :6] @ self.known, self.design[:, 6:] @ self.determined])
+
+    def solution(self) -> tuple[Array, Array]:
+        """Give the motion (6,) [m] that closes the gaps, and the change of the coefficients (m,)."""
+        reduced = self.reduced
+        weighted = reduced * self.weights[:, None]
+        x = np.linalg.solve(weighted.T @ reduced, weighted.T @ self.gaps.gaps_m)
+        k = self.known.shape[1]
+        return self.known @ x[:k], self.determined @ x[k:] / self.radius_m
+
+    def covariance(self) -> Array:
+        """Give the covariance (r, r) of the determined deformations."""
+        reduced, k = self.reduced, self.known.shape[1]
+        found = neighbourhood_covariance(
+            reduced, self.weights, self.gaps.gaps_m, self.gaps.positions, self.gaps.normals,
+            bread=self.bread, edge_m=0.5, shifts=np.zeros((3, reduced.shape[1])),
+        )  # fmt: skip
+        variances = np.where(np.isfinite(found.variances), found.variances, 1e6)
+        pieces = wall_pieces(self.gaps.planes, self.gaps.positions)
+        walls = wall_covariance(reduced, self.weights, self.gaps.gaps_m, pieces, bread=self.bread)
+        whole = covering((found.axes * variances) @ found.axes.T, walls)
+        return np.asarray(whole[k:, k:] / self.radius_m**2)

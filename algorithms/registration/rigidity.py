@@ -1,0 +1,195 @@
+"""Whether two scans differ by more than a rigid motion: another scale, a stretch along one axis, a bend.
+
+Clouds in other units, rescaled to a map projection, cut from a scanner out of adjustment or bent by a moving one can be
+laid on each other so that a part of them fits perfectly, and the misfits of what fits say nothing of the rest. So from
+the pose on a deformation is estimated too. It counts where it is significant *and* explains surface that the motion
+does not, or is larger than any scanner errs. It is reported, never applied: which of the scans is right nobody knows.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array
+from algorithms.errors import TooFewCorrespondencesError
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.registration.deformed_fit import DeformationKind, DeformedFit, fit_deformed
+
+SIGNIFICANT = 4.0
+"""Standard deviations from which a deformation is significant, where it explains more surface."""
+LEAST_GAINS = {DeformationKind.SCALE: 0.01, DeformationKind.STRAIN: 0.02, DeformationKind.BEND: 0.03}
+"""So much more surface, relative to what fits in the pose, must fit with the deformation: more freedom finds more by
+itself, and scanners bend their clouds a little."""
+CERTAIN, LARGE = 10.0, 0.002
+"""So many standard deviations tell a stretch that is larger than this, 2 mm in a metre, by themselves: a scanner's
+ranges err by a tenth of that at the very most."""
+WORTH_A_LOOK = 0.005
+"""Strain and bend are looked at to the end where with few points so much more surface fits."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """How much longer the source is along a direction than the target."""
+
+    value: float
+    """Relative, positive where the source is larger; 0.02 is two per cent."""
+    std: float
+    """Its standard deviation."""
+    direction_in_source: tuple[float, float, float] | None = None
+    """Unit vector in the source's axes; None for a scale, which is the same along all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rigidity:
+    """What was found beside the motion."""
+
+    scale: Stretch | None
+    """One scale for all axes; None where the surfaces do not determine it."""
+    stretch: Stretch | None = None
+    """The most significant stretch along one direction, with scales of their own for all axes."""
+    kind: DeformationKind | None = None
+    """The simplest significant deformation; None where nothing speaks against a motion alone."""
+    gain: float = 0.0
+    """How much more surface fits with that deformation, relative to what fits in the pose."""
+    motions: Array | None = None
+    """(2, 6) differences of the pose (turn [rad], shift [m], reduced target frame) that put the source's instrument,
+    and the target's, where the deformed scan has it; None where there is no deformation."""
+    shifts_m: tuple[float, float] = (0.0, 0.0)
+    """How far each instrument is from there [m]."""
+
+    @property
+    def moved_m(self) -> float:
+        """How far the deformation leaves it open where an instrument stood [m]."""
+        return max(self.shifts_m)
+
+    def widened(self, pose: PoseEstimate) -> PoseEstimate:
+        """Give a pose between the reduced frames with a covariance that holds what the deformation leaves open."""
+        if self.motions is None:
+            return pose
+        return replace(pose, covariance=pose.covariance + self.motions.T @ self.motions)
+
+    def doubts(self) -> list[str]:
+        """Say by what the scans differ beside a motion, and what the cause may be."""
+        if self.kind is None:
+            return []
+        more = f"with it {self.gain:.1%} more of the surface fits"
+        if self.kind is DeformationKind.SCALE and self.scale is not None:
+            what = (
+                f"the source is {_percent(self.scale)} than the target (t = {self.scale.value / self.scale.std:.0f}, "
+                f"{more})"
+            )
+        elif self.kind is DeformationKind.STRAIN and self.stretch is not None:
+            along = ", ".join(f"{value:.2f}" for value in self.stretch.direction_in_source or ())
+            what = (
+                f"the source is {_percent(self.stretch)} than the target along ({along}) of its own axes, but not so "
+                f"along the others (t = {abs(self.stretch.value) / self.stretch.std:.0f}, {more})"
+            )
+        else:
+            what = f"one of the scans is bent against the other ({more})"
+        return [
+            f"the scans differ by more than a motion: {what}: other units, a rescaled cloud, or a scanner out of "
+            f"adjustment. Nothing was rescaled; the standard deviations hold the {self.moved_m * 1e3:.0f} mm by which "
+            "this leaves the instruments open"
+        ]
+
+
+def _percent(stretch: Stretch) -> str:
+    word = "larger" if stretch.value > 0.0 else "smaller"
+    return f"{abs(stretch.value) * 100:.3g} % (standard deviation {stretch.std * 100:.1g} %) {word}"
+
+
+def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> Rigidity:
+    """Look for a deformation of the source beside its motion.
+
+    A scale is always estimated. Scales of their own for all axes and a bend are estimated with few points, and with all
+    where they explain surface.
+
+    Parameters
+    ----------
+    target, source
+        Features of both scans.
+    pose
+        Target from source between the reduced frames.
+    """
+    try:
+        scale = fit_deformed(target, source, pose, DeformationKind.SCALE)
+        strain = fit_deformed(target, source, pose, DeformationKind.STRAIN, thorough=False)
+        bend = fit_deformed(target, source, pose, DeformationKind.BEND, thorough=False, start=strain)
+        if max(strain.gain, bend.gain) > WORTH_A_LOOK:
+            strain = fit_deformed(target, source, pose, DeformationKind.STRAIN)
+        if bend.gain > max(scale.gain, strain.gain) + LEAST_GAINS[DeformationKind.BEND]:
+            bend = fit_deformed(target, source, pose, DeformationKind.BEND, start=strain)
+    except TooFewCorrespondencesError:
+        return Rigidity(None)
+    by_scale, stretch = _scale_of(scale), _largest_stretch(strain, pose)
+    kind = _kind(scale, strain, bend, by_scale, stretch)
+    best = {DeformationKind.SCALE: scale, DeformationKind.STRAIN: strain, DeformationKind.BEND: bend}.get(kind)
+    if best is None:
+        return Rigidity(by_scale, stretch)
+    motions, shifts = _open_motions(best, target, source, pose)
+    return Rigidity(by_scale, stretch, kind, best.gain, motions, shifts)
+
+
+def _kind(
+    scale: DeformedFit, strain: DeformedFit, bend: DeformedFit, by_scale: Stretch | None, stretch: Stretch | None
+) -> DeformationKind | None:
+    """Say which deformation is there: the simplest that explains the surface; None if none is significant."""
+    more = strain.gain - max(scale.gain, 0.0)
+    if _tells(by_scale, scale) and more < LEAST_GAINS[DeformationKind.STRAIN]:
+        return DeformationKind.SCALE
+    if _tells(stretch, strain):
+        return DeformationKind.STRAIN
+    if bend.gain - max(scale.gain, strain.gain, 0.0) > LEAST_GAINS[DeformationKind.BEND]:
+        return DeformationKind.BEND
+    return None
+
+
+def _tells(found: Stretch | None, fit: DeformedFit) -> bool:
+    """Say whether a stretch is significant and matters."""
+    if found is None:
+        return False
+    size = abs(found.value)
+    explains = size > SIGNIFICANT * found.std and fit.gain > LEAST_GAINS[fit.deformation.kind]
+    return explains or (size > CERTAIN * found.std and size > LARGE)
+
+
+def _scale_of(fit: DeformedFit) -> Stretch | None:
+    """Give the scale of the source over the target; the fit's makes the source fit."""
+    if fit.determined.shape[1] == 0:
+        return None
+    value = float(fit.deformation.coefficients[0])
+    return Stretch(1.0 / (1.0 + value) - 1.0, float(fit.covariance[0, 0] ** 0.5))
+
+
+def _largest_stretch(fit: DeformedFit, pose: RigidTransform) -> Stretch | None:
+    """Give the most significant principal stretch."""
+    if fit.determined.shape[1] == 0:
+        return None
+    values, axes = np.linalg.eigh(fit.deformation.strain())
+    covariance = fit.determined @ fit.covariance @ fit.determined.T
+    fields = fit.deformation.fields(axes.T)[:, :, :6]
+    # a principal stretch changes by its direction's share of each component of the strain
+    shares = np.einsum("ki,kim->km", axes.T, fields)
+    stds = np.sqrt(np.maximum(np.einsum("km,mn,kn->k", shares, covariance[:6, :6], shares), 1e-18))
+    most = int(np.argmax(np.abs(values) / stds))
+    direction = pose.rotation.inv().apply(axes[:, most])
+    direction *= np.sign(direction[np.argmax(np.abs(direction))])
+    return Stretch(float(1.0 / (1.0 + values[most]) - 1.0), float(stds[most]), tuple(direction.tolist()))
+
+
+def _open_motions(
+    fit: DeformedFit, target: ScanFeatures, source: ScanFeatures, pose: RigidTransform
+) -> tuple[Array, tuple[float, float]]:
+    """Give the differences of the pose that put each instrument where the deformed scan has it."""
+    turn = (fit.target_from_source.rotation * pose.rotation.inv()).as_rotvec()
+    here = target.index.centre_m if target.sensor_m is None else target.sensor_m
+    there = source.index.centre_m if source.sensor_m is None else source.sensor_m
+    places = pose.apply(there), here
+    shifts = fit.apply(there[None])[0] - places[0], here - pose.apply(fit.undone(here[None])[0])
+    motions = [
+        np.concatenate([turn, shift - np.cross(turn, place - np.asarray(pose.translation))])
+        for place, shift in zip(places, shifts, strict=True)
+    ]
+    return np.array(motions), (float(np.linalg.norm(shifts[0])), float(np.linalg.norm(shifts[1])))
