@@ -128,6 +128,31 @@ class SurfaceFigures(Document):
     converged: bool
 
 
+class ModelParameter(Document):
+    """A parameter beside the motion that was estimated to test whether the scans differ by more; never applied."""
+
+    value: float | None = Field(
+        description="Scale or stretch of the source over the target, less one: 0.02 where the source is 2 % larger. "
+        "Null: the surfaces do not determine it."
+    )
+    std: float | None
+    significant: bool = Field(description="Whether the scans differ so; the pair is not accepted then.")
+    direction_in_source: tuple[float, float, float] | None = Field(
+        default=None, description="Of a stretch: unit vector in the axes of the source's file."
+    )
+
+
+class ModelTests(Document):
+    """Whether the two scans differ by more than a rigid motion."""
+
+    rigid: bool = Field(description="False where a scale, a stretch or a bend is significant.")
+    scale: ModelParameter
+    stretch: ModelParameter = Field(description="The most significant scale along one direction.")
+    bend: bool = Field(description="Whether one scan is bent against the other.")
+    more_surface_fits: float = Field(description="Share by which more surface fits with the deformation found.")
+    instrument_shift_m: float = Field(description="How far the deformation leaves open where an instrument stood.")
+
+
 class Pair(Document):
     """What came out for two stations."""
 
@@ -144,6 +169,7 @@ class Pair(Document):
     estimator_reason: str | None = Field(default=None, description="Why, in words with figures.")
     pose_parts: list[PosePart] = Field(default=[], description="What that pose is made of, the largest share first.")
     surfaces: SurfaceFigures | None = Field(default=None, description="Null: the method does not use surfaces.")
+    model: ModelTests | None = Field(default=None, description="Null: there is no pose to test.")
     coarse: Coarse | None
     adjustment: Adjustment | None = Field(
         description="The rigorous adjustment, also where the method has an estimator of its own; with correspondences, "

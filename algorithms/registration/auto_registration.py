@@ -29,13 +29,17 @@ from algorithms.registration.final_pose import (
     of_features,
     of_surfaces,
     refuted_by_own_surfaces,
+    widened,
 )
-from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, hidden_shift_m, status_of_final
+from algorithms.registration.final_verdict import doubts_of_slivers, hidden_shift_m, status_of_final
 from algorithms.registration.line_registration import FeatureUse, adjusted_features
 from algorithms.registration.pair_verdict import (
     agreement_doubts,
+    allowed_m,
     expected_supporters,
     largest_hidden_shift_m,
+    misfit_doubts,
+    rigidity_of,
     searched,
 )
 from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
@@ -208,12 +212,16 @@ def _answer(
             if torn and apart_m > allowed_m(problem):
                 good, doubts = None, (_contradiction(attempts[0]),)
     if good is not None and good.comparison is not None:
+        if good.comparison.apart_m > allowed_m(problem):
+            doubts = (_apart(good.comparison, allowed_m(problem)),)
         whole = joined(problem, good.fine, surfaces, good.comparison, good.label, torn=torn)
         final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
         hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
-        return _Answer(final, good.fine, hidden)
+        return _Answer(final, good.fine, hidden, doubts)
+    doubts = *doubts, *misfit_doubts([attempt.fine for attempt in attempts])
     why = remarks or ["there are neither lines nor planes to adjust"]
-    final = of_surfaces(problem, surfaces, f"{'; '.join(why)}: so the surfaces alone, {surfaces.in_words()}")
+    held = attempts[0].fine if doubts and attempts else None
+    final = of_surfaces(problem, surfaces, f"{'; '.join(why)}: so the surfaces alone, {surfaces.in_words()}", held=held)
     return _Answer(final, None, surfaces.hidden_shift_m, doubts)
 
 
@@ -222,6 +230,14 @@ def _nearest(attempts: list[_Attempt]) -> tuple[_Attempt, float]:
     apart = [0.0 if attempt.comparison is None else attempt.comparison.apart_m for attempt in attempts]
     nearest = int(np.argmin(apart))
     return attempts[nearest], apart[nearest]
+
+
+def _apart(comparison: Comparison, limit_m: float) -> str:
+    return (
+        f"lines and planes put the scan {comparison.apart_m * 1e3:.0f} mm from where the surfaces have it, more than "
+        f"the {limit_m * 1e3:.0f} mm that are asked of a pose: that their standard deviations are as large is no "
+        "agreement"
+    )
 
 
 def _contradiction(attempt: _Attempt) -> str:
@@ -245,9 +261,12 @@ def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _A
         lone_spotless=coarse.lone_spotless,
         conditions=0 if fine is None or agreement_doubts(fine) else fine.adjustment.redundancy,
     )
-    doubts = *answer.doubts, *doubts_of_slivers(final, verification)
+    tested = rigidity_of(problem, final.reduced, verdict)
+    doubts = *answer.doubts, *doubts_of_slivers(final, verification), *(() if tested is None else tested.doubts())
     status, reasons = status_of_final(
         problem, coarse, final, verdict, fine=fine, doubts=doubts, hidden_m=answer.hidden_m
     )
+    if tested is not None:
+        final = widened(problem, final, tested)
     shown = None if fine is None else replace(fine, pose=final.pose)
-    return PairResult(status, reasons, coarse, shown, verification, final=final)
+    return PairResult(status, reasons, coarse, shown, verification, final=final, rigidity=tested)

@@ -16,6 +16,7 @@ from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.priors import PairPriors
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import Verification
+from algorithms.registration.rigidity import Rigidity
 from algorithms.registration.surface_estimate import SurfaceEstimate
 
 
@@ -142,6 +143,8 @@ class PairResult:
     final: FinalPose | None = None
     """For methods that may choose between estimates, or use surfaces: the pose, and which estimator gave it. The pose
     of `fine`, where there is one, is the same then, and its adjustment is that of the lines and planes in it."""
+    rigidity: Rigidity | None = None
+    """Whether the scans differ by more than a motion; None where no pose was worth the question."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":

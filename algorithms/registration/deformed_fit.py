@@ -1,4 +1,4 @@
-"""Lay the surfaces of two scans on each other with a motion and a deformation: do they differ by more than a motion?"""
+"""Lay the surfaces of two scans on each other with a motion and a deformation, to see whether a motion is enough."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -317,9 +317,7 @@ class _System:
         cross = known.T @ matrix[:6, 6:]
         rest = matrix[6:, 6:] - cross.T @ np.linalg.solve(known.T @ matrix[:6, :6] @ known, cross)
         values, vectors = np.linalg.eigh(rest)
-        return _System(
-            gaps, weights, bread, spread, bent.radius_m, design, known, vectors[:, values > LEAST_TESTIMONY]
-        )
+        return _System(gaps, weights, bread, spread, bent.radius_m, design, known, vectors[:, values > LEAST_TESTIMONY])
 
     @property
     def reduced(self) -> Array:

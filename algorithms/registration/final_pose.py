@@ -1,6 +1,6 @@
 """The final pose from lines, planes and surfaces together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -24,6 +24,7 @@ from algorithms.registration.pose_fusion import (
     joint_covariance,
     share_of_first,
 )
+from algorithms.registration.rigidity import Rigidity
 from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
 from algorithms.registration.surface_options import SurfaceOptions
 
@@ -72,10 +73,45 @@ def frame_of(surfaces: SurfaceEstimate) -> FusionFrame:
     return FusionFrame(surfaces.pose.target_from_source, CentredFrame(surfaces.centre_m, surfaces.radius_m))
 
 
-def of_surfaces(problem: RegistrationProblem, surfaces: SurfaceEstimate, reason: str) -> FinalPose:
-    """Take the pose of the surfaces alone."""
-    part = PosePart("surfaces", 1.0)
-    return _final(problem, surfaces.pose, frame_of(surfaces).centred, "surfaces", reason, (part,), 0.0, surfaces)
+def of_surfaces(
+    problem: RegistrationProblem, surfaces: SurfaceEstimate, reason: str, *, held: FineRegistration | None = None
+) -> FinalPose:
+    """Take the pose of the surfaces alone.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    surfaces
+        The estimate.
+    reason
+        Why it stands alone, in words.
+    held
+        Lines and planes that contradict it without being refuted: the covariance holds their pose too.
+    """
+    part, frame = PosePart("surfaces", 1.0), frame_of(surfaces)
+    pose = surfaces.pose
+    if held is not None:
+        information = frame.information(held.adjustment.pose_a_posteriori)
+        pose = frame.holding_both(pose, information, frame.information(pose))
+    return _final(problem, pose, frame.centred, "surfaces", reason, (part,), 0.0, surfaces)
+
+
+def widened(problem: RegistrationProblem, final: FinalPose, tested: Rigidity) -> FinalPose:
+    """Let the covariance hold what a deformation of the scans leaves open.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    final
+        The pose.
+    tested
+        Whether the scans differ by more than a motion.
+    """
+    reduced = tested.widened(final.reduced)
+    pose = reduced.moved_to_origins(problem.target.origin_m, problem.source.origin_m)
+    return replace(final, reduced=reduced, pose=pose)
 
 
 def of_features(

@@ -15,6 +15,8 @@ from algorithms.registration.pair_verdict import (
     LEAST_REDUNDANCY,
     WORST_STD_M,
     agreement_doubts,
+    allowed_m,
+    misfit_doubts,
     remarks_on,
 )
 from algorithms.registration.surface_estimate import WEAK_TESTIMONY
@@ -72,29 +74,12 @@ def status_of_final(
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
     found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem)), *_doubts_far_off(problem, final)]
     if fine is not None:
-        found += agreement_doubts(fine)
+        found += [*misfit_doubts([fine]), *agreement_doubts(fine)]
     if problem.priors is not None:
         found += problem.priors.contradictions(final.reduced)
     if verdict.status is AcceptanceStatus.DOUBTFUL or found:
         return PairStatus.DOUBTFUL, (*reasons, *found)
     return PairStatus.ACCEPTED, tuple(reasons)
-
-
-def allowed_m(problem: RegistrationProblem) -> float:
-    """Give the largest standard deviation, and undetected error, that is allowed in an accepted pose [m].
-
-    Two centimetres; or what single points are known to where they are noisier, for scans laid on each other then
-    scatter no more than each does by itself; or half the distance of neighbouring points where they stand wide apart,
-    for neither scan tells its surfaces' rims to better than that.
-
-    Parameters
-    ----------
-    problem
-        Features of both scans.
-    """
-    scans = problem.target, problem.source
-    noise_m = max(scan.noise_std_m for scan in scans)
-    return max(WORST_STD_M, noise_m, 0.5 * max(scan.spacing_m for scan in scans))
 
 
 def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, limit_m: float) -> list[str]:

@@ -1,6 +1,6 @@
 """The work of the methods `lines` and `planes`: matching, adjustment with correspondences found anew, verification."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -19,7 +19,7 @@ from algorithms.progress import Progress
 from algorithms.quality.acceptance import judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.pair_verdict import expected_supporters, searched, status_of_pair
+from algorithms.registration.pair_verdict import expected_supporters, rigidity_of, searched, status_of_pair
 
 MOST_TURN_PER_M = 1e-4
 """An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
@@ -74,8 +74,13 @@ def register_by_features(
     progress.report(0.9, "verification")
     verification = verify_pose(problem.target, problem.source, fine.adjustment.pose.target_from_source)
     verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=expected_supporters(fine))
-    status, reasons = status_of_pair(problem, coarse, fine, verdict)
-    return PairResult(status, reasons, coarse, fine, verification)
+    tested = rigidity_of(problem, fine.adjustment.pose_a_posteriori, verdict)
+    doubts = () if tested is None else tuple(tested.doubts())
+    status, reasons = status_of_pair(problem, coarse, fine, verdict, doubts=doubts)
+    if tested is not None:
+        wider = tested.widened(fine.adjustment.pose_a_posteriori)
+        fine = replace(fine, pose=wider.moved_to_origins(problem.target.origin_m, problem.source.origin_m))
+    return PairResult(status, reasons, coarse, fine, verification, rigidity=tested)
 
 
 def adjusted_features(

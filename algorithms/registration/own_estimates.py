@@ -1,6 +1,6 @@
 """Registration with an estimator other than the rigorous one: both side by side, verified as strictly as any other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -25,7 +25,7 @@ from algorithms.registration.own_procedures import (
     pose_difference,
     rigorously_adjusted,
 )
-from algorithms.registration.pair_verdict import WORST_STD_M, searched, status_of_pair
+from algorithms.registration.pair_verdict import WORST_STD_M, rigidity_of, searched, status_of_pair
 
 OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
 """Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
@@ -102,7 +102,11 @@ def _result(
         _in_files(problem, pose),
         adjustment.centroid_m + problem.target.origin_m,
     )
-    status, reasons = status_of_pair(problem, search, fine, verdict)
+    tested = rigidity_of(problem, pose, verdict)
+    if tested is not None:
+        fine = replace(fine, pose=_in_files(problem, tested.widened(pose)))
+    differs = () if tested is None else tuple(tested.doubts())
+    status, reasons = status_of_pair(problem, search, fine, verdict, doubts=differs)
     doubts = _doubts(problem, outcome, pose)
     if doubts and status is PairStatus.ACCEPTED:
         status = PairStatus.DOUBTFUL
@@ -114,6 +118,7 @@ def _result(
         outcome.verification,
         rigorous=_in_files(problem, adjustment.pose_a_posteriori),
         own_figures=_own_figures(problem, procedure, outcome),
+        rigidity=tested,
     )
 
 

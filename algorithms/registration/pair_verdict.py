@@ -1,5 +1,6 @@
 """What is to be thought of a pair's pose: surfaces, runner-up, geometry and tests together."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from algorithms.matching.options import MatchingOptions
 from algorithms.matching.surface_fit import surface_pose_covariance, surface_pose_near
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.rigidity import Rigidity, rigidity
 
 LEAST_REDUNDANCY = 10
 """Conditions beyond the six parameters without which no test means anything."""
@@ -26,6 +28,8 @@ WORST_STD_M = 0.02
 """Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
 WORST_HIDDEN_M = 0.02
 """So far may an error that stays undetected in one line or plane shift the pose (external reliability, MATH 4.3)."""
+MOST_SIGMA0 = 4.0
+"""Residuals so many times what the noise explains are no unevenness of walls (up to 2): the model is wrong."""
 LEAST_USED_SHARE = 0.5
 """Below this share of agreeing correspondences the pose is doubtful."""
 
@@ -52,8 +56,20 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
         return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
 
 
+def rigidity_of(problem: RegistrationProblem, pose: PoseEstimate, verdict: Verdict) -> Rigidity | None:
+    """Look for a deformation beside a pose between the reduced frames; None where the pose is rejected anyway."""
+    if verdict.status is AcceptanceStatus.REJECTED:
+        return None
+    return rigidity(problem.target, problem.source, pose.target_from_source)
+
+
 def status_of_pair(
-    problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration, verdict: Verdict
+    problem: RegistrationProblem,
+    coarse: CoarseRegistration,
+    fine: FineRegistration,
+    verdict: Verdict,
+    *,
+    doubts: tuple[str, ...] = (),
 ) -> tuple[PairStatus, tuple[str, ...]]:
     """Join what surfaces, runner-up and adjustment say; the most severe decides.
 
@@ -67,6 +83,8 @@ def status_of_pair(
         The adjusted pose.
     verdict
         Of the surfaces in that pose.
+    doubts
+        What is known already.
 
     Returns
     -------
@@ -84,11 +102,11 @@ def status_of_pair(
         )
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    doubts = [*_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
+    found = [*doubts, *_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
     if problem.priors is not None:
-        doubts += problem.priors.contradictions(adjustment.pose_a_posteriori)
-    if verdict.status is AcceptanceStatus.DOUBTFUL or doubts:
-        return PairStatus.DOUBTFUL, (*reasons, *doubts)
+        found += problem.priors.contradictions(adjustment.pose_a_posteriori)
+    if verdict.status is AcceptanceStatus.DOUBTFUL or found:
+        return PairStatus.DOUBTFUL, (*reasons, *found)
     return PairStatus.ACCEPTED, tuple(reasons)
 
 
@@ -102,7 +120,7 @@ def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
             f"only {adjustment.redundancy} conditions more than parameters: errors could hide "
             f"({LEAST_REDUNDANCY} would be needed)"
         )
-    doubts += agreement_doubts(fine)
+    doubts += [*misfit_doubts([fine]), *agreement_doubts(fine)]
     scale = np.sqrt(adjustment.variance_factor)
     hidden = largest_hidden_shift_m(adjustment)
     if hidden > WORST_HIDDEN_M:
@@ -129,6 +147,35 @@ def agreement_doubts(fine: FineRegistration) -> list[str]:
     return [f"only {used} of {all_} corresponding lines and planes agree with each other"]
 
 
+def misfit_doubts(adjusted: Sequence[FineRegistration]) -> list[str]:
+    """Say it where lines and planes do not fit in any of some adjustments, so that the model itself is wrong."""
+    sigmas = [fine.adjustment.sigma0 for fine in adjusted if fine.adjustment.sigma0 is not None]
+    if not sigmas or min(sigmas) <= MOST_SIGMA0:
+        return []
+    doubt = (
+        f"corresponding lines and planes are {min(sigmas):.0f} times as far apart as the noise explains, and uneven "
+        f"walls account for {MOST_SIGMA0:.0f} times at most: the scans differ by more than a motion, or much has moved"
+    )
+    return [doubt]
+
+
+def allowed_m(problem: RegistrationProblem) -> float:
+    """Give the largest standard deviation, and undetected error, that is allowed in an accepted pose [m].
+
+    Two centimetres; or what single points are known to where they are noisier, for scans laid on each other then
+    scatter no more than each does by itself; or half the distance of neighbouring points where they stand wide apart,
+    for neither scan tells its surfaces' rims to better than that.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    """
+    scans = problem.target, problem.source
+    noise_m = max(scan.noise_std_m for scan in scans)
+    return max(WORST_STD_M, noise_m, 0.5 * max(scan.spacing_m for scan in scans))
+
+
 def largest_hidden_shift_m(adjustment: LineAdjustment) -> float:
     """Give the largest shift of the pose, at the features' centroid, by an error that just stays undetected [m].
 
@@ -153,12 +200,12 @@ def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fi
     if found is None:
         return []
     shift, std = found
-    return [
-        (
-            f"lines and planes shift the scan by up to {shift * 1e3:.0f} mm from the best fit of the surfaces, more "
-            f"than the standard deviation of {std * 1e3:.0f} mm there explains"
-        )
-    ]
+    doubt = (
+        f"lines and planes shift the scan by up to {shift * 1e3:.0f} mm from the best fit of the surfaces, more than "
+        f"the standard deviation of {std * 1e3:.0f} mm there explains, or than the {allowed_m(problem) * 1e3:.0f} mm "
+        "that are asked of a pose"
+    )
+    return [doubt]
 
 
 def _misfit(
@@ -166,7 +213,8 @@ def _misfit(
 ) -> tuple[float, float] | None:
     """Give the worst shift [m] of a used feature from where the surfaces have it, and its standard deviation [m].
 
-    None where all are within what standard deviations and noise allow.
+    None where all are within what standard deviations and noise allow, and within what is asked of a pose: large
+    standard deviations are no agreement.
     """
     pose = fine.adjustment.pose_a_posteriori
     points = _used_features(problem, fine)
@@ -181,7 +229,9 @@ def _misfit(
     excess = (along - (SURFACE_SIGMAS * stds + allowance)).max(axis=1)
     worst = int(np.argmax(excess))
     if excess[worst] <= 0.0:
-        return None
+        worst = int(np.argmax(np.linalg.norm(shifts, axis=1)))
+        if np.linalg.norm(shifts[worst]) <= allowed_m(problem):
+            return None
     return float(np.linalg.norm(shifts[worst])), float(np.linalg.norm(stds[worst]))
 
 

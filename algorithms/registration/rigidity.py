@@ -14,7 +14,8 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.poses import PoseEstimate
+from algorithms.geometry.poses import PoseEstimate, inversion_jacobian
+from algorithms.matching.directions import comes_first
 from algorithms.registration.deformed_fit import DeformationKind, DeformedFit, fit_deformed
 
 SIGNIFICANT = 4.0
@@ -40,6 +41,13 @@ class Stretch:
     direction_in_source: tuple[float, float, float] | None = None
     """Unit vector in the source's axes; None for a scale, which is the same along all."""
 
+    def inverted(self, target_from_source: RigidTransform | None = None) -> "Stretch":
+        """Say how much longer the target is than the source, along a direction in its axes."""
+        direction = self.direction_in_source
+        if direction is not None and target_from_source is not None:
+            direction = _signed(target_from_source.rotation.apply(np.array(direction)))
+        return Stretch(1.0 / (1.0 + self.value) - 1.0, self.std, direction)
+
 
 @dataclass(frozen=True, eq=False)
 class Rigidity:
@@ -63,6 +71,23 @@ class Rigidity:
     def moved_m(self) -> float:
         """How far the deformation leaves it open where an instrument stood [m]."""
         return max(self.shifts_m)
+
+    def inverted(self, target_from_source: RigidTransform) -> "Rigidity":
+        """Give the same with target and source exchanged.
+
+        Parameters
+        ----------
+        target_from_source
+            The pose as it was.
+        """
+        jacobian = inversion_jacobian(target_from_source)
+        return replace(
+            self,
+            scale=None if self.scale is None else self.scale.inverted(),
+            stretch=None if self.stretch is None else self.stretch.inverted(target_from_source),
+            motions=None if self.motions is None else self.motions[::-1] @ jacobian.T,
+            shifts_m=self.shifts_m[::-1],
+        )
 
     def widened(self, pose: PoseEstimate) -> PoseEstimate:
         """Give a pose between the reduced frames with a covariance that holds what the deformation leaves open."""
@@ -88,11 +113,12 @@ class Rigidity:
             )
         else:
             what = f"one of the scans is bent against the other ({more})"
-        return [
+        doubt = (
             f"the scans differ by more than a motion: {what}: other units, a rescaled cloud, or a scanner out of "
             f"adjustment. Nothing was rescaled; the standard deviations hold the {self.moved_m * 1e3:.0f} mm by which "
             "this leaves the instruments open"
-        ]
+        )
+        return [doubt]
 
 
 def _percent(stretch: Stretch) -> str:
@@ -113,6 +139,8 @@ def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -
     pose
         Target from source between the reduced frames.
     """
+    if not comes_first(target, source):
+        return rigidity(source, target, pose.inv()).inverted(pose.inv())
     try:
         scale = fit_deformed(target, source, pose, DeformationKind.SCALE)
         strain = fit_deformed(target, source, pose, DeformationKind.STRAIN, thorough=False)
@@ -125,9 +153,9 @@ def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -
         return Rigidity(None)
     by_scale, stretch = _scale_of(scale), _largest_stretch(strain, pose)
     kind = _kind(scale, strain, bend, by_scale, stretch)
-    best = {DeformationKind.SCALE: scale, DeformationKind.STRAIN: strain, DeformationKind.BEND: bend}.get(kind)
-    if best is None:
+    if kind is None:
         return Rigidity(by_scale, stretch)
+    best = {DeformationKind.SCALE: scale, DeformationKind.STRAIN: strain, DeformationKind.BEND: bend}[kind]
     motions, shifts = _open_motions(best, target, source, pose)
     return Rigidity(by_scale, stretch, kind, best.gain, motions, shifts)
 
@@ -174,9 +202,14 @@ def _largest_stretch(fit: DeformedFit, pose: RigidTransform) -> Stretch | None:
     shares = np.einsum("ki,kim->km", axes.T, fields)
     stds = np.sqrt(np.maximum(np.einsum("km,mn,kn->k", shares, covariance[:6, :6], shares), 1e-18))
     most = int(np.argmax(np.abs(values) / stds))
-    direction = pose.rotation.inv().apply(axes[:, most])
-    direction *= np.sign(direction[np.argmax(np.abs(direction))])
-    return Stretch(float(1.0 / (1.0 + values[most]) - 1.0), float(stds[most]), tuple(direction.tolist()))
+    direction = _signed(pose.rotation.inv().apply(axes[:, most]))
+    return Stretch(float(1.0 / (1.0 + values[most]) - 1.0), float(stds[most]), direction)
+
+
+def _signed(direction: Array) -> tuple[float, float, float]:
+    """Turn a unit vector so that its largest component is positive."""
+    x, y, z = (direction * np.sign(direction[np.argmax(np.abs(direction))])).tolist()
+    return float(x), float(y), float(z)
 
 
 def _open_motions(

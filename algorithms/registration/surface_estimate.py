@@ -14,8 +14,8 @@ from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.directions import comes_first
 from algorithms.matching.polish import LEAST_GAPS, SurfaceGaps, surface_gaps
 from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
-from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
 from algorithms.registration.surface_options import SurfaceOptions
+from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
 from algorithms.scans.surface_index import EvidenceLimits
 
 MAD_TO_STD = 1.4826

@@ -16,7 +16,7 @@ WALL_PIECE_M = 8.0
 
 
 def wall_pieces(labels: Labels, positions: Points) -> Labels:
-    """Number the pieces of walls that points belong to: same plane, same cube.
+    """Give the number of the piece of a wall, same plane and same cube, that each point belongs to.
 
     Parameters
     ----------
@@ -24,10 +24,6 @@ def wall_pieces(labels: Labels, positions: Points) -> Labels:
         (n,) plane that each point belongs to, -1 for none: then the cube alone counts.
     positions
         (n, 3) points [m].
-
-    Returns
-    -------
-    (n,) numbers 0 … g - 1.
     """
     cells = np.floor((positions - positions.min(axis=0)) / WALL_PIECE_M).astype(np.int64)
     return np.asarray(np.unique(np.column_stack([labels, cells]), axis=0, return_inverse=True)[1].ravel())
@@ -65,7 +61,8 @@ def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: La
     meat = moved.T @ moved
     means = (moved / total[:, None]).T @ moved
     solved = linalg.solve(normal_matrix, meat, assume_a="pos")
-    freedom = total.sum() - 2.0 * np.trace(solved) + np.trace(linalg.solve(normal_matrix, means, assume_a="pos") @ solved)
+    taken = 2.0 * np.trace(solved) - np.trace(linalg.solve(normal_matrix, means, assume_a="pos") @ solved)
+    freedom = total.sum() - taken
     variance = float(total @ misfits**2) / max(float(freedom), 1e-3 * float(total.sum()))
     return np.asarray(variance * inverse_moved @ inverse_moved.T)
 

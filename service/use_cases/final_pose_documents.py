@@ -7,11 +7,13 @@ import numpy as np
 from algorithms.adjustment.principal_motions import principal_motions
 from algorithms.adjustment.rank import WEAK_STD_RATIO
 from algorithms.registration.base import FinalPose
+from algorithms.registration.deformed_fit import DeformationKind
+from algorithms.registration.rigidity import Rigidity, Stretch
 from algorithms.registration.surface_estimate import SurfaceEstimate
 from schemas.adjustment_figures import FreeMotion, PrincipalMotion, RankReport, WeakDirection
 from schemas.correspondences import Triple
 from schemas.poses import Row6
-from schemas.registration_result import SurfaceFigures
+from schemas.registration_result import ModelParameter, ModelTests, SurfaceFigures
 
 PARAMETERS = 6
 
@@ -29,6 +31,26 @@ def surface_document(surfaces: SurfaceEstimate) -> SurfaceFigures:
         hidden_shift_m=surfaces.hidden_shift_m,
         iterations=surfaces.iterations,
         converged=surfaces.converged,
+    )
+
+
+def model_document(tested: Rigidity) -> ModelTests:
+    """Describe whether two scans differ by more than a motion."""
+    return ModelTests(
+        rigid=tested.kind is None,
+        scale=_parameter(tested.scale, tested.kind is DeformationKind.SCALE),
+        stretch=_parameter(tested.stretch, tested.kind is DeformationKind.STRAIN),
+        bend=tested.kind is DeformationKind.BEND,
+        more_surface_fits=tested.gain,
+        instrument_shift_m=tested.moved_m,
+    )
+
+
+def _parameter(found: Stretch | None, significant: bool) -> ModelParameter:
+    if found is None:
+        return ModelParameter(value=None, std=None, significant=False)
+    return ModelParameter(
+        value=found.value, std=found.std, significant=significant, direction_in_source=found.direction_in_source
     )
 
 

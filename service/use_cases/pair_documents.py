@@ -32,7 +32,12 @@ from service.use_cases.adjustment_documents import (
     weak_direction_documents,
 )
 from service.use_cases.correspondence_documents import line_correspondences, outliers, plane_correspondences
-from service.use_cases.final_pose_documents import final_rank_document, final_weak_directions, surface_document
+from service.use_cases.final_pose_documents import (
+    final_rank_document,
+    final_weak_directions,
+    model_document,
+    surface_document,
+)
 from service.use_cases.own_figures_documents import own_figures_document
 from service.use_cases.pose_documents import matrix_rows, pose_document
 from service.use_cases.run_lines_report import line_name
@@ -65,6 +70,7 @@ def pair_document(
         estimator_reason=None if final is None else final.reason,
         pose_parts=[] if final is None else [PosePart(name=part.name, share=part.share) for part in final.parts],
         surfaces=None if final is None or final.surfaces is None else surface_document(final.surfaces),
+        model=None if result.rigidity is None else model_document(result.rigidity),
         coarse=None if result.coarse is None else _coarse(result.coarse),
         adjustment=None if fine is None else adjustment_document(fine),
         correspondences=[] if fine is None else line_correspondences(fine, target_features, target, source),
