@@ -285,7 +285,7 @@ class _System:
 
     gaps: _Gaps
     weights: Scalars
-    bread: float
+    slopes: Scalars
     spread_m: float
     radius_m: float
     design: Array
@@ -304,10 +304,9 @@ class _System:
             inside = squares < 1.0
             weights = np.where(inside, np.square(1.0 - squares), 0.0) * gaps.weights
             slopes = np.where(inside, (1.0 - squares) * (1.0 - 5.0 * squares), 0.0) * gaps.weights
-            bread = float(slopes.sum() / weights.sum())
         else:
             weights = gaps.weights / np.square(1.0 + np.square(gaps.gaps_m / doubtful_m))
-            bread = 1.0
+            slopes = weights
         arms = gaps.positions - centre
         fields = np.einsum("ni,nik->nk", gaps.normals, bent.fields(arms)) / bent.radius_m
         design = np.hstack([np.cross(arms, gaps.normals) / bent.radius_m, gaps.normals, fields])
@@ -317,7 +316,9 @@ class _System:
         cross = known.T @ matrix[:6, 6:]
         rest = matrix[6:, 6:] - cross.T @ np.linalg.solve(known.T @ matrix[:6, :6] @ known, cross)
         values, vectors = np.linalg.eigh(rest)
-        return _System(gaps, weights, bread, spread, bent.radius_m, design, known, vectors[:, values > LEAST_TESTIMONY])
+        return _System(
+            gaps, weights, slopes, spread, bent.radius_m, design, known, vectors[:, values > LEAST_TESTIMONY]
+        )
 
     @property
     def reduced(self) -> Array:
@@ -337,10 +338,10 @@ class _System:
         reduced, k = self.reduced, self.known.shape[1]
         found = neighbourhood_covariance(
             reduced, self.weights, self.gaps.gaps_m, self.gaps.positions, self.gaps.normals,
-            bread=self.bread, edge_m=0.5, shifts=np.zeros((3, reduced.shape[1])),
+            slopes=self.slopes, edge_m=0.5, shifts=np.zeros((3, reduced.shape[1])),
         )  # fmt: skip
         variances = np.where(np.isfinite(found.variances), found.variances, 1e6)
         pieces = wall_pieces(self.gaps.planes, self.gaps.positions)
-        walls = wall_covariance(reduced, self.weights, self.gaps.gaps_m, pieces, bread=self.bread)
+        walls = wall_covariance(reduced, self.weights, self.gaps.gaps_m, pieces, slopes=self.slopes)
         whole = covering((found.axes * variances) @ found.axes.T, walls)
         return np.asarray(whole[k:, k:] / self.radius_m**2)

@@ -10,6 +10,7 @@ neighbourhoods are made larger while that makes it larger.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
 from algorithms.arrays import Array, Points, Scalars
 
@@ -21,6 +22,8 @@ LEAST_DEGREES = 4.0
 LEAST_NEIGHBOURHOODS = 16
 """Surfaces in fewer neighbourhoods tell too little: ten degrees of freedom more than parameters, as of `adjustment`.
 Larger neighbourhoods of which there are fewer are not used."""
+LEAST_SLOPE = 0.2
+"""Least ratio of slopes to weights along a direction: below it the estimator would hardly hold it."""
 NO_DEGREES = 2.0
 """At so few degrees of freedom Student's distribution has no variance: nothing controls that motion."""
 
@@ -49,14 +52,14 @@ def neighbourhood_covariance(
     positions: Points,
     normals: Points,
     *,
-    bread: float,
+    slopes: Scalars,
     edge_m: float,
     shifts: Array,
 ) -> NeighbourhoodCovariance:
     """Estimate the covariance of x in gaps = design x + misfit from the misfits of neighbourhoods.
 
-    With N = Σ w a aᵀ and, of the points in neighbourhood c, N_c and u_c = Σ w a v: leaving c out changes the estimate
-    by -(N - N_c)⁻¹ u_c, and C = (G - 1)/G Σ (N - N_c)⁻¹ u_c u_cᵀ (N - N_c)⁻¹ over G neighbourhoods. Along each
+    With N of `influence_matrix` and, of the points in neighbourhood c, N_c and u_c = Σ w a v: leaving c out changes the
+    estimate by -(N - N_c)⁻¹ u_c, and C = (G - 1)/G Σ (N - N_c)⁻¹ u_c u_cᵀ (N - N_c)⁻¹ over G neighbourhoods. Along each
     principal axis the neighbourhoods count by their shares p_c of the information, G' = 1/Σ p_c², and the variance is
     multiplied by that of Student's distribution with ν = G' - 1 degrees of freedom, ν/(ν - 2).
 
@@ -70,23 +73,22 @@ def neighbourhood_covariance(
         (n,) misfits at the estimate [m].
     positions, normals
         (n, 3) where the misfits are and in which direction they are measured.
-    bread
-        Mean derivative of the robust estimator's influence function over its mean weight: the normal matrix of an
-        estimator that takes less notice of large misfits is smaller by that factor (Huber 1981, ch. 6).
+    slopes
+        (n,) derivatives of the robust estimator's influence function, weights included (`influence_matrix`).
     edge_m
         Edge of the smallest neighbourhoods [m].
     shifts
         (m, k) parameters to shifts: the neighbourhood that does most is the one with the largest effect on them.
     """
-    cells, sums = _summed(design, weights, gaps_m, positions, normals, edge_m)
-    normal_matrix = bread * sums.own.sum(axis=0)
-    chosen, _ = _at(normal_matrix, bread, sums)
+    cells, sums = _summed(design, weights, slopes, gaps_m, positions, normals, edge_m)
+    normal_matrix = influence_matrix(design, weights, slopes)
+    chosen, _ = _at(normal_matrix, sums)
     summed, factor = sums, 1
     if np.isfinite(chosen.variances).all():
         inverse, largest = np.linalg.inv(chosen.matrix), float(design.shape[1])
         for times in EDGE_FACTORS:
             coarser = sums.united(np.unique(cells // times, axis=0, return_inverse=True)[1].ravel())
-            found, degrees = _at(normal_matrix, bread, coarser)
+            found, degrees = _at(normal_matrix, coarser)
             if degrees < LEAST_DEGREES or len(coarser.own) < LEAST_NEIGHBOURHOODS:
                 break
             larger = float(np.trace(inverse @ found.matrix))
@@ -101,12 +103,33 @@ def neighbourhood_covariance(
     )
 
 
+def influence_matrix(design: Array, weights: Scalars, slopes: Scalars) -> Array:
+    """Give Σ s a aᵀ, the derivative of a robust estimator's equations by the parameters, kept positive definite.
+
+    An estimator that takes less notice of large misfits holds the parameters less firmly than Σ w a aᵀ says (Huber
+    1981, ch. 6), and not equally in all directions: where the walls that fix a direction misfit more than the rest,
+    much less. Along every direction at least `LEAST_SLOPE` of Σ w a aᵀ is left.
+
+    Parameters
+    ----------
+    design
+        (n, k) derivatives of the gaps.
+    weights, slopes
+        (n,) w and s of each gap.
+    """
+    by_weights = (design * weights[:, None]).T @ design
+    by_slopes = (design * slopes[:, None]).T @ design
+    values, vectors = linalg.eigh(by_slopes, by_weights)
+    back = by_weights @ vectors
+    return np.asarray((back * np.maximum(values, LEAST_SLOPE)) @ back.T)
+
+
 @dataclass(frozen=True, eq=False)
 class _Sums:
     """What the points of each of g neighbourhoods add up to."""
 
     own: Array
-    """(g, k, k) Σ w a aᵀ."""
+    """(g, k, k) Σ s a aᵀ with the slopes s."""
     moved: Array
     """(g, k, 3) Σ w a nᵀ."""
     right: Array
@@ -133,7 +156,13 @@ class _Estimate:
 
 
 def _summed(
-    design: Array, weights: Scalars, gaps_m: Scalars, positions: Points, normals: Points, edge_m: float
+    design: Array,
+    weights: Scalars,
+    slopes: Scalars,
+    gaps_m: Scalars,
+    positions: Points,
+    normals: Points,
+    edge_m: float,
 ) -> tuple[Array, _Sums]:
     """Sum the points of every cube: its place among cubes (g, 3), and the sums."""
     from algorithms.registration import surface_kernels as kernels
@@ -143,21 +172,21 @@ def _summed(
     shape = tuple(cells.max(axis=0) - low + 1)
     # one number for each cube: rows are much slower to sort
     keys, groups = np.unique(np.ravel_multi_index(tuple((cells - low).T), shape), return_inverse=True)
-    sums = kernels.sums_of_groups(np.ascontiguousarray(design), weights, gaps_m, normals, groups, len(keys))
+    sums = kernels.sums_of_groups(np.ascontiguousarray(design), weights, slopes, gaps_m, normals, groups, len(keys))
     return np.stack(np.unravel_index(keys, shape), axis=1) + low, _Sums(*sums)
 
 
-def _at(normal_matrix: Array, bread: float, sums: _Sums) -> tuple[_Estimate, float]:
+def _at(normal_matrix: Array, sums: _Sums) -> tuple[_Estimate, float]:
     """Estimate with neighbourhoods of one size; give the fewest degrees of freedom of a principal axis too."""
     count, k = sums.right.shape
-    without = normal_matrix - bread * sums.own
+    without = normal_matrix - sums.own
     # A neighbourhood without which a motion is open leaves a singular matrix: the pseudo-inverse says nothing of that
     # motion then, but the degrees of freedom do, because all its information lies in that neighbourhood.
     changes = np.einsum("gij,gj->gi", np.linalg.pinv(without, rcond=1e-9, hermitian=True), sums.right)
     values, axes = np.linalg.eigh((count - 1.0) / count * changes.T @ changes)
     values, axes = np.maximum(values[::-1], 0.0), axes[:, ::-1]
     along = np.linalg.solve(normal_matrix, axes)
-    shares = bread * np.sum((sums.own @ along) * along, axis=1)
+    shares = np.sum((sums.own @ along) * along, axis=1)
     shares /= np.sum((normal_matrix @ along) * along, axis=0)
     degrees = 1.0 / np.sum(shares**2, axis=0) - 1.0
     controlled = degrees > NO_DEGREES

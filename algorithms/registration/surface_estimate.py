@@ -164,7 +164,7 @@ class _Fit:
 
     gaps: SurfaceGaps
     weights: Scalars
-    bread: float
+    slopes: Scalars
     spread_m: float
     centre_m: Vector3
     radius_m: float
@@ -221,7 +221,7 @@ def _weighed(gaps: SurfaceGaps) -> _Fit:
     squares = np.square(gaps.gaps_m / (TUKEY * spread))
     inside = squares < 1.0
     robust = np.where(inside, np.square(1.0 - squares), 0.0)
-    slopes = np.where(inside, (1.0 - squares) * (1.0 - 5.0 * squares), 0.0)
+    slopes = np.where(inside, (1.0 - squares) * (1.0 - 5.0 * squares), 0.0) * gaps.weights
     weights = robust * gaps.weights
     centre = weights @ gaps.positions / weights.sum()
     arms = gaps.positions - centre
@@ -233,8 +233,7 @@ def _weighed(gaps: SurfaceGaps) -> _Fit:
     told = kernels.testimonies(motions, gaps.positions, gaps.normals, weights, centre, radius, FACING) / weights.sum()
     determined = told >= LEAST_TESTIMONY
     known, open_ = motions[:, determined], motions[:, ~determined]
-    bread = float(slopes @ gaps.weights / weights.sum())
-    return _Fit(gaps, weights, bread, spread, centre, radius, design, matrix, right, known, told[determined], open_)
+    return _Fit(gaps, weights, slopes, spread, centre, radius, design, matrix, right, known, told[determined], open_)
 
 
 def _motions(normal_matrix: Array, spread: Matrix3) -> Array:
@@ -268,13 +267,13 @@ def _with_covariance(
         fit.gaps.gaps_m,
         fit.gaps.positions,
         fit.gaps.normals,
-        bread=fit.bread,
+        slopes=fit.slopes,
         edge_m=options.neighbourhood_m,
         shifts=shifts,
     )
     enlarged = np.where(fit.testimony < WEAK_TESTIMONY, WEAK_VARIANCE**0.5, 1.0)
     axes, controlled = fit.known @ (enlarged[:, None] * found.axes), np.isfinite(found.variances)
-    by_walls = wall_covariance(fit.design @ fit.known, fit.weights, fit.gaps.gaps_m, walls, bread=fit.bread)
+    by_walls = wall_covariance(fit.design @ fit.known, fit.weights, fit.gaps.gaps_m, walls, slopes=fit.slopes)
     kept = found.axes[:, controlled]
     along = np.diag(found.variances[controlled])
     if kept.shape[1]:

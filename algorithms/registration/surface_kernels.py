@@ -67,11 +67,11 @@ def testimonies(
 
 @njit(cache=True, nogil=True)
 def sums_of_groups(
-    design: Array, weights: Array, gaps: Array, normals: Array, groups: Array, count: int
+    design: Array, weights: Array, slopes: Array, gaps: Array, normals: Array, groups: Array, count: int
 ) -> tuple[Array, Array, Array]:
-    """Sum w a aᵀ (count, k, k), w a nᵀ (count, k, 3) and w a v (count, k) over the points of every group.
+    """Sum s a aᵀ (count, k, k), w a nᵀ (count, k, 3) and w a v (count, k) over the points of every group.
 
-    a are the rows of the design (n, k), v the gaps and n the normals.
+    a are the rows of the design (n, k), v the gaps and n the normals, w the weights and s the slopes.
     """
     k = design.shape[1]
     own = np.zeros((count, k, k))
@@ -85,7 +85,7 @@ def sums_of_groups(
             for b in range(3):
                 moved[g, a, b] += weighted * normals[i, b]
             for b in range(a + 1):
-                own[g, a, b] += weighted * design[i, b]
+                own[g, a, b] += slopes[i] * design[i, a] * design[i, b]
     for g in range(count):
         for a in range(k):
             for b in range(a):

@@ -10,9 +10,13 @@ import numpy as np
 from scipy import linalg
 
 from algorithms.arrays import Array, Labels, Points, Scalars
+from algorithms.registration.neighbourhood_covariance import influence_matrix
 
 WALL_PIECE_M = 8.0
 """Larger walls count as several pieces of this edge [m]: errors of surfaces are alike over 4 to 10 m."""
+
+LEAST_FREEDOM = 1e-3
+"""Where the fit leaves the pieces less of their errors than this, it tells nothing of them."""
 
 
 def wall_pieces(labels: Labels, positions: Points) -> Labels:
@@ -29,13 +33,13 @@ def wall_pieces(labels: Labels, positions: Points) -> Labels:
     return np.asarray(np.unique(np.column_stack([labels, cells]), axis=0, return_inverse=True)[1].ravel())
 
 
-def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: Labels, *, bread: float) -> Array:
+def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: Labels, *, slopes: Scalars) -> Array:
     """Estimate the covariance (k, k) of x in gaps = design x + misfit, one error in common for each piece of a wall.
 
-    With N = Σ w a aᵀ (times `bread`), m_g = Σ_g w a and W_g = Σ_g w of piece g, its mean misfit is r_g = Σ_g w v / W_g.
-    Errors e_g of variance τ² change the estimate by N⁻¹ Σ m_g e_g and leave r = e - A N⁻¹ Σ m_g e_g, A of rows
-    m_g / W_g; so τ² = Σ W_g r_g² / tr((I - H)ᵀ W (I - H)) with H = A N⁻¹ Mᵀ, and C = τ² N⁻¹ (Σ m_g m_gᵀ) N⁻¹.
-    O(n k + g k²).
+    With N of `influence_matrix` and, of piece g, W_g = Σ_g w, M_g = Σ_g w a and S_g = Σ_g s a, the mean misfit is
+    r_g = Σ_g w v / W_g. Errors e_g of variance τ² change the estimate by N⁻¹ Σ S_g e_g and leave
+    r_g = e_g - M_gᵀ N⁻¹ Σ S e / W_g. So τ² = Σ W_g r_g² / tr((I - H)ᵀ W (I - H)) with H = W⁻¹ M N⁻¹ Sᵀ, and
+    C = τ² N⁻¹ (Σ S_g S_gᵀ) N⁻¹. O(n k + g k²).
 
     Parameters
     ----------
@@ -47,24 +51,24 @@ def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: La
         (n,) misfits at the estimate [m].
     pieces
         (n,) number of the piece that each point belongs to.
-    bread
-        As of `neighbourhood_covariance`.
+    slopes
+        (n,) as of `influence_matrix`.
     """
     count, k = int(pieces.max()) + 1, design.shape[1]
     total = np.bincount(pieces, weights, count)
-    moved = np.stack([np.bincount(pieces, weights * design[:, i], count) for i in range(k)], axis=1)
+    by_weights, by_slopes = (
+        np.stack([np.bincount(pieces, each * design[:, i], count) for i in range(k)], axis=1)
+        for each in (weights, slopes)
+    )
     used = total > 0.0
-    total, moved = total[used], moved[used]
+    total, by_weights, by_slopes = total[used], by_weights[used], by_slopes[used]
     misfits = np.bincount(pieces, weights * gaps_m, count)[used] / total
-    normal_matrix = bread * (design * weights[:, None]).T @ design
-    inverse_moved = linalg.solve(normal_matrix, moved.T, assume_a="pos")
-    meat = moved.T @ moved
-    means = (moved / total[:, None]).T @ moved
-    solved = linalg.solve(normal_matrix, meat, assume_a="pos")
-    taken = 2.0 * np.trace(solved) - np.trace(linalg.solve(normal_matrix, means, assume_a="pos") @ solved)
-    freedom = total.sum() - taken
-    variance = float(total @ misfits**2) / max(float(freedom), 1e-3 * float(total.sum()))
-    return np.asarray(variance * inverse_moved @ inverse_moved.T)
+    normal_matrix = influence_matrix(design, weights, slopes)
+    effects = linalg.solve(normal_matrix, by_slopes.T, assume_a="pos")
+    means = linalg.solve(normal_matrix, (by_weights / total[:, None]).T @ by_weights, assume_a="pos")
+    taken = 2.0 * np.sum(effects.T * by_weights) - np.trace(means @ effects @ by_slopes)
+    variance = float(total @ misfits**2) / max(float(total.sum() - taken), LEAST_FREEDOM * float(total.sum()))
+    return np.asarray(variance * effects @ effects.T)
 
 
 def covering(first: Array, second: Array) -> Array:
