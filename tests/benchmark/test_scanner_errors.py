@@ -63,7 +63,7 @@ BUILDINGS, SEED = (int(os.environ.get(key, default)) for key, default in (
 ))  # fmt: skip
 MEAN_NEES = 4.0, 8.0
 """In which the mean over the accepted pairs shall lie; 6 is expected."""
-FEWEST = 30
+FEWEST = 15
 """Means of fewer accepted pairs are printed, not judged: by chance alone they leave the band."""
 
 
