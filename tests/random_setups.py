@@ -1,14 +1,21 @@
 """Instruments set up anywhere about the recommended stations of the simulator's scenes."""
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 from regular_buildings import Place
+from simulated_pairs import OVERLAPPING
 
 from algorithms.simulation.ray_casting import RayCaster
 from algorithms.simulation.scanner import directions_of
 from algorithms.simulation.scene import Scene
 
+NEIGHBOURS = OVERLAPPING | {
+    "corridor": ((1, 2), (2, 3), (3, 4), (6, 7)),
+    "street_square": tuple(combinations(range(4), 2)),
+}
+"""Pairs of recommended stations that see much of the same."""
 FARTHEST_M, CLEARANCE_M = 3.0, 0.4
 """From a recommended station along x and along y, and from what stands around."""
 HEIGHTS_M = 1.2, 2.3

@@ -61,13 +61,21 @@ def near_depth_edges(hits: Hits, scene: Scene, scanner: VirtualScanner) -> Array
 
 
 def mixed_hits(
-    caster: RayCaster, scene: Scene, scanner: VirtualScanner, origin: Vector3, directions: Points, centre: Hits
+    caster: RayCaster,
+    scene: Scene,
+    scanner: VirtualScanner,
+    origin: Vector3,
+    directions: Points,
+    centre: Hits,
+    rng: np.random.Generator,
 ) -> Hits:
     """Find what whole footprints return.
 
     Each beam is split into 13 rays. Ranges that lie apart by more than the scanner's echo separation form separate
     echoes; the strongest is returned as the signal-weighted mean of its rays (Gaussian beam, reflectance, cosine of
     incidence, inverse square of the range). Beams whose rays all lie on one face keep the exact range of their centre.
+    Of the others the scanner's share of unmixed ones return one face only, drawn by its part of the whole signal (VGI
+    4/2003, laser physics, section on the detection of echoes: a leading edge and a centroid give different ranges).
 
     Parameters
     ----------
@@ -79,6 +87,8 @@ def mixed_hits(
         (n, 3) true unit directions of the beams in the scene's frame.
     centre
         What their centres met.
+    rng
+        Draws which beams return one face, and which; not asked where the share is 0.
     """
     offsets, weights = footprint_offsets()
     count, rays = len(directions), len(weights)
@@ -93,23 +103,33 @@ def mixed_hits(
     triangles = hits.triangles.reshape(count, rays)
     signal = weights * scene.reflectances[triangles] * cosines
     signal = np.where(solid, signal / np.where(solid, ranges, 1.0) ** 2, 0.0)
-    echo = _strongest_echo(ranges, signal, scanner.echo_separation_m)
+    faces = np.where(solid, scene.plane_ids[triangles], -1)
+    one_face = (faces == faces[:, :1]).all(axis=1)
+    recorded = echo = _strongest_echo(ranges, signal, scanner.echo_separation_m)
+    if scanner.unmixed_share > 0.0:
+        unmixed = (rng.uniform(size=count) < scanner.unmixed_share)[:, None]
+        echo = np.where(unmixed, _drawn_face(faces, signal, rng.uniform(size=count)), echo)
+        recorded = np.where(unmixed, solid, recorded)
     power = np.where(echo, signal, 0.0)
     total = power.sum(axis=1)
-    enough = (np.where(echo, weights, 0.0).sum(axis=1) >= MIN_SIGNAL) & (total > 0.0)
+    enough = (np.where(recorded, weights, 0.0).sum(axis=1) >= MIN_SIGNAL) & (total > 0.0)
     share = power / np.where(enough, total, 1.0)[:, None]
     mean_range = np.where(echo, share * np.where(echo, ranges, 0.0), 0.0).sum(axis=1)
     leading = triangles[np.arange(count), np.argmax(power, axis=1)]
     mean_cosine = (share * cosines).sum(axis=1)
-
-    faces = np.where(solid, scene.plane_ids[triangles], -1)
-    one_face = (faces == faces[:, :1]).all(axis=1)
     lost = ~enough & ~one_face
     return Hits(
         ranges_m=np.where(one_face, centre.ranges_m, np.where(lost, np.inf, mean_range)),
         triangles=np.where(one_face, centre.triangles, np.where(lost, -1, leading)),
         cosines=np.where(one_face, centre.cosines, np.where(lost, 0.0, mean_cosine)),
     )
+
+
+def _drawn_face(faces: Array, signal: Array, draws: Scalars) -> Array:
+    """Mark in each row (beam) the rays on one face, drawn (n,) in 0..1 by its part of the row's signal; (n, k) bool."""
+    shares = np.cumsum(signal, axis=1)
+    ray = np.argmax(shares > draws[:, None] * shares[:, -1:], axis=1)
+    return np.asarray((faces == faces[np.arange(len(faces)), ray][:, None]) & (signal > 0.0))
 
 
 def _strongest_echo(ranges: Array, signal: Array, separation_m: float) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 
 from algorithms.arrays import Array, Points, Scalars
 from algorithms.errors import InvalidInputError
+from algorithms.simulation.systematic_errors import IN_ADJUSTMENT, SystematicErrors
 
 MAX_BEAMS = 2**31
 """The scan's grid counts points with 32 bits."""
@@ -55,6 +56,9 @@ class VirtualScanner:
     """Whether a beam that meets two depths returns a mixture of both."""
     echo_separation_m: float = 1.0
     """Echoes farther apart than this do not mix; the strongest is returned."""
+    unmixed_share: float = 0.0
+    """Share of the beams at depth edges that return the range of one of the surfaces they meet, drawn by its part of
+    the signal, instead of the mixture: the range is right and the direction wrong, by up to the footprint's radius."""
     max_incidence_rad: float = float(np.deg2rad(86.0))
     """Faces seen flatter than this do not come back."""
     reach_reflectance: float = 0.1
@@ -68,6 +72,8 @@ class VirtualScanner:
     """Share of beams lost without any reason."""
     intensity_noise: float = 0.03
     """Relative standard deviation of the intensity (speckle)."""
+    systematic: SystematicErrors = IN_ADJUSTMENT
+    """What the instrument measures wrong in the same way each time; nothing unless given."""
 
     def __post_init__(self) -> None:
         """Refuse a data sheet that no instrument could have."""
@@ -83,7 +89,7 @@ class VirtualScanner:
         for name in NOT_NEGATIVE:
             if not getattr(self, name) >= 0.0:
                 raise InvalidInputError("scanner", f"{name} is {getattr(self, name)}", "0 or more")
-        for name in ("glass_pass_probability", "dropout_probability"):
+        for name in ("glass_pass_probability", "dropout_probability", "unmixed_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidInputError("scanner", f"{name} is {getattr(self, name)}", "0 to 1")
 

@@ -12,6 +12,7 @@ from algorithms.simulation.footprint import mixed_hits, near_depth_edges
 from algorithms.simulation.ray_casting import Hits, RayCaster
 from algorithms.simulation.scanner import VirtualScanner, directions_of
 from algorithms.simulation.scene import Scene
+from algorithms.simulation.unevenness import Unevenness
 
 CHUNK = 1 << 18
 """Rays cast at once: bounds the memory, and fixes the order of random numbers."""
@@ -43,7 +44,7 @@ def scan_scene(
     """Scan a scene from one station.
 
     The beam leaves in the nominal direction of its row and column plus the errors of the two circles; the range it
-    measures, plus the range error, is recorded at the nominal direction, as an instrument does that does not know its
+    measures, plus the range errors, is recorded at the nominal direction, as an instrument does that does not know its
     errors.
 
     Parameters
@@ -79,7 +80,9 @@ def _scan(
 ) -> Scan:
     readings = _cast_beams(scene, casters, pose, scanner, rng)
     if scanner.mixed_pixels:
-        _mix_at_depth_edges(scene, casters, pose, scanner, readings)
+        _mix_at_depth_edges(scene, casters, pose, scanner, readings, rng)
+    if scene.unevenness is not None:
+        _make_uneven(scene, scene.unevenness, pose, scanner, readings)
     count = scanner.rows * scanner.columns
     kept = np.zeros(count, dtype=bool)
     points, intensities = [], []
@@ -109,6 +112,7 @@ def _true_directions(scanner: VirtualScanner, pose: RigidTransform, readings: _R
     """Give the directions in which the beams really left, in the world."""
     azimuths = scanner.azimuths(beams // scanner.rows) + readings.azimuth_errors_rad[beams]
     elevations = scanner.elevations(beams % scanner.rows) + readings.elevation_errors_rad[beams]
+    elevations -= scanner.systematic.vertical_index_error_rad
     return np.asarray(pose.rotation.apply(directions_of(azimuths, elevations)))
 
 
@@ -155,7 +159,12 @@ def _lose(all_hits: Hits, beams: Array) -> None:
 
 
 def _mix_at_depth_edges(
-    scene: Scene, casters: _Casters, pose: RigidTransform, scanner: VirtualScanner, readings: _Readings
+    scene: Scene,
+    casters: _Casters,
+    pose: RigidTransform,
+    scanner: VirtualScanner,
+    readings: _Readings,
+    rng: np.random.Generator,
 ) -> None:
     """Replace the ranges of beams that straddle a depth edge by what the whole footprint returns."""
     flagged = np.flatnonzero(near_depth_edges(readings.hits, scene, scanner))
@@ -168,7 +177,25 @@ def _mix_at_depth_edges(
             beams = chosen[start : start + CHUNK // 16]
             directions = _true_directions(scanner, pose, readings, beams)
             centre = Hits(readings.hits.ranges_m[beams], readings.hits.triangles[beams], readings.hits.cosines[beams])
-            _store(readings.hits, beams, mixed_hits(caster, scene, scanner, origin, directions, centre))
+            _store(readings.hits, beams, mixed_hits(caster, scene, scanner, origin, directions, centre, rng))
+
+
+def _make_uneven(
+    scene: Scene, unevenness: Unevenness, pose: RigidTransform, scanner: VirtualScanner, readings: _Readings
+) -> None:
+    """Move the ranges to where the beams meet the uneven surfaces; what hides what remains as in the mesh."""
+    found = np.flatnonzero(readings.hits.found)
+    origin = np.asarray(pose.translation)
+    for start in range(0, len(found), CHUNK):
+        beams = found[start : start + CHUNK]
+        # Beams that meet a surface flatter than this do not come back.
+        beams = beams[readings.hits.cosines[beams] > np.cos(scanner.max_incidence_rad)]
+        directions = _true_directions(scanner, pose, readings, beams)
+        points = origin + readings.hits.ranges_m[beams, None] * directions
+        normals = scene.normals[readings.hits.triangles[beams]]
+        readings.hits.ranges_m[beams] += unevenness.range_changes_m(
+            points, directions, normals, readings.hits.cosines[beams]
+        )
 
 
 def _measure(
@@ -190,6 +217,7 @@ def _measure(
     seen &= (ranges >= scanner.min_range_m) & (ranges <= reach)
     ranges, cosines, reflectances = ranges[seen], cosines[seen], reflectances[seen]
     noisy = ranges + range_std_m(scanner, ranges, cosines, reflectances) * unit_noise[seen]
+    noisy += scanner.systematic.range_errors_m(ranges, cosines)
     intensity = reflectances * cosines * (1.0 + scanner.intensity_noise * speckle[seen])
     return seen, np.asarray(noisy), np.asarray(np.maximum(intensity, 0.0))
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Indices, Points, Scalars
 from algorithms.simulation.materials import Material
 from algorithms.simulation.parts import CylinderTruth, Part
+from algorithms.simulation.unevenness import Unevenness
 
 MIN_DIHEDRAL_RAD = np.deg2rad(10.0)
 """Faces that meet at less than this are one smooth surface."""
@@ -35,6 +36,8 @@ class Scene:
     """Axis pieces and radii of the tubes."""
     stations: tuple[RigidTransform, ...] = ()
     """Recommended set-ups, world from scan; each sees much of what an earlier one sees."""
+    unevenness: Unevenness | None = None
+    """How the surfaces depart from the mesh, as far as a scanner notices; None: not at all."""
 
     @cached_property
     def normals(self) -> Points:

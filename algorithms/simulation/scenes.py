@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from algorithms.simulation.bridge import bridge_scene
+from algorithms.simulation.corridor import corridor_scene
 from algorithms.simulation.degenerate_scenes import parallel_pipes_scene, single_plane_scene
 from algorithms.simulation.house import house_front_scene, house_scene
 from algorithms.simulation.office import office_scene
@@ -17,6 +18,7 @@ SCENES: Mapping[str, Callable[[], Scene]] = MappingProxyType(
         "house_front": house_front_scene,
         "pipe_hall": pipe_hall_scene,
         "office": office_scene,
+        "corridor": corridor_scene,
         "bridge": bridge_scene,
         "street_square": street_square_scene,
         "parallel_pipes": parallel_pipes_scene,

@@ -17,7 +17,7 @@ from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
 from algorithms.simulation.walls import Opening, wall, wall_frame
 
-BUILDINGS = ("house", "pipe_hall", "office")
+BUILDINGS = ("house", "pipe_hall", "office", "corridor")
 COARSE = VirtualScanner(rows=100, columns=240, mixed_pixels=False)
 
 
