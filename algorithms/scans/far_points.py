@@ -135,7 +135,7 @@ def _beyond(points: Points, middle: Vector3, reach: float) -> Flags:
 
 
 def _groups(points: Points, middle: Vector3, edge: float) -> tuple[Int64[Array, "n"], int]:
-    """Number the groups of points whose cells touch, 0 the one that touches the middle; give how many there are."""
+    """Gather the points whose cells touch: the number of each one's group, 0 amid the scan, and how many there are."""
     most = 2.0**19  # farther cells are one: only what is near must be told apart
     cells = np.clip(np.rint((points - middle) / edge), -most, most).astype(np.int64) + int(most)
     keys, cell_of_point, counts = np.unique(
@@ -147,7 +147,7 @@ def _groups(points: Points, middle: Vector3, edge: float) -> tuple[Int64[Array, 
     full = np.concatenate([np.ones(len(core), dtype=np.bool_), counts >= LEAST_LINK])
     pairs = cKDTree(places).query_pairs(1.8, output_type="ndarray")  # the 26 neighbours
     joined = pairs[full[pairs].all(axis=1)]
-    links = coo_array((np.ones(len(joined), dtype=np.bool_), (joined[:, 0], joined[:, 1])), shape=(len(places),) * 2)
+    links = coo_array((np.ones(len(joined), dtype=bool), (joined[:, 0], joined[:, 1])), shape=(len(places),) * 2)
     count, labels = connected_components(links, directed=False)
     first = labels[0]
     labels = np.where(labels == first, 0, np.where(labels == 0, first, labels))

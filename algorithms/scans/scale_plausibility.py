@@ -1,6 +1,6 @@
 """Are the coordinates metres? What no scan in metres can be, and the unit in which it would be one.
 
-A cloud is a figure without a scale: angles, hidden surfaces and the steps of the scanner's circles are the same in every
+A cloud is a figure without a scale: angles, hidden surfaces and the steps of the scanner's circles are the same in any
 unit. What has a scale is the world: how densely instruments measure, how far they reach, how large flat faces are. So a
 scan is called implausible only where one of these is beyond everything known, and nothing is ever converted:
 
@@ -22,6 +22,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Points, Vector3
+from algorithms.scans.far_points import without_far_points
+from algorithms.scans.scan import Scan
 
 WIDEST_SPACING_M = 12.0
 """Largest median distance of neighbouring points [m]."""
@@ -79,9 +81,20 @@ def extent_of(points: Points) -> Extent:
     first = max(0, (len(points) - CONSECUTIVE) // 2)
     some = points[first : first + CONSECUTIVE]
     step = max(1, len(some) // SAMPLE)
-    nearest = np.asarray(cKDTree(some).query(some[::step], k=min(2, len(some)))[0]).reshape(-1, min(2, len(some)))[:, -1]
+    nearest = np.asarray(cKDTree(some).query(some[::step], k=min(2, len(some)))[0]).reshape(-1, min(2, len(some)))[
+        :, -1
+    ]
     x, y, z = (float(side) for side in high - low)
     return Extent((x, y, z), float(np.median(nearest)))
+
+
+def scan_warnings(scan: Scan) -> tuple[str, ...]:
+    """Say what the owner of a scan should know: isolated far points, and what makes one doubt that it is in metres."""
+    kept, far = without_far_points(scan)
+    words = far.in_words()
+    # a generator of its own: what is said of a scan does not depend on anything else
+    own = scale_warnings(kept.points, kept.sensor_m, np.random.default_rng(0))
+    return (*([] if words is None else [words]), *own)
 
 
 def scale_warnings(points: Points, sensor_m: Vector3 | None, rng: np.random.Generator) -> tuple[str, ...]:
@@ -114,10 +127,11 @@ def scale_warnings(points: Points, sensor_m: Vector3 | None, rng: np.random.Gene
     if not why:
         return ()
     sides = " × ".join(f"{side:.5g}" for side in extent.sides_m)
-    return (
+    words = (
         f"the coordinates are taken for metres, and the scan measures {sides} m, but {'; '.join(why)}. "
-        f"{_fitting_units(extent, face)} Nothing is converted: state the unit, or send the scan in metres",
+        f"{_fitting_units(extent, face)} Nothing is converted: state the unit, or send the scan in metres"
     )
+    return (words,)
 
 
 def _fitting_units(extent: Extent, face: float) -> str:

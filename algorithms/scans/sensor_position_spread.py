@@ -22,9 +22,9 @@ def position_std(costs_near: Callable[[Array], Array], minima_m: Array, minima_c
     """Give the standard deviation of a found position, all directions together [m].
 
     Every position x that may be meant has the weight exp(-((c(x) - c) / d)^2 / 2), with c the cost of the found one and
-    d what costs tell of each other. The weights are integrated over shells around the found position, and other minima of the
-    search count as much as it does itself, weighed in the same way. A flat minimum, or a second one elsewhere, makes
-    the position uncertain; both are what happens where hardly anything hides anything.
+    d what costs tell of each other. The weights are integrated over shells around the found position, and other minima
+    of the search count as much as it does itself, weighed in the same way. A flat minimum, or a second one elsewhere,
+    makes the position uncertain; both are what happens where hardly anything hides anything.
 
     Parameters
     ----------

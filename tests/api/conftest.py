@@ -110,7 +110,7 @@ class Client:
 
     def register_two(self) -> str:
         """Start a registration of two uploads and give the job's id."""
-        stations = [{"name": name, "scan": {"file": self.upload(f"{name}.xyz")}} for name in ("A", "B")]
+        stations = [{"name": name, "scan": {"file": self.upload(f"{name}.xyz", name.encode())}} for name in ("A", "B")]
         answer = self.submit({"stations": stations})
         assert answer.status_code == 201, answer.text
         return str(answer.json()["jobID"])
