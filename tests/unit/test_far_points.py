@@ -14,7 +14,7 @@ def room(count: int = 20_000) -> np.ndarray:
     points = RNG.uniform(-1.0, 1.0, (count, 3))
     axis = RNG.integers(3, size=count)
     points[np.arange(count), axis] = np.sign(points[np.arange(count), axis])
-    return points * [4.0, 3.0, 1.5]
+    return points * np.array([4.0, 3.0, 1.5])
 
 
 ROOM = room()
@@ -89,7 +89,7 @@ def test_a_grid_keeps_its_neighbourhoods_without_the_strays() -> None:
 
 def test_the_local_origin_leaves_the_strays_too() -> None:
     """The middle between a room and a point a thousand kilometres away is no origin for a room."""
-    strayed = np.vstack([ROOM + [500_000.0, 5_300_000.0, 100.0], [[1_500_000.0, 5_300_000.0, 100.0]]])
+    strayed = np.vstack([ROOM + np.array([500_000.0, 5_300_000.0, 100.0]), [[1_500_000.0, 5_300_000.0, 100.0]]])
     origin = np.array([1_000_000.0, 5_300_000.0, 100.0])
     kept, _ = without_far_points(Scan(strayed - origin, origin, sensor_m=np.array([-500_000.0, 0.0, 0.0])))
     np.testing.assert_allclose(kept.points + kept.origin_m, strayed[:-1], atol=1e-9)

@@ -32,7 +32,7 @@ def test_the_local_origin_does_not_count() -> None:
 
 @pytest.mark.parametrize(
     "other",
-    [ROOM[1:], ROOM + [0.01, 0.0, 0.0], ROOM[:, [1, 0, 2]], ROOM * 1.001],
+    [ROOM[1:], ROOM + np.array([0.01, 0.0, 0.0]), ROOM[:, [1, 0, 2]], ROOM * 1.001],
     ids=["one point less", "moved by 10 mm", "axes exchanged", "larger"],
 )
 def test_other_points_are_another_content(other: np.ndarray) -> None:
