@@ -12,8 +12,9 @@ LARGE: tuple[tuple[float, str], ...] = (
 """How many of a unit are a metre, where that is more than scans of one place differ in size."""
 FOOT = 1.0 / 0.3048
 """Feet in a metre."""
-LARGEST_FACTOR_OF_SIZES = 2.5
-"""Scans of one place differ in size and spacing by no more than this factor each way."""
+LEAST_RATIO, LARGEST_FACTOR = 12.0, 4.0
+"""Scans of one place differ in size and in spacing by less than this ratio; where both differ by more, it is the unit
+nearest to both that is asked for, if each is within this factor of it."""
 FACES = 30
 """So many of the largest planes are compared."""
 PARALLEL_COSINE = 0.9986
@@ -44,16 +45,16 @@ def unit_ratio_in_words(
     target_name, source_name
         What to call them.
     """
-    for factor, unit in LARGE:
-        for ratio, larger, other in (
-            (_ratios(target, source), target_name, source_name),
-            (_ratios(source, target), source_name, target_name),
-        ):
-            if np.all(np.abs(np.log(ratio / factor)) < np.log(LARGEST_FACTOR_OF_SIZES)):
-                return (
-                    f"{larger} is {ratio[0]:.0f} times as large as {other}, and its points stand {ratio[1]:.0f} times "
-                    f"as far apart: is it in {unit}, and the other one in metres? Nothing is converted"
-                )
+    for ratio, larger, other in (
+        (_ratios(target, source), target_name, source_name),
+        (_ratios(source, target), source_name, target_name),
+    ):
+        apart = [float(np.abs(np.log(ratio / factor)).max()) for factor, _ in LARGE]
+        if ratio.min() > LEAST_RATIO and min(apart) < np.log(LARGEST_FACTOR):
+            return (
+                f"{larger} is {ratio[0]:.3g} times as large as {other}, and its points stand {ratio[1]:.3g} times as "
+                f"far apart: is it in {LARGE[int(np.argmin(apart))][1]}, and {other} in metres? Nothing is converted"
+            )
     for first, second, in_feet, other in (
         (target, source, target_name, source_name),
         (source, target, source_name, target_name),
