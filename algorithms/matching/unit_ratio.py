@@ -1,8 +1,9 @@
 """Are two scans of a pair in different units? Told by a factor between units that joins what both measure."""
 
 import numpy as np
+from jaxtyping import Float64
 
-from algorithms.arrays import Scalars
+from algorithms.arrays import Array, Scalars
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
 
@@ -77,7 +78,7 @@ def _distances(planes: Planes, unit: float) -> Scalars:
     return np.asarray(distances[(distances > NEAREST_M * unit) & (distances < FARTHEST_M * unit)])
 
 
-def _agree_in_feet(in_feet: Scalars, in_metres: Scalars) -> bool:
+def _agree_in_feet(in_feet: Scalars, in_metres: Float64[Array, "m"]) -> bool:
     """Tell whether clearly more distances agree when one scan is converted from feet than with any other factor."""
     if len(in_feet) == 0 or len(in_metres) == 0:
         return False

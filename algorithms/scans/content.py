@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from algorithms.arrays import Array, Vector3
-from algorithms.scans.scan import Scan
+from algorithms.arrays import Array, Points, Vector3
 
 BLOCK = 1 << 20
 """Points that are summed at once."""
@@ -37,16 +36,16 @@ class ScanContent:
         return ScanContent(stored["points"], np.array(stored["mean_m"]), np.array(stored["scatter_m2"]))
 
 
-def content_of(scan: Scan) -> ScanContent:
-    """Sum up the points of a scan."""
-    n = len(scan)
+def content_of(points: Points, origin_m: Vector3) -> ScanContent:
+    """Sum up the (n, 3) points of a scan, given relative to a local origin [m]."""
+    n = len(points)
     starts = range(0, n, BLOCK)
-    mean = np.sum([scan.points[start : start + BLOCK].sum(axis=0) for start in starts], axis=0) / n
+    mean = np.sum([points[start : start + BLOCK].sum(axis=0) for start in starts], axis=0) / n
     scatter = np.zeros((3, 3))
     for start in starts:
-        rays = scan.points[start : start + BLOCK] - mean
+        rays = points[start : start + BLOCK] - mean
         scatter += rays.T @ rays
-    return ScanContent(n, np.asarray(mean + scan.origin_m), scatter / n)
+    return ScanContent(n, np.asarray(mean + origin_m), scatter / n)
 
 
 def same_content(first: ScanContent, second: ScanContent) -> bool:

@@ -79,7 +79,7 @@ def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
         has_color=scan.color is not None,
         scan_pose=None if scan.world_from_scan is None else scan.world_from_scan.as_matrix(),
         warnings=scan_warnings(scan),
-        content=content_of(scan),
+        content=content_of(scan.points, scan.origin_m),
     )
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from algorithms.scans.content import ScanContent, content_of, same_content
-from algorithms.scans.scan import Scan
 from service.formats import inspect_file
 from tests.unit.test_far_points import ROOM
 
@@ -14,7 +13,7 @@ FAR = np.array([500_000.0, 5_300_000.0, 100.0])
 
 
 def content(points: np.ndarray, origin_m: np.ndarray | None = None) -> ScanContent:
-    return content_of(Scan(points, np.zeros(3) if origin_m is None else origin_m))
+    return content_of(points, np.zeros(3) if origin_m is None else origin_m)
 
 
 @pytest.mark.parametrize(
