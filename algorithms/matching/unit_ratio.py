@@ -53,7 +53,7 @@ def unit_ratio_in_words(
         apart = [float(np.abs(np.log(ratio / factor)).max()) for factor, _ in LARGE]
         if ratio.min() > LEAST_RATIO and min(apart) < np.log(LARGEST_FACTOR):
             return (
-                f"{larger} is {ratio[0]:.3g} times as large as {other}, and its points stand {ratio[1]:.3g} times as "
+                f"{larger} is {ratio[0]:.0f} times as large as {other}, and its points stand {ratio[1]:.0f} times as "
                 f"far apart: is it in {LARGE[int(np.argmin(apart))][1]}, and {other} in metres? Nothing is converted"
             )
     for first, second, in_feet, other in (

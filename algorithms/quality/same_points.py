@@ -49,7 +49,7 @@ def shared_points(
         if int(near.sum()) < LEAST_FOUND:
             return 0.0
         found = near & (distances[:, 0] <= NEARER * np.minimum(distances[:, 1], reach_m))
-        share = float(np.mean(found))
+        share = len(np.unique(rows[found, 0])) / len(tried)  # each is another one
         used = found if int(found.sum()) >= LEAST_FOUND else near
         pose = _fitted(around[rows[used, 0]], tried[used])
     return share

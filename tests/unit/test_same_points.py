@@ -34,3 +34,8 @@ def test_a_second_measurement_of_the_same_walls_is_none(noise_m: float) -> None:
 
 def test_scans_that_do_not_meet_share_nothing() -> None:
     assert shared_points(ROOM + 100.0, ROOM, RigidTransform.identity(), REACH_M) == 0.0
+
+
+def test_many_points_are_not_found_again_in_one() -> None:
+    """A small scan that lies between two points of a scan in another unit is near one of them as a whole."""
+    assert shared_points(0.01 * ROOM, 1000.0 * ROOM, RigidTransform.identity(), 1000.0) < 0.1 * SAME_SHARE
