@@ -9,6 +9,18 @@ from schemas.base import ResponseModel
 from schemas.links import Link
 
 
+class ScanContentDocument(BaseModel):
+    """Moments of the points of a scan."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, use_attribute_docstrings=True)
+
+    points: int
+    mean_m: list[float]
+    """Mean of the coordinates [m]."""
+    scatter_m2: list[list[float]]
+    """3×3 covariance of the coordinates [m²]."""
+
+
 class ScanDocument(BaseModel):
     """One scan of a file."""
 
@@ -29,6 +41,10 @@ class ScanDocument(BaseModel):
     has_color: bool
     scan_pose: list[list[float]] | None = None
     """world_from_scan as stored in the file, 4×4 row-major; null when the file has none."""
+    warnings: list[str] = []
+    """What its owner should know: isolated far points, coordinates that can hardly be metres, and the like."""
+    content: ScanContentDocument | None = None
+    """Moments of all points, by which the same scan is known again in another order or format."""
 
 
 class PhotoDocument(BaseModel):

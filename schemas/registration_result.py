@@ -221,6 +221,13 @@ class FeatureCount(Document):
     planes: int
     cylinders: int
     noise_std_m: float
+    left_out_points: int = Field(default=0, description="Isolated points far from everything else, not contained.")
+    instrument_std_m: float | None = Field(
+        default=None,
+        description="Standard deviation of the instrument's position where it was guessed from the cloud; null: the "
+        "file states it, or it is unknown.",
+    )
+    warnings: list[str] = Field(default=[], description="What the reader should know of the scan.")
     photo_edges: int = Field(default=0, description="Lines that only the photos show, contained in `lines`.")
     photos: list[PhotoEdgeCount] = Field(default=[], description="What each photo of the station gave.")
 

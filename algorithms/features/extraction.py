@@ -83,12 +83,13 @@ def extract_features(
     """
     progress.report(0.0, "cells")
     cells, surfaces, noise = cut_into_cells(scan, options)
-    sensor = scan.sensor_m
+    sensor, sensor_std = scan.sensor_m, None
     if sensor is None:
         drawn = _flat_points(cells, surfaces, rng)
-        sensor = estimate_sensor_position(
+        guess = estimate_sensor_position(
             scan.points[drawn], surfaces.normals[cells.cell_of_point[drawn]], candidate_m=-scan.origin_m, rng=rng
-        ).position_m
+        )
+        sensor, sensor_std = guess.position_m, guess.std_m
     surfaces = orient(cells, surfaces, sensor)
     noise = max(noise, typical_noise(cells, surfaces, sensor)) if options.point_std_m is None else options.point_std_m
     progress.report(0.3, "planes")
@@ -128,6 +129,7 @@ def extract_features(
         sensor_m=sensor,
         point_count=len(scan),
         noise_std_m=_reported_noise(planes, noise, options),
+        sensor_std_m=sensor_std,
     )
 
 

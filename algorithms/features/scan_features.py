@@ -91,6 +91,15 @@ class ScanFeatures:
     """Whether the photos fit the scan; None: the station has no photos."""
     symmetries: Symmetries | None = None
     """How the scan is like itself, known once for all its pairs; None: each pair looks for it."""
+    sensor_std_m: float | None = None
+    """Standard deviation of the instrument's position where it was guessed from the cloud, all directions together [m];
+    None where the file states it, or nobody knows it."""
+    far_point_count: int = 0
+    """Isolated points far from everything else that were left out before all this (`scans.far_points`)."""
+    farthest_m: float = 0.0
+    """How far away the farthest of them was [m]."""
+    warnings: tuple[str, ...] = ()
+    """What makes one doubt that the coordinates are metres (`scans.scale_plausibility`)."""
 
     @property
     def spacing_m(self) -> float:

@@ -8,6 +8,9 @@ from numba import njit
 
 from algorithms.arrays import Array
 
+MOST_BINS = 1_000_000
+"""At most so many bins for offsets along an axis; wider ones beyond."""
+
 
 @njit(cache=True, nogil=True)
 def direction_classes(
@@ -66,6 +69,7 @@ def peaks(
     A bin counts with half of its neighbours, and peaks are at least three bins apart.
     """
     low = offsets.min()
+    bin_m = max(bin_m, (offsets.max() - low) / MOST_BINS)
     bins = int((offsets.max() - low) / bin_m) + 1
     counts, sums, smooth = np.zeros(bins), np.zeros(bins), np.zeros(bins)
     for k in range(len(offsets)):

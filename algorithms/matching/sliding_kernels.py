@@ -10,6 +10,8 @@ from algorithms.arrays import Array
 
 MOST_CELLS = 2000
 """At most so many cells along each side of the cross-section; larger ones beyond."""
+MOST_BINS = 1_000_000
+"""At most so many bins along the direction; wider ones beyond."""
 
 
 @njit(cache=True)
@@ -95,6 +97,7 @@ def slide(
     cell = max(cell, extent / MOST_CELLS)
     starts, along, sides, low_v, low_w, rows, columns = _in_cells(own, own_sides, cell)
     lowest = own[:, 0].min() - moved[:, 0].max()
+    bin_m = max(bin_m, (own[:, 0].max() - moved[:, 0].min() - lowest) / MOST_BINS)
     bins = math.floor((own[:, 0].max() - moved[:, 0].min() - lowest) / bin_m) + 1
     counts, smooth = np.empty(bins), np.empty(bins)
     for h in range(len(shifts)):

@@ -25,7 +25,12 @@ MOST_ROTATIONS = 24
 LEAST_CELL_M = 0.3
 """Smallest cell of the rasters [m]."""
 MOST_CELLS = 1_000_000
-"""Cells grow until the transforms have no more than about so many."""
+"""Cells grow until the transforms have no more than about so many..."""
+MOST_PADDED, GROWTH = 8_000_000, 1.2
+"""...and, by this factor, until they have no more than so many with the free border, which is most of what is long and
+narrow."""
+BORDER = 10
+"""Cells of free border along each axis, of both scans together."""
 MOST_PEAKS = 40
 """So many shifts go on for each rotation."""
 MOST_CORNERED = 20
@@ -81,8 +86,8 @@ def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, sourc
         return Motions.empty()
     moved = [source.points @ rotation.T for rotation in rotations]
     extents = np.max([np.ptp(points, axis=0) for points in moved], axis=0) + np.ptp(target.points, axis=0)
-    cell = max(LEAST_CELL_M, float(np.prod(extents / MOST_CELLS ** (1.0 / 3.0)) ** (1.0 / 3.0)))
-    shape = tuple(fft.next_fast_len(int(extent / cell) + 10, real=True) for extent in extents)
+    cell = _fitting_cell(extents)
+    shape = tuple(fft.next_fast_len(int(extent / cell) + BORDER, real=True) for extent in extents)
     ours = _rasters(target.points, target.normals, np.eye(3), axes, cell, shape, target)
     # a cell's width is all that is known of a place, so the target is one wider on every side
     wide = _transformed(_marked(target.points, target.normals, axes, cell, ours.low_m, ours.size, reach=1), shape)
@@ -96,6 +101,14 @@ def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, sourc
 
     found = joined([motions for part in over_blocks(work, len(rotations), least=1) for motions in part])
     return joined([found, _between_cells(found, cell)])
+
+
+def _fitting_cell(extents: Array) -> float:
+    """Give the edge of the cells [m] for extents of both scans together, (3,) [m]: what they need stays bounded."""
+    cell = max(LEAST_CELL_M, float(np.prod(extents / MOST_CELLS ** (1.0 / 3.0)) ** (1.0 / 3.0)))
+    while float(np.prod(extents / cell + BORDER)) > MOST_PADDED:
+        cell *= GROWTH
+    return cell
 
 
 def _between_cells(found: Motions, cell_m: float) -> Motions:

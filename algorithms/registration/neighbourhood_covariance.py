@@ -167,13 +167,14 @@ def _summed(
     """Sum the points of every cube: its place among cubes (g, 3), and the sums."""
     from algorithms.registration import surface_kernels as kernels
 
-    cells = np.floor(positions / edge_m).astype(np.int64)
-    low = cells.min(axis=0)
-    shape = tuple(cells.max(axis=0) - low + 1)
+    # axis by axis only the cells that occur are numbered: the extent over the edge may be larger than any number holds
+    along = [np.unique(np.floor(axis / edge_m).astype(np.int64), return_inverse=True) for axis in positions.T]
+    shape = tuple(len(places) for places, _ in along)
     # one number for each cube: rows are much slower to sort
-    keys, groups = np.unique(np.ravel_multi_index(tuple((cells - low).T), shape), return_inverse=True)
+    keys, groups = np.unique(np.ravel_multi_index([ranks for _, ranks in along], shape), return_inverse=True)
     sums = kernels.sums_of_groups(np.ascontiguousarray(design), weights, slopes, gaps_m, normals, groups, len(keys))
-    return np.stack(np.unravel_index(keys, shape), axis=1) + low, _Sums(*sums)
+    ranks_of_cubes = np.unravel_index(keys, shape)
+    return np.stack([along[a][0][ranks_of_cubes[a]] for a in range(3)], axis=1), _Sums(*sums)
 
 
 def _at(normal_matrix: Array, sums: _Sums) -> tuple[_Estimate, float]:

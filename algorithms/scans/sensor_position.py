@@ -12,21 +12,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Points, Vector3
+from algorithms.scans.sensor_position_raster import NEAREST_SURFACE_M, positions_near_surface
+from algorithms.scans.sensor_position_spread import position_std
 
 MAX_HIDDEN_SHARE = 0.22
 """Above this share of hidden points no position explains the cloud as one set-up. True positions: 0.00 to 0.14."""
 CROWDING = 0.05
 """What a point that is not alone in its direction counts, a hidden one being 1: it decides where nothing is hidden, and
 hardly where thinning has made the density of all surfaces the same."""
-NEAREST_SURFACE_M = (0.05, 3.5)
-"""A terrestrial instrument stands on something: its nearest measured surface is within these bounds [m]. Without this
-bound a bird's-eye view of a street explains the cloud as well as the true position does."""
 FAR_FROM_SURFACE_M = 10.0
 """A given position is not tried when no surface is nearer: the origin of a moved cloud is no instrument [m]."""
-MAX_CANDIDATES = 4_000
-"""Positions of the raster that is tried first."""
-ROUGHLY = 0.2
-"""How far these are from surfaces may be wrong by this share."""
 KEPT_SHARE, LEAST_KEPT = 0.125, 200
 """Of the raster's positions so many pass the first sifting."""
 STARTS, LEAST_STARTS = 8, 2
@@ -62,6 +57,8 @@ class SensorEstimate:
     """Position in the frame of the points [m]; None when no credible position was found."""
     hidden_share: float
     """Share of points hidden behind others, seen from there (0 is perfect)."""
+    std_m: float | None = None
+    """Standard deviation of the position, all directions together [m] (`sensor_position_spread`); None without one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +175,9 @@ def estimate_sensor_position(
         used = np.sort(order[: resolution.points])
         return _cloud(points[used], normals[used], resolution.cells, spacing_m)
 
-    raster, step = _raster(points, tree, rng)
+    if spacing > NEAREST_SURFACE_M[1]:  # nothing could be said of how near to a surface a position is
+        return SensorEstimate(None, 1.0)
+    raster, step = positions_near_surface(points, tree, rng)
     if len(raster) == 0:
         return SensorEstimate(None, 1.0)
     kept = max(LEAST_KEPT, int(KEPT_SHARE * len(raster)))
@@ -187,8 +186,10 @@ def estimate_sensor_position(
     costs = cloud(COARSE, 1.3 * spacing).costs(raster)
     fine = cloud(FINE, spacing)
     starts = raster[_distinct(raster, costs, apart_m=1.5 * step, most=STARTS)]
-    best = _downhill(cloud(MIDDLE, 1.3 * spacing), fine, starts, 0.5 * step)
+    minima, minima_costs = _downhill(cloud(MIDDLE, 1.3 * spacing), fine, starts, 0.5 * step)
+    best = minima[0]
     best_share = float(fine.seen_from(best[None])[0, 0])
+    std = position_std(fine.costs_near_surface, minima, minima_costs)
     if candidate_m is not None:
         share, _, nearest = fine.seen_from(candidate_m[None])[0].tolist()
         # The file's own origin needs only be about as good as the best of thousands of tried positions.
@@ -198,23 +199,7 @@ def estimate_sensor_position(
             best_share, best = share, candidate_m
     if best_share > MAX_HIDDEN_SHARE:
         return SensorEstimate(None, best_share)
-    return SensorEstimate(np.asarray(best, dtype=np.float64), best_share)
-
-
-def _raster(points: Points, tree: "cKDTree[None]", rng: np.random.Generator) -> tuple[Array, float]:
-    """Draw positions all over the cloud where an instrument may stand, (m, 3), and tell their distance [m]."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    step = float(np.clip((np.prod(high - low + 1.0) / 6000.0) ** (1.0 / 3.0), 0.4, 2.0))
-    axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
-    raster = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    raster = raster + rng.uniform(-0.3, 0.3, size=raster.shape) * step
-    # A raster point may be half a step nearer or farther than the position it stands for.
-    farthest = NEAREST_SURFACE_M[1] + 0.5 * step
-    nearest = np.asarray(tree.query(raster, eps=ROUGHLY, distance_upper_bound=farthest)[0])
-    raster = raster[(nearest > NEAREST_SURFACE_M[0]) & (nearest < farthest)]
-    if len(raster) > MAX_CANDIDATES:
-        raster = raster[np.sort(rng.permutation(len(raster))[:MAX_CANDIDATES])]
-    return raster, step
+    return SensorEstimate(np.asarray(best, dtype=np.float64), best_share, std)
 
 
 def _distinct(positions: Array, costs: Array, *, apart_m: float, most: int) -> list[int]:
@@ -231,16 +216,25 @@ def _distinct(positions: Array, costs: Array, *, apart_m: float, most: int) -> l
 _AROUND = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) / np.sqrt(3.0)
 
 
-def _downhill(middle: _Cloud, fine: _Cloud, starts: Array, step: float) -> Vector3:
-    """Walk downhill from (k, 3) starts in ever smaller steps, with ever fewer of them: a count has no derivative."""
+def _downhill(middle: _Cloud, fine: _Cloud, starts: Array, step: float) -> tuple[Array, Array]:
+    """Walk downhill from (k, 3) starts in ever smaller steps, with ever fewer of them: a count has no derivative.
+
+    Gives where the walks ended, those that were given up too, and the costs there, the best of the last ones first.
+    """
+    given_up, their_costs = [np.empty((0, 3))], [np.empty(0)]
     while True:
         few = len(starts) <= LEAST_STARTS
         found = np.array([_walk(fine if few else middle, start, step) for start in starts])
-        found = found[np.argsort(fine.costs(found), kind="stable")]
+        costs = fine.costs(found)
+        order = np.argsort(costs, kind="stable")
+        found, costs = found[order], costs[order]
         step *= 0.5
         if step <= LAST_STEP_M:
-            return np.asarray(found[0])
-        starts = found[: max(len(found) // 2, LEAST_STARTS)]
+            return np.concatenate([found, *given_up]), np.concatenate([costs, *their_costs])
+        kept = max(len(found) // 2, LEAST_STARTS)
+        given_up.append(found[kept:])
+        their_costs.append(costs[kept:])
+        starts = found[:kept]
 
 
 def _walk(cloud: _Cloud, start: Vector3, step: float) -> Vector3:

@@ -21,6 +21,8 @@ POINTS_PER_TABLE, MOST_TABLES = 1 << 19, 4
 """Fewer points are not worth a hash table of their own; all must be united, and kept until then."""
 LEAST_CELLS = 1 << 13
 """Fewer voxels are not worth a thread's while."""
+MOST_ALONG_AN_AXIS = 2**BITS - 4
+"""So many voxels, with the free border around them, fit the bits of a key."""
 
 
 def voxel_cells(points: Points, size_m: float) -> SurfaceCells:
@@ -41,7 +43,7 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
     which is about 1.3 times the distance to the sixth neighbour at the 60 % quantile.
     """
     extent = float(np.max(np.diff(_bounds(points), axis=0)))
-    size = max(least_size_m, extent / (2**BITS - 4))
+    size = max(least_size_m, extent / (MOST_ALONG_AN_AXIS - 1))  # one to spare: a quotient of quotients is rounded
     few = len(points) < POINTS_PER_TABLE  # mostly sparse, so it takes several sizes: there counting is half the work
     while True:
         hashed = None if few else _hash(points, size)
@@ -83,7 +85,7 @@ def _bounds(points: Points) -> tuple[Array, Array]:
 def _lower(points: Points, size_m: float) -> Array:
     """Give the lower corner of the voxels, refusing too small ones."""
     low, high = _bounds(points)
-    if float(np.max(high - low)) / size_m > 2**BITS - 4:
+    if float(np.max(high - low)) / size_m > MOST_ALONG_AN_AXIS:
         raise InvalidInputError("points", f"their extent needs more than {2**BITS} voxels of {size_m:.3g} m")
     return np.asarray(low - 1.5 * size_m)  # a free border keeps neighbour keys inside the bit fields
 

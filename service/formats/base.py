@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, Vector3
+from algorithms.scans.content import ScanContent
 from service.errors import UnreadableFileError
 
 
@@ -83,6 +84,10 @@ class ScanInfo:
     has_color: bool
     scan_pose: Matrix4 | None
     """4x4 world from scan as the file stores it, or None."""
+    warnings: tuple[str, ...] = ()
+    """What its owner should know, in words."""
+    content: ScanContent | None = None
+    """Moments by which the same scan is known again; None: not computed."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -98,6 +103,8 @@ class ScanInfo:
             "has_intensity": self.has_intensity,
             "has_color": self.has_color,
             "scan_pose": None if self.scan_pose is None else self.scan_pose.tolist(),
+            "warnings": list(self.warnings),
+            "content": None if self.content is None else self.content.to_json(),
         }
 
 

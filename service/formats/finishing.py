@@ -3,6 +3,8 @@
 import numpy as np
 
 from algorithms.arrays import Array, Colors, Flags, Points, Vector3
+from algorithms.scans.content import content_of
+from algorithms.scans.scale_plausibility import scan_warnings
 from algorithms.scans.scan import Scan, ScanGrid
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, ScanFile, ScanInfo, ScanRecords
@@ -76,6 +78,8 @@ def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
         has_intensity=scan.intensity is not None,
         has_color=scan.color is not None,
         scan_pose=None if scan.world_from_scan is None else scan.world_from_scan.as_matrix(),
+        warnings=scan_warnings(scan),
+        content=content_of(scan.points, scan.origin_m),
     )
 
 

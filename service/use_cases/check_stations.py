@@ -1,10 +1,12 @@
 """Check what the schema of a request cannot know: names, files and scans that must exist."""
 
 from collections.abc import Iterable, Sequence
+from itertools import combinations
 
+from algorithms.scans.content import ScanContent, same_content
 from schemas.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import FileStore
+from service.ports import FileStore, Json
 from service.use_cases.check_photos import station_photo_faults
 from service.use_cases.identifiers import is_identifier
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
@@ -25,6 +27,7 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *_name_faults(inputs.stations),
         *_pair_faults(inputs),
         *_reference_faults(inputs),
+        *_same_scan_faults(inputs.stations, files),
         *(
             fault
             for number, station in enumerate(inputs.stations)
@@ -80,6 +83,37 @@ def _reference_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
     for name in inputs.reference or {}:
         if name not in names:
             yield FieldFault(pointer_to("inputs", "reference", name), f"there is no station '{name}'")
+
+
+def _same_scan_faults(stations: Sequence[Station], files: FileStore) -> Iterable[FieldFault]:
+    """Name the stations whose scans are one and the same measurement: a scan laid on itself fits, and says nothing."""
+    known = [(number, station, _found_scan(station.scan, files)) for number, station in enumerate(stations)]
+    for (number, station, own), (first, other, others) in combinations(known, 2):
+        if own is None or others is None or not _same_scan(own, others):
+            continue
+        for here, name in ((number, other.name), (first, station.name)):
+            yield FieldFault(
+                pointer_to("inputs", "stations", here, "scan"),
+                f"the scan is the same measurement as that of station '{name}': a scan laid on itself says nothing",
+            )
+
+
+def _found_scan(scan: ScanReference, files: FileStore) -> tuple[str, Json] | None:
+    """Give the content of a scan's file and the document of the scan; None where there is none."""
+    file = files.get(scan.file) if is_identifier(scan.file) else None
+    if file is None:
+        return None
+    return next(((file.sha256, found) for found in file.scans if found["index"] == scan.index), None)
+
+
+def _same_scan(first: tuple[str, Json], second: tuple[str, Json]) -> bool:
+    """Tell whether two scans of files are one: the same number in the same content, or the same points."""
+    if first[0] == second[0] and first[1]["index"] == second[1]["index"]:
+        return True
+    own, other = (found.get("content") for _, found in (first, second))
+    if own is None or other is None:  # files of earlier times are without
+        return False
+    return same_content(ScanContent.from_json(own), ScanContent.from_json(other))
 
 
 def _file_faults(station: Station, files: FileStore, where: str) -> Iterable[FieldFault]:

@@ -46,6 +46,8 @@ def _build(kind: type[T], flat: dict[str, Any], prefix: str) -> T:
             members[field.name] = _build(hint, flat, name + ".")  # type: ignore[arg-type]
         elif name not in flat:
             members[field.name] = None
+        elif get_origin(hint) is tuple:
+            members[field.name] = tuple(flat[name].tolist())
         else:
             members[field.name] = hint(flat[name]) if hint in {int, float, bool, str} else flat[name]
     return kind(**members)

@@ -234,17 +234,25 @@ def _grown(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
 def _pair_calls(
     job: Json, features: Sequence[Json], pairs: Sequence[Sequence[str]], first_number: int
 ) -> list[StepCall]:
-    names = [station["name"] for station in job["inputs"]["stations"]]
+    stations = job["inputs"]["stations"]
     known = known_of_stations(job["inputs"])
-    keys = {name: output["features"] for name, output in zip(names, features, strict=True)}
+    sides = {
+        station["name"]: {
+            "name": station["name"],
+            "features": output["features"],
+            "known": known.get(station["name"]),
+            "scan": _scan_of(job, station),
+        }
+        for station, output in zip(stations, features, strict=True)
+    }
     return [
         StepCall(
             "register-pair",
             {
                 "job_id": job["id"],
                 "number": number,
-                "target": {"name": target, "features": keys[target], "known": known.get(target)},
-                "source": {"name": source, "features": keys[source], "known": known.get(source)},
+                "target": sides[target],
+                "source": sides[source],
                 "method": job["inputs"]["method"],
             },
             f"registering {source} to {target}",
@@ -252,6 +260,12 @@ def _pair_calls(
         )
         for number, (target, source) in enumerate(pairs, start=first_number)
     ]
+
+
+def _scan_of(job: Json, station: Json) -> Json:
+    """Give where the scan of a station is."""
+    file = job["files"][station["scan"]["file"]]
+    return {"sha256": file["sha256"], "filename": file["name"], "index": station["scan"]["index"]}
 
 
 def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:

@@ -3,6 +3,7 @@
 import shutil
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -70,10 +71,23 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
             "planes": len(features.planes),
             "cylinders": len(features.cylinders),
             "noise_std_m": features.noise_std_m,
+            "left_out_points": features.far_point_count,
+            "instrument_std_m": features.sensor_std_m,
+            "warnings": station_warnings(features),
             **photo_counts(features, arguments.get("photos", [])),
         },
         "timings_s": timings,
     }
+
+
+def station_warnings(features: ScanFeatures) -> list[str]:
+    """Say what the reader of a result should know of one scan: points left out, and doubts of its unit."""
+    words = []
+    if features.far_point_count:
+        from algorithms.scans.far_points import far_points_in_words
+
+        words.append(far_points_in_words(features.far_point_count, features.farthest_m))
+    return [*words, *features.warnings]
 
 
 def photo_counts(features: ScanFeatures, photos: Sequence[Json]) -> Json:
@@ -101,17 +115,25 @@ def photo_counts(features: ScanFeatures, photos: Sequence[Json]) -> Json:
 def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dict[str, float]]:
     from algorithms.features.extraction import extract_features
     from algorithms.matching.symmetries import with_symmetries
+    from algorithms.scans.far_points import without_far_points
+    from algorithms.scans.scale_plausibility import scale_warnings
     from service.formats import read_scan
 
     options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
     path = context.blobs.local_path(content_key(arguments["sha256"]))
-    scan = read_scan(path, arguments["filename"], arguments["index"], read_limits(context))
+    scan, far = without_far_points(read_scan(path, arguments["filename"], arguments["index"], read_limits(context)))
     read = time.perf_counter()
     references = arguments.get("photos", [])
     section = ProgressSection(context.progress, 0.0, 0.5 if references else 1.0)
     features = extract_features(scan, options, progress=section, rng=np.random.default_rng(SEED))
+    features = replace(
+        features,
+        far_point_count=len(far),
+        farthest_m=far.farthest_m,
+        warnings=scale_warnings(scan.points, scan.sensor_m, np.random.default_rng(SEED)),
+    )
     timings = {"read": read - started, "features": time.perf_counter() - read}
     if references:
         from service.use_cases.station_photos import with_photo_lines

@@ -2,6 +2,7 @@
 
 import shutil
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -21,6 +22,7 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     from algorithms.registration.base import RegistrationProblem
     from service.use_cases.line_counts import line_counts
     from service.use_cases.pair_documents import pair_document, photo_line_counts
+    from service.use_cases.pair_remarks import distrusted_if_copied, remarks_on_scans
     from service.use_cases.station_priors import priors_of_pair
     from service.use_cases.timed_progress import TimedProgress
 
@@ -31,6 +33,9 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
     result = method.register(problem, progress=progress, rng=np.random.default_rng(SEED))
+    result = distrusted_if_copied(context, arguments, result, problem)
+    remarks = remarks_on_scans(problem, target=target["name"], source=source["name"])
+    result = replace(result, reasons=(*result.reasons, *remarks))
     document = pair_document(
         result, problem.target, target=target["name"], source=source["name"], timings_s=progress.finished()
     )

@@ -99,9 +99,9 @@ class Client:
     def delete(self, path: str, **what: Any) -> httpx.Response:
         return self.request("DELETE", path, **what)
 
-    def upload(self, name: str = "a.xyz", content: bytes = b"1 2 3\n") -> str:
-        """Upload a file and give its id."""
-        answer = self.post("/files", files={"file": (name, content)})
+    def upload(self, name: str = "a.xyz", content: bytes | None = None) -> str:
+        """Upload a file, with a content of its own unless it is given, and give its id."""
+        answer = self.post("/files", files={"file": (name, name.encode() if content is None else content)})
         assert answer.status_code == 201, answer.text
         return str(answer.json()["id"])
 

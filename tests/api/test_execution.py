@@ -249,3 +249,29 @@ def test_options_out_of_bounds_are_pointed_at(client: Client, pointers: Pointers
     station = {"name": "A", "scan": {"file": client.upload()}}
     answer = client.submit({"station": station, "features": {"min_plane_points": 1, "magic": 2}}, "extract-lines")
     assert pointers(answer) == ["/inputs/features/magic", "/inputs/features/min_plane_points"]
+
+
+def test_one_file_is_not_two_stations(client: Client, pointers: Pointers) -> None:
+    file = client.upload("a.xyz", b"scan scan")
+    stations = [{"name": name, "scan": {"file": file, "index": index}} for name, index in (("A", 1), ("B", 1))]
+    answer = client.submit({"stations": stations})
+    assert answer.status_code == 400
+    assert pointers(answer) == ["/inputs/stations/0/scan", "/inputs/stations/1/scan"]
+    assert "same measurement as that of station 'B'" in answer.json()["errors"][0]["detail"]
+
+
+def test_a_content_that_was_sent_twice_is_not_two_stations(client: Client, pointers: Pointers) -> None:
+    files = [client.upload(name, b"scan") for name in ("a.xyz", "b.xyz")]
+    names = ("A", "B", "C")
+    scans = [*files, client.upload("c.xyz", b"another scan")]
+    answer = client.submit(
+        {"stations": [{"name": name, "scan": {"file": file}} for name, file in zip(names, scans, strict=True)]}
+    )
+    assert answer.status_code == 400
+    assert pointers(answer) == ["/inputs/stations/0/scan", "/inputs/stations/1/scan"]
+
+
+def test_two_scans_of_one_file_are_two_stations(client: Client) -> None:
+    file = client.upload("a.e57", b"scan scan")
+    stations = [{"name": name, "scan": {"file": file, "index": index}} for name, index in (("A", 0), ("B", 1))]
+    assert client.submit({"stations": stations}).status_code == 201

@@ -89,6 +89,23 @@ def test_a_candidate_next_to_the_best_position_is_taken_although_it_is_worse() -
     np.testing.assert_array_equal(estimate.position_m, candidate)
 
 
+def test_the_standard_deviation_tells_where_much_is_hidden_from_where_hardly_anything_is() -> None:
+    """Columns in a room leave the instrument one place; before one bare wall it may have stood anywhere."""
+    sensor = np.array([4.5, 3.8, 1.6])
+    points, normals = room_with_columns(sensor)
+    among_columns = estimate_sensor_position(points, normals, rng=np.random.default_rng(0))
+    y, z = _grid((-10.0, 10.0), (0.0, 6.0))
+    wall = np.column_stack([np.zeros(len(y)), y, z])
+    before_a_wall = estimate_sensor_position(
+        wall, np.tile([1.0, 0.0, 0.0], (len(wall), 1)), rng=np.random.default_rng(0)
+    )
+    assert among_columns.position_m is not None
+    assert among_columns.std_m is not None
+    assert before_a_wall.std_m is not None
+    assert np.linalg.norm(among_columns.position_m - sensor) < 3.0 * among_columns.std_m
+    assert among_columns.std_m < 0.5 * before_a_wall.std_m
+
+
 def test_the_given_candidate_is_taken_when_nothing_speaks_against_it() -> None:
     sensor = np.array([4.5, 3.8, 1.6])
     points, normals = room_with_columns(sensor)
