@@ -70,9 +70,22 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
             "planes": len(features.planes),
             "cylinders": len(features.cylinders),
             "noise_std_m": features.noise_std_m,
+            **rounding_document(features),
             **photo_counts(features, arguments.get("photos", [])),
         },
         "timings_s": timings,
+    }
+
+
+def rounding_document(features: ScanFeatures) -> Json:
+    """Say what the coordinates of a scan are rounded to."""
+    rounding = features.rounding
+    if rounding is None:
+        return {}
+    return {
+        "coordinate_step_m": rounding.steps_m.tolist(),
+        "range_step_m": rounding.range_step_m if rounding.range_step_m > 0.0 else None,
+        "coordinate_slices": rounding.uneven,
     }
 
 
