@@ -138,7 +138,7 @@ def _rounded(
     frame: Matrix3,
     steps: CoordinateSteps,
 ) -> list[RoundedPieces]:
-    """Say how the blocks meet the steps of rounded coordinates: a pipe along an axis meets them alike all its length."""
+    """Say how the blocks meet the steps of rounded coordinates: a pipe along an axis meets them alike everywhere."""
     normals = np.column_stack([cosines, sines, np.zeros_like(along)])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     positions = radius * normals + np.outer(along, [0.0, 0.0, 1.0])

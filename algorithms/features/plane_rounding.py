@@ -21,7 +21,7 @@ OFFSET_LOSS, TILT_LOSS = 0.1, 0.35
 For a plane on one step every inclination below a step over its length is possible, 0.3 to 0.4 of it on the average, and
 all of it is the error of its tilt; its offset errs most where it is parallel, so for that it is taken to be."""
 SEEMING_STEPS = 0.8
-"""A plane that seems to cross some steps may cross so many fewer: one edge of a step near its rim turns it by a step."""
+"""A plane that seems to cross some steps may cross so many fewer: one edge of a step near its rim does that."""
 LARGEST_SCATTER_IN_STEPS = 0.25
 """Two steps, half of the points on each, have this variance in squared steps: the most that rounding adds."""
 MOST_POINTS = 2000.0

@@ -6,8 +6,9 @@ offset and tilts by rounding (`features.plane_rounding`) are carried to the pose
 """
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from algorithms.arrays import Array, Indices, Points, Scalars
+from algorithms.arrays import Array, Indices, Matrix6, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
 
 LOOSE_EDGE_M = 0.5
@@ -15,6 +16,12 @@ LOOSE_EDGE_M = 0.5
 
 DOMINATING_SHARE = 0.5
 """Mean share of the variance of planes' offsets from which on rounding is said to dominate."""
+
+ACROSS = 0.99
+"""Least cosine between the normal of a plane and an axis that it lies across."""
+COMMON_SHARE = 0.5
+"""Share of the variance of offsets by rounding that parallel planes are taken to have in common: nobody knows whether
+the measures of a building are multiples of the step."""
 
 
 def rounding_covariance(
@@ -43,6 +50,38 @@ def rounding_covariance(
         loose = np.flatnonzero(labels < 0)
         total += _of_loose(gain[:, loose], scan, points[loose], normals[loose])
     return total
+
+
+def common_shift_covariance(target: ScanFeatures, source: ScanFeatures, rotation: Rotation) -> Matrix6:
+    """Give the covariance (6, 6) of a pose by what rounding shifts all parallel planes of a scan by alike [m2].
+
+    Where a building's measures are whole multiples of the step, floors and ceilings, or opposite walls, lie alike on
+    the steps, and their errors are a shift of the whole scan, which does not average over planes.
+
+    Parameters
+    ----------
+    target, source
+        Features of both scans.
+    rotation
+        Target from source.
+    """
+    covariance = np.zeros((6, 6))
+    turn = rotation.as_matrix()
+    covariance[3:, 3:] = np.diag(_common_variances(target)) + turn @ np.diag(_common_variances(source)) @ turn.T
+    return covariance
+
+
+def _common_variances(scan: ScanFeatures) -> Vector3:
+    """Give the variance of a shift along each axis of a scan's file that planes across it share [m2]."""
+    variances = np.zeros(3)
+    if scan.rounding is None or len(scan.planes) == 0:
+        return variances
+    for axis in range(3):
+        across = np.abs(scan.planes.normals[:, axis]) > ACROSS
+        if across.any():
+            offsets = scan.rounding.plane_covariances[across, 2, 2]
+            variances[axis] = COMMON_SHARE * np.average(offsets, weights=scan.planes.areas_m2[across] + 1e-9)
+    return variances
 
 
 def least_spread(target: ScanFeatures, source: ScanFeatures) -> float:
