@@ -268,7 +268,7 @@ def _adjust_patches(
     axes = frames[:, 6:12].reshape(k, 2, 3)
     sensor = np.full(3, np.nan) if sensor_m is None else sensor_m
     jacobian, misfits, variances, splits = patch_systems(sums, starts, frames, noise, sensor, STEADY, LEAST_COSINE)
-    parts = list(pairwise(splits))
+    parts = list(pairwise(splits.tolist()))
     systems = [(jacobian[first:end], misfits[first:end], variances[first:end]) for first, end in parts]
     # staircases of rounded coordinates are no waves of the surface
     scattering = variances + rounding.variances

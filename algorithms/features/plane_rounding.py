@@ -117,7 +117,7 @@ def patch_rounding(
         return PatchRounding((), places, np.zeros(len(n)))
     cosines2 = _cosines2(positions, normals, sensor_m)
 
-    def meet(scatter_m: Scalars) -> list[RoundedPieces]:
+    def meet(scatter_m: Array) -> list[RoundedPieces]:
         return rounded_pieces(steps, positions, normals, extents, scatter_m, sensor_m)
 
     spans = [np.ptp(places[a:b], axis=0) if b > a else np.zeros(2) for a, b in pairwise(splits)]
@@ -140,7 +140,7 @@ def _cosines2(positions: Points, normals: Points, sensor_m: Vector3 | None) -> S
 
 
 def _scatter(
-    meet: Callable[[Scalars], list[RoundedPieces]],
+    meet: Callable[[Array], list[RoundedPieces]],
     owner: Int64[Array, "p"],
     scatter2: Float64[Array, "k"],
     counts: Float64[Array, "k"],
@@ -154,10 +154,10 @@ def _scatter(
     """
     patches = np.maximum(np.bincount(owner, minlength=len(counts)), 1)
 
-    def by_plane(values: Scalars) -> Scalars:
+    def by_plane(values: Array) -> Array:
         return np.asarray(np.bincount(owner, values, minlength=len(counts)) / patches)
 
-    def expected(scatter: float) -> tuple[Scalars, Scalars]:
+    def expected(scatter: float) -> tuple[Array, Array]:
         """Give the expected squared scatter of each plane, and by how much it may differ by its place."""
         met = meet(scatter * np.sqrt(shares))
         rounded, shared = np.zeros(len(owner)), np.zeros(len(owner))

@@ -27,7 +27,7 @@ MOST_STEPS = 50.0
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75)
 DIVISORS = (1.0, 2.0, 3.0, 4.0, 5.0)
 """Differences at these quantiles, and these parts of them, are tried as steps."""
-POINTS_PER_SLICE = 20.0
+POINTS_PER_SLICE = 8.0
 """Where so many points fall on each value, values are slices, whatever lies between them."""
 SLICES_IN_STEPS = 1.9
 """Of a common step, so many steps between typical slices: the instrument's slices are thicker than the file's step."""
