@@ -25,9 +25,8 @@ def pairs():
         ("all", found),
     ):
         nees = np.array([pair.nees for pair in group if np.isfinite(pair.error).all()])
-        print(
-            f"{title:10s} {len(nees)} poses, NEES mean {nees.mean():.2f} median {np.median(nees):.2f} max {nees.max():.1f}"
-        )
+        figures = f"mean {nees.mean():.2f} median {np.median(nees):.2f} max {nees.max():.1f}"
+        print(f"{title:10s} {len(nees)} poses, NEES {figures}")
     return found
 
 

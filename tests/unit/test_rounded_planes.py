@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from feature_scenes import cloud, room, tube
+from feature_scenes import cloud, room
 
-from algorithms.features.cylinder_fitting import fit_cylinder
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.plane_rounding import patch_rounding
@@ -129,15 +128,3 @@ def test_steps_far_below_the_noise_change_nothing() -> None:
     fine, finer = rounded(noisy, 1e-4), rounded(noisy, 1e-7)
     variances, others = (features.planes.covariances.diagonal(0, 1, 2) for features in (fine, finer))
     assert variances == pytest.approx(others, rel=0.05)
-
-
-def test_a_pipe_along_an_axis_errs_alike_over_all_its_length() -> None:
-    pipe = tube(np.random.default_rng(5), (1.2, 0.4, -1.4), (1.2, 0.4, 1.4), 0.06, 4000, noise_m=0.0005)
-    start = np.array([1.2, 0.4, 0.0]), np.array([0.0, 0.0, 1.0]), 0.06, 0.003
-    stds = []
-    for step in (0.01, 1e-6):
-        points = np.rint(pipe / step) * step
-        fitted_pipe = fit_cylinder(points, *start, CoordinateSteps(np.full(3, step)))
-        assert fitted_pipe is not None
-        stds.append(np.sqrt(fitted_pipe.covariance[2, 2]))
-    assert stds[0] > 3.0 * stds[1]
