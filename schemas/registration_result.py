@@ -228,6 +228,17 @@ class FeatureCount(Document):
         "file states it, or it is unknown.",
     )
     warnings: list[str] = Field(default=[], description="What the reader should know of the scan.")
+    coordinate_step_m: tuple[float, float, float] | None = Field(
+        default=None,
+        description="What the coordinates are rounded to along x, y and z of the file, found from themselves; of "
+        "slices of unequal thickness that of the typical point.",
+    )
+    range_step_m: float | None = Field(
+        default=None, description="Step of the distances from the instrument; null: none is seen."
+    )
+    coordinate_slices: bool = Field(
+        default=False, description="Coordinates fall on slices of unequal thickness, as depth cameras measure."
+    )
     photo_edges: int = Field(default=0, description="Lines that only the photos show, contained in `lines`.")
     photos: list[PhotoEdgeCount] = Field(default=[], description="What each photo of the station gave.")
 

@@ -11,6 +11,7 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.patch_covariance import NUMERICAL_STD_M
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import LineSource, lines_from_arrays
+from algorithms.scans.coordinate_steps import FULL_PRECISION, CoordinateSteps
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_cells import cell_surfaces, orient
 from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
@@ -41,7 +42,13 @@ LEAST_FILL = 0.5
 """Least share of the cylinder's seen surface that must hold points: bushes are full of circles, but porous."""
 
 
-def find_cylinders(points: Points, sensor_m: Vector3 | None, noise_std_m: float, options: FeatureOptions) -> Cylinders:
+def find_cylinders(
+    points: Points,
+    sensor_m: Vector3 | None,
+    noise_std_m: float,
+    options: FeatureOptions,
+    steps: CoordinateSteps = FULL_PRECISION,
+) -> Cylinders:
     """Find cylinders among points that lie on no plane.
 
     Parameters
@@ -54,6 +61,8 @@ def find_cylinders(points: Points, sensor_m: Vector3 | None, noise_std_m: float,
         Typical noise of points across surfaces [m].
     options
         Radius limits.
+    steps
+        What the coordinates are rounded to.
     """
     if len(points) < MIN_POINTS:
         return cylinders_from([], [], [])
@@ -79,7 +88,7 @@ def find_cylinders(points: Points, sensor_m: Vector3 | None, noise_std_m: float,
     members = _points_by_label(labels, cells.cell_of_point, len(rows))
     order = sorted(range(len(rows)), key=lambda k: -len(members[k]))
     alone = over_blocks(
-        lambda start, end: [_refine(points, members[k], rows[k], noise_std_m) for k in order[start:end]],
+        lambda start, end: [_refine(points, members[k], rows[k], noise_std_m, steps) for k in order[start:end]],
         len(order), least=1,
     )  # fmt: skip
     found: list[FittedCylinder] = []
@@ -88,7 +97,7 @@ def find_cylinders(points: Points, sensor_m: Vector3 | None, noise_std_m: float,
         near = next((i for i, other in enumerate(found) if _continues(rows[k], other)), None)
         cylinder = by_itself
         if near is not None:
-            cylinder = _refine(points, np.concatenate([held[near], members[k]]), rows[k], noise_std_m)
+            cylinder = _refine(points, np.concatenate([held[near], members[k]]), rows[k], noise_std_m, steps)
         if cylinder is None or not _is_sound(cylinder[0], noise_std_m, options):
             continue
         if near is None:
@@ -142,7 +151,9 @@ def _continues(row: Array, other: FittedCylinder) -> bool:
     return float(np.linalg.norm(across)) < 0.25 * other.radius_m
 
 
-def _refine(points: Points, own: Array, row: Array, noise_std_m: float) -> tuple[FittedCylinder, Array] | None:
+def _refine(
+    points: Points, own: Array, row: Array, noise_std_m: float, steps: CoordinateSteps
+) -> tuple[FittedCylinder, Array] | None:
     """Fit a cylinder to its points without those that do not lie on it; None if too few remain or it collapses."""
     anchor, direction, radius = row[:3].copy(), row[3:6].copy(), float(row[6])
     huber = max(2.0 * noise_std_m, NUMERICAL_STD_M)
@@ -152,11 +163,11 @@ def _refine(points: Points, own: Array, row: Array, noise_std_m: float) -> tuple
         step = max(1, len(own) // THINNED)
         radius = float(adjust_cylinder(points[own[::step]], anchor, direction, radius, 5, huber)[0])
         misfit = axis_misfits(points, own, anchor, direction, radius)
-        limit = 3.5 * max(1.4826 * float(np.median(misfit[::step])), NUMERICAL_STD_M)
+        limit = 3.5 * max(1.4826 * float(np.median(misfit[::step])), steps.std_m, NUMERICAL_STD_M)
         own = own[misfit <= limit]
     if len(own) < MIN_POINTS or not radius > 0:
         return None
-    cylinder = fit_cylinder(points[own], anchor, direction, radius, noise_std_m)
+    cylinder = fit_cylinder(points[own], anchor, direction, radius, noise_std_m, steps)
     return None if cylinder is None else (cylinder, own)
 
 

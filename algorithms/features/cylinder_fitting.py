@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Points, Vector3
+from algorithms.arrays import Array, Matrix3, Points, Vector3
 from algorithms.features import cylinder_fitting_kernels as kernels
 from algorithms.features.cylinder_axes_kernels import adjust_cylinder
 from algorithms.features.patch_covariance import NUMERICAL_STD_M, estimate_waviness, honest_covariance
 from algorithms.geometry.lines import bases_of
+from algorithms.scans.coordinate_steps import FULL_PRECISION, CoordinateSteps
+from algorithms.scans.rounding import RoundedPieces, rounded_pieces
 
 BLOCKS = 32
 """Aimed number of blocks (length x arc)."""
@@ -44,7 +46,12 @@ class FittedCylinder:
 
 
 def fit_cylinder(
-    points: Points, anchor: Vector3, direction: Vector3, radius_m: float, noise_std_m: float
+    points: Points,
+    anchor: Vector3,
+    direction: Vector3,
+    radius_m: float,
+    noise_std_m: float,
+    steps: CoordinateSteps = FULL_PRECISION,
 ) -> FittedCylinder | None:
     """Fit a cylinder to its points geometrically and give the covariance of axis and radius; None if it collapses.
 
@@ -56,6 +63,8 @@ def fit_cylinder(
         Start values.
     noise_std_m
         Expected noise: deviations beyond two of it are weighted down.
+    steps
+        What the coordinates are rounded to.
     """
     c, d = anchor.copy(), direction.copy()
     radius, _, _ = adjust_cylinder(points, c, d, radius_m, ITERATIONS, max(2.0 * noise_std_m, NUMERICAL_STD_M))
@@ -63,12 +72,13 @@ def fit_cylinder(
         return None
     basis = bases_of(d[None])[0]
     along, angle, misfit = kernels.unrolled(points, c, d, basis, radius)
-    noise = float(np.sqrt(np.sum(misfit**2) / max(len(points) - 5, 1)))
+    noise = max(float(np.sqrt(np.sum(misfit**2) / max(len(points) - 5, 1))), steps.std_m)
     low, high = np.quantile(along, [0.002, 0.998])
     middle = 0.5 * (low + high)
     seen = np.bincount(((angle + np.pi) / (2 * np.pi) * ARC_BINS).astype(np.int64) % ARC_BINS, minlength=ARC_BINS) > 0
     arc = 2 * np.pi * float(seen.mean())
-    fill, waviness, covariance = _block_covariance(along - middle, angle, misfit, radius, noise, arc)
+    frame = np.column_stack([basis, d])
+    fill, waviness, covariance = _block_covariance(along - middle, angle, misfit, radius, noise, arc, frame, steps)
     return FittedCylinder(
         anchor=c + middle * d,
         direction=d,
@@ -84,7 +94,14 @@ def fit_cylinder(
 
 
 def _block_covariance(
-    along: Array, angle: Array, misfit: Array, radius: float, noise: float, arc: float
+    along: Array,
+    angle: Array,
+    misfit: Array,
+    radius: float,
+    noise: float,
+    arc: float,
+    frame: Matrix3,
+    steps: CoordinateSteps,
 ) -> tuple[float, float, Float64[Array, "5 5"]]:
     """Adjust the means of surface blocks: filled share, waviness and 5x5 covariance (see `patch_covariance`)."""
     length = float(np.ptp(along)) + 1e-9
@@ -99,7 +116,34 @@ def _block_covariance(
     within = squares - r**2
     variances = (n * np.maximum(within, 0.0) + 10.0 * noise**2) / (n + 9.0) / n + NUMERICAL_STD_M**2
     jacobian = np.stack([s * u, s * v, u, v, np.ones_like(u)], axis=1)
-    waviness = estimate_waviness(jacobian, r, variances)
+    scatter = float(np.sqrt(max(noise**2 - steps.std_m**2, 0.0)))
+    rounded = _rounded(s, u, v, radius, (length / rows, 2 * np.pi * radius / columns), scatter, frame, steps)
+    shared = np.sum([own.variances for own in rounded], axis=0) if rounded else 0.0
+    waviness = estimate_waviness(jacobian, r, variances + shared)
     covariance = honest_covariance(jacobian, r, variances, waviness)
+    gain = np.linalg.pinv(jacobian / np.sqrt(variances + waviness)[:, None]) / np.sqrt(variances + waviness)
+    for own in rounded:
+        covariance += gain @ own.covariance() @ gain.T
     fill = len(used) / (rows * len(np.unique(used % columns)))
     return fill, waviness, covariance
+
+
+def _rounded(
+    along: Array,
+    cosines: Array,
+    sines: Array,
+    radius: float,
+    sides: tuple[float, float],
+    scatter_m: float,
+    frame: Matrix3,
+    steps: CoordinateSteps,
+) -> list[RoundedPieces]:
+    """Say how the blocks meet the steps of rounded coordinates: a pipe along an axis meets them alike everywhere."""
+    normals = np.column_stack([cosines, sines, np.zeros_like(along)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    positions = radius * normals + np.outer(along, [0.0, 0.0, 1.0])
+    around = np.column_stack([-normals[:, 1], normals[:, 0], np.zeros_like(along)])
+    extents = np.stack([np.tile([0.0, 0.0, sides[0]], (len(along), 1)), sides[1] * around], axis=1) @ frame.T
+    scatter = np.full(len(along), scatter_m)
+    pieces = rounded_pieces(steps, positions @ frame.T, normals @ frame.T, extents, scatter, None)
+    return [own for own in pieces if own.damping.any()]

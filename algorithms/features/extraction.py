@@ -1,10 +1,11 @@
 """From a scan to its lines, planes and cylinders."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from algorithms.arrays import Indices, Vector3
+from algorithms.arrays import Indices, Matrices3, Vector3
 from algorithms.features.cylinder_axes import find_cylinders
 from algorithms.features.options import FeatureOptions
 from algorithms.features.plane_boundaries import bound_planes
@@ -18,11 +19,12 @@ from algorithms.features.plane_segmentation import (
     thickness,
     typical_noise,
 )
-from algorithms.features.scan_features import ScanFeatures
+from algorithms.features.scan_features import Rounding, ScanFeatures
 from algorithms.features.surface_sample import sample_surface
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.progress import Progress
+from algorithms.scans.coordinate_steps import CoordinateSteps, coordinate_steps
 from algorithms.scans.edge_on import planes_seen_edge_on
 from algorithms.scans.grid_cells import grid_cells
 from algorithms.scans.layered_cells import layered_cells
@@ -30,7 +32,7 @@ from algorithms.scans.mixed_pixels import angular_step, grid_ranges
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.range_image import spherical_range_image
 from algorithms.scans.range_noise import range_noise
-from algorithms.scans.scan import Scan
+from algorithms.scans.scan import Scan, ScanGrid
 from algorithms.scans.sensor_position import estimate_sensor_position
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells, cell_surfaces, orient, pool_cells, widened
 from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
@@ -56,6 +58,9 @@ DRAWN_POINTS = 80_000
 """Among so many points the instrument's position is looked for, as far as they lie on surfaces."""
 SEEN_CELL_RAD = float(np.deg2rad(0.5))
 """Direction cells of the range image."""
+GRID_LAG, GRID_STEPS = 8, 1.0
+"""Grids are given up where coordinates are rounded to so many distances of their points, told from pixels so far apart.
+"""
 STEPS_PER_SEEN_CELL = 1.2
 """They are at least so many steps of a grid wide: in narrower ones nothing would be known of most directions."""
 
@@ -82,7 +87,9 @@ def extract_features(
         If the scan has no points or is too large for its point spacing.
     """
     progress.report(0.0, "cells")
-    cells, surfaces, noise = cut_into_cells(scan, options)
+    steps = coordinate_steps(scan)
+    scan = _without_blurred_grid(scan, steps)
+    cells, surfaces, noise = cut_into_cells(scan, options, steps.std_m)
     sensor, sensor_std = scan.sensor_m, None
     if sensor is None:
         drawn = _flat_points(cells, surfaces, rng)
@@ -92,12 +99,13 @@ def extract_features(
         sensor, sensor_std = guess.position_m, guess.std_m
     surfaces = orient(cells, surfaces, sensor)
     noise = max(noise, typical_noise(cells, surfaces, sensor)) if options.point_std_m is None else options.point_std_m
+    noise = max(noise, steps.std_m)  # points on one step do not scatter, and lie off it all the same
     progress.report(0.3, "planes")
     regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
         scan.points, cells, candidates_of(cells, regions), regions.normals, regions.centroids,
         regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), sensor_m=sensor,
-        min_points=options.min_plane_points,
+        min_points=options.min_plane_points, steps=steps,
     )  # fmt: skip
     if sensor is not None:
         edge_on = planes_seen_edge_on(fitted.normals, fitted.centroids, fitted.bases, fitted.extents, sensor)
@@ -111,7 +119,7 @@ def extract_features(
     lines = intersect_planes(planes, rasters, min_length_m=options.min_line_length_m)
     progress.report(0.7, "cylinders")
     left = _left_over(cells, fitted.select(kept))
-    cylinders = find_cylinders(scan.points[left], sensor, noise, options)
+    cylinders = find_cylinders(scan.points[left], sensor, noise, options, steps)
     progress.report(0.9, "surface")
     cell_labels = renumber(regions.cell_labels, regions_fitted[kept])
     surface = sample_surface(scan.points, cells, surfaces, cell_labels, planes.normals, sensor)
@@ -130,13 +138,23 @@ def extract_features(
         point_count=len(scan),
         noise_std_m=_reported_noise(planes, noise, options),
         sensor_std_m=sensor_std,
+        rounding=_rounding(steps, fitted.rounding_covariances[kept]),
     )
 
 
-def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, CellSurfaces, float]:
+def cut_into_cells(
+    scan: Scan, options: FeatureOptions, least_noise_m: float = 0.0
+) -> tuple[SurfaceCells, CellSurfaces, float]:
     """Cut a scan into cells, give each its tangent plane, and tell the noise that the ranges of a grid show [m].
 
     The cells of a grid are blocks of its pixels, those of a cloud voxels, which grow where its points are sparse.
+
+    Parameters
+    ----------
+    scan, options
+        The scan, and limits.
+    least_noise_m
+        What points lie off their surface by at least, though they may not scatter: rounded coordinates [m].
     """
     if scan.grid is not None:
         sensor: Vector3 = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
@@ -148,7 +166,8 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         pooled = pool_cells(cells, cap=CAP_POINTS, min_count=6.0)
         noise = options.point_std_m
         if noise is None:
-            noise = max(range_noise(ranges.T if by_columns else ranges), typical_noise(cells, pooled.surfaces, sensor))
+            of_ranges = range_noise(ranges.T if by_columns else ranges)
+            noise = max(of_ranges, typical_noise(cells, pooled.surfaces, sensor), least_noise_m)
         return cells, widened(cells, pooled, WIDTH_IN_NOISE * noise), noise
     size = LEAST_VOXEL_M if options.voxel_size_m is None else options.voxel_size_m
     while True:
@@ -162,9 +181,26 @@ def cut_into_cells(scan: Scan, options: FeatureOptions) -> tuple[SurfaceCells, C
         wide = len(widths) > 0 and float(np.median(widths)) > TYPICAL_WIDTH * cells.size_m
         if options.voxel_size_m is not None or wide or len(cells) < FEW_CELLS:
             noise = typical_noise(cells, surfaces, None) if options.point_std_m is None else options.point_std_m
+            noise = max(noise, least_noise_m)
             flat_m = math.hypot(FLAT_IN_NOISE * noise, UNEVENNESS_M)
             return *layered_cells(cells, surfaces, largest_residual_m=flat_m), 0.0
         size = 1.25 * cells.size_m
+
+
+def _without_blurred_grid(scan: Scan, steps: CoordinateSteps) -> Scan:
+    """Take a scan for a mere cloud where its points are rounded to more than the distance of neighbours in its grid.
+
+    There most neighbours are one point, and the next one is steps away: the grid says nothing of what is connected.
+    """
+    if scan.grid is None or scan.sensor_m is None or not steps.axes_m.any():
+        return scan
+    index = np.ascontiguousarray(scan.grid.index[::GRID_LAG, ::GRID_LAG])
+    spacing_rad = angular_step(scan.points, ScanGrid(index), scan.sensor_m) / GRID_LAG
+    few = scan.points[:: max(1, len(scan) // DRAWN_POINTS)]
+    spacing = spacing_rad * float(np.median(np.linalg.norm(few - scan.sensor_m, axis=1)))
+    if spacing == 0.0 or float(steps.axes_m.max()) < GRID_STEPS * spacing:
+        return scan
+    return replace(scan, grid=None)
 
 
 def _flat_points(cells: SurfaceCells, surfaces: CellSurfaces, rng: np.random.Generator) -> Indices:
@@ -198,6 +234,12 @@ def _reported_noise(planes: Planes, noise_std_m: float, options: FeatureOptions)
     if options.point_std_m is not None or len(planes) == 0:
         return noise_std_m
     return float(np.median(planes.noise_std_m))
+
+
+def _rounding(steps: CoordinateSteps, plane_covariances: Matrices3) -> Rounding:
+    """Keep what is known of the rounding of coordinates."""
+    uneven = steps.uneven is not None and bool(steps.uneven.any())
+    return Rounding(steps.axes_m, steps.range_m, uneven, steps.std_m, plane_covariances)
 
 
 def _joined(first: Lines, second: Lines) -> Lines:

@@ -23,7 +23,9 @@ from algorithms.features.plane_points import (
     planes_moments,
 )
 from algorithms.features.plane_points_kernels import patch_systems, sum_patches
+from algorithms.features.plane_rounding import PatchRounding, patch_rounding
 from algorithms.geometry.lines import bases_of
+from algorithms.scans.coordinate_steps import FULL_PRECISION, CoordinateSteps
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_cells import SurfaceCells
 
@@ -53,6 +55,8 @@ class FittedPlanes:
     """(k, 3, 2) columns E1 (longest extent), E2."""
     covariances: Float64[Array, "k 3 3"]
     """(k, 3, 3) of (a1, a2, b)."""
+    rounding_covariances: Float64[Array, "k 3 3"]
+    """(k, 3, 3) the same by rounded coordinates alone, of the surface as such, near and far parts of it alike."""
     noise_std_m: Float64[Array, "k"]
     point_counts: Int64[Array, "k"]
     extents: Float64[Array, "k 4"]
@@ -72,6 +76,7 @@ class FittedPlanes:
             self.centroids[which],
             self.bases[which],
             self.covariances[which],
+            self.rounding_covariances[which],
             self.noise_std_m[which],
             self.point_counts[which],
             self.extents[which],
@@ -98,6 +103,7 @@ def fit_planes(
     thickness_m: Float64[Array, "k"],
     sensor_m: Vector3 | None,
     min_points: int,
+    steps: CoordinateSteps = FULL_PRECISION,
     rounds: int = 3,
 ) -> tuple[FittedPlanes, Int64[Array, "kept"]]:
     """Assign points to approximate planes and fit each from its points.
@@ -120,6 +126,8 @@ def fit_planes(
         Where the instrument stood; without it the noise is taken for the same all over a plane.
     min_points
         Planes of fewer points are dropped, and those that are hardly wider than their noise.
+    steps
+        What the coordinates are rounded to: points on the next step belong to a plane as well.
     rounds
         How often points are assigned and planes fitted.
 
@@ -136,7 +144,8 @@ def fit_planes(
         fitted[flip] *= -1.0
         bases[flip, :, 1] *= -1.0
         noise = deviations[:, 2] * np.sqrt(moments[:, 0] / np.maximum(moments[:, 0] - 3.0, 1.0))
-        limits = np.clip(TRIM * noise, np.maximum(0.5 * TRIM * noise_std_m, NUMERICAL_STD_M), thickness_m)
+        least = np.maximum(0.5 * TRIM * noise_std_m, TRIM * steps.std_across_m(fitted))
+        limits = np.clip(TRIM * noise, np.maximum(least, NUMERICAL_STD_M), thickness_m)
         enough = moments[:, 0] >= 4
         frames = np.where(enough[:, None], plane_frames(fitted, moments[:, 1:4], bases, limits), frames)
         frames[:, 12] = limits
@@ -149,7 +158,7 @@ def fit_planes(
     shift = np.einsum("kji,ki->kj", axes, final[:, 3:6] - frames[kept, 3:6])
     extents = labelled.extents[kept] - np.tile(shift, 2)
     numbers = renumber(np.arange(len(normals), dtype=np.int32), kept)
-    planes, flat = _from_points(points, labelled, numbers, final, labelled.counts[kept], extents, sensor_m)
+    planes, flat = _from_points(points, labelled, numbers, final, labelled.counts[kept], extents, sensor_m, steps)
     return planes.select(flat), kept[flat]
 
 
@@ -175,9 +184,10 @@ def _from_points(
     counts: Int64[Array, "k"],
     extents: Float64[Array, "k 4"],
     sensor_m: Vector3 | None,
+    steps: CoordinateSteps,
 ) -> tuple[FittedPlanes, Int64[Array, "flat"]]:
     """Adjust planes from patches of their points; also say which of them are flat."""
-    sums, starts, columns = _sum_patches(points, labelled, numbers, frames, counts, extents)
+    sums, starts, columns, sizes = _sum_patches(points, labelled, numbers, frames, counts, extents)
     used = np.flatnonzero(sums[:, 0] > 0)
     owner = (np.searchsorted(starts, used, side="right") - 1).astype(np.int32)
     means = sums[used, 1:4] / sums[used, :1]
@@ -186,13 +196,16 @@ def _from_points(
     flat &= _in_one_piece(owner, (used - starts[owner]) // columns[owner], len(frames))
     squares = np.bincount(owner, sums[used, 4], minlength=len(frames))
     inner = np.bincount(owner, sums[used, 0], minlength=len(frames))
-    noise = np.sqrt(squares / np.maximum(inner - 3.0, 1.0))
-    turned, moved, bases, covariances = _adjust_patches(sums, starts, frames, noise, sensor_m)
+    noise = np.maximum(np.sqrt(squares / np.maximum(inner - 3.0, 1.0)), steps.std_across_m(frames[:, :3]))
+    splits = np.searchsorted(used, starts)
+    rounding = patch_rounding(steps, frames, sums[used], splits, sizes, sensor_m)
+    turned, moved, bases, covariances, shared = _adjust_patches(sums, starts, frames, noise, sensor_m, rounding)
     planes = FittedPlanes(
         normals=turned,
         centroids=moved,
         bases=bases,
         covariances=covariances,
+        rounding_covariances=shared,
         noise_std_m=noise,
         point_counts=counts,
         extents=extents,
@@ -218,8 +231,8 @@ def _sum_patches(
     frames: Float64[Array, "k 13"],
     counts: Int64[Array, "k"],
     extents: Float64[Array, "k 4"],
-) -> tuple[Float64[Array, "p 5"], Int64[Array, "starts"], Int64[Array, "k"]]:
-    """Sum the points of every plane per patch: sums, the first patch of every plane, and its patches in a row."""
+) -> tuple[Float64[Array, "p 5"], Int64[Array, "starts"], Int64[Array, "k"], Float64[Array, "k 2"]]:
+    """Sum the points of every plane per patch: sums, its first patch, its patches in a row, and their sides [m]."""
     spans = np.where(np.isfinite(extents[:, 2:]), extents[:, 2:] - extents[:, :2], 0.0)
     patches = np.clip(counts / POINTS_PER_PATCH, 4.0, PATCHES)
     # at least four patches across a long narrow plane: with fewer a bend would not show
@@ -238,7 +251,7 @@ def _sum_patches(
         )
 
     parts = over_blocks(work, len(points))
-    return np.sum(parts, axis=0), starts, columns
+    return np.sum(parts, axis=0), starts, columns, sizes
 
 
 def _adjust_patches(
@@ -247,20 +260,25 @@ def _adjust_patches(
     frames: Float64[Array, "k 13"],
     noise: Scalars,
     sensor_m: Vector3 | None,
-) -> tuple[Points, Points, Bases, Matrices3]:
-    """Refine every plane from its patch means and give its covariance."""
+    rounding: PatchRounding,
+) -> tuple[Points, Points, Bases, Matrices3, Matrices3]:
+    """Refine every plane from its patch means; give its covariance, and that by rounding with all patches alike."""
     k = len(frames)
     normals, centroids = frames[:, :3], frames[:, 3:6]
     axes = frames[:, 6:12].reshape(k, 2, 3)
     sensor = np.full(3, np.nan) if sensor_m is None else sensor_m
     jacobian, misfits, variances, splits = patch_systems(sums, starts, frames, noise, sensor, STEADY, LEAST_COSINE)
-    parts = list(pairwise(splits))
+    parts = list(pairwise(splits.tolist()))
     systems = [(jacobian[first:end], misfits[first:end], variances[first:end]) for first, end in parts]
-    waviness = estimate_wavinesses(systems)
-    covariances = np.empty((k, 3, 3))
+    # staircases of rounded coordinates are no waves of the surface
+    scattering = variances + rounding.variances
+    waviness = estimate_wavinesses([(jacobian[a:b], misfits[a:b], scattering[a:b]) for a, b in parts])
+    covariances, shared = np.empty((k, 3, 3)), np.empty((k, 3, 3))
     corrections = np.empty((k, 3))
-    for p, system in enumerate(systems):
+    for p, (system, (first, end)) in enumerate(zip(systems, parts, strict=True)):
         corrections[p], covariances[p] = adjust_patches(*system, float(waviness[p]))
+        covariances[p] += rounding.plane_covariance(first, end, system[0], system[2] + waviness[p])
+        shared[p] = rounding.plane_covariance(first, end, system[0], np.ones(end - first))
     turned = normals + np.einsum("kji,kj->ki", axes, corrections[:, :2])
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    return turned, centroids + normals * corrections[:, 2:], _carried_bases(axes[:, 0], turned), covariances
+    return turned, centroids + normals * corrections[:, 2:], _carried_bases(axes[:, 0], turned), covariances, shared

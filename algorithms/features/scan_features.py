@@ -64,6 +64,27 @@ class Symmetries:
 
 
 @dataclass(frozen=True, eq=False)
+class Rounding:
+    """What the coordinates of a scan are rounded to, and what that does to its planes."""
+
+    steps_m: Vector3
+    """(3,) step along each axis of the file [m] (`scans.coordinate_steps`)."""
+    range_step_m: float
+    """Step of the distances from the instrument [m]; 0 where none is seen."""
+    uneven: bool
+    """Whether coordinates fall on slices of unequal thickness; the steps are typical ones then."""
+    std_m: float
+    """Standard deviation of single points by it, in the worst direction [m]."""
+    plane_covariances: Float64[Array, "k 3 3"]
+    """(k, 3, 3) of (a1, a2, b): errors by rounding that all points of a plane share, near and far parts of it alike."""
+
+    @property
+    def shared_std_m(self) -> float:
+        """Root mean square of the offset errors of planes by rounding [m]."""
+        return float(np.sqrt(self.plane_covariances[:, 2, 2].mean())) if len(self.plane_covariances) else self.std_m
+
+
+@dataclass(frozen=True, eq=False)
 class ScanFeatures:
     """Features of one scan, all in its reduced scan frame."""
 
@@ -100,6 +121,8 @@ class ScanFeatures:
     """How far away the farthest of them was [m]."""
     warnings: tuple[str, ...] = ()
     """What makes one doubt that the coordinates are metres (`scans.scale_plausibility`)."""
+    rounding: Rounding | None = None
+    """What its coordinates are rounded to; None: not known."""
 
     @property
     def spacing_m(self) -> float:

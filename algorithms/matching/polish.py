@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, IndexPairs, Points, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Points, Scalars, Vector3
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 from algorithms.scans.surface_matches import corresponding
@@ -68,8 +68,10 @@ class SurfaceGaps:
     """(n,) how far the source should move along them [m]."""
     weights: Scalars
     """(n,) weights that give every direction of normals the same say."""
-    pairs: IndexPairs = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
-    """(n, 2) numbers of the target's and the source's surface points; empty where the distances are between others."""
+    of_target: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(n,) surface point of the target that each rests on, a number of its index."""
+    of_source: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(n,) that of the source."""
 
     def design(self, centre_m: Vector3) -> Array:
         """Give the derivatives (n, 6) of the distances by rotation about a centre, and translation."""
@@ -118,7 +120,8 @@ def surface_gaps(
             ]
         ),
         weights=np.concatenate([source.weights[match], target.weights[back]]),
-        pairs=np.stack([np.concatenate([here, back]), np.concatenate([match, there])], axis=1),
+        of_target=np.concatenate([here, back]),
+        of_source=np.concatenate([match, there]),
     )
 
 

@@ -25,6 +25,7 @@ from algorithms.registration.pose_fusion import (
     share_of_first,
 )
 from algorithms.registration.rigidity import Rigidity
+from algorithms.registration.rounding_covariance import common_shift_covariance
 from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
 from algorithms.registration.surface_options import SurfaceOptions
 
@@ -301,6 +302,8 @@ def _final(
     surfaces: SurfaceEstimate | None,
 ) -> FinalPose:
     """Carry a pose to the files' coordinates, and put what is free in words."""
+    common = common_shift_covariance(problem.target, problem.source, reduced.rotation)
+    reduced = replace(reduced, covariance=reduced.covariance + common)
     free = reduced.null_space.shape[1]
     directions = PoseEstimate(reduced.target_from_source, reduced.null_space @ reduced.null_space.T)
     words = principal_motions(directions, centred.centroid, centred.radius_m)[:free]

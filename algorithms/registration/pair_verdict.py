@@ -19,6 +19,7 @@ from algorithms.matching.surface_fit import surface_pose_covariance, surface_pos
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.rigidity import Rigidity, rigidity
+from algorithms.registration.rounding_covariance import remark_on_rounding
 
 LEAST_REDUNDANCY = 10
 """Conditions beyond the six parameters without which no test means anything."""
@@ -262,6 +263,9 @@ def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> l
         words = None if features.mount_test is None else features.mount_test.in_words()
         if words is not None:
             remarks.append(f"{side}: {words}")
+        rounded = remark_on_rounding(features)
+        if rounded is not None:
+            remarks.append(f"{side}: {rounded}")
     if fine is None:
         return remarks
     adjustment = fine.adjustment

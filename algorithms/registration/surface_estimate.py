@@ -14,6 +14,7 @@ from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.directions import comes_first
 from algorithms.matching.polish import LEAST_GAPS, SurfaceGaps, surface_gaps
 from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
+from algorithms.registration.rounding_covariance import least_spread, rounding_covariance
 from algorithms.registration.surface_options import SurfaceOptions
 from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
 from algorithms.scans.surface_index import EvidenceLimits
@@ -130,13 +131,14 @@ def estimate_by_surfaces(
     gate = max(options.max_distance_m, least_gate)
     most = max(len(index.points) for index in (target.index, source.index))
     points = min(FEW_POINTS, most)
+    spread_m = max(LEAST_SPREAD_M, least_spread(target, source))
     pose, converged, rounds = start, False, 0
     while not converged and rounds < options.max_iterations:
         gaps = _gaps(target, source, pose, gate, points, options, left_out)
         if len(gaps.gaps_m) < LEAST_GAPS and points < most:
             points = most
             continue
-        fit = _weighed(gaps)
+        fit = _weighed(gaps, spread_m)
         step, length = fit.step(1.0 if rounds < STEADY_ROUNDS else 0.5)
         pose = step * pose
         narrower = max(min(gate, GATE_SPREADS * fit.spread_m), least_gate)
@@ -146,15 +148,16 @@ def estimate_by_surfaces(
         if points < most and (converged or rounds >= STEADY_ROUNDS):
             points, converged = most, False
         gate = narrower
-    fit = _weighed(_gaps(target, source, pose, gate, most, options, left_out))
+    fit = _weighed(_gaps(target, source, pose, gate, most, options, left_out), spread_m)
+    by_rounding = rounding_covariance(fit.gain(), target, source, fit.gaps.of_target, fit.gaps.of_source)
     walls = wall_pieces(_planes_of(fit.gaps, target, source), fit.gaps.positions)
-    return _with_covariance(fit, pose, walls, options, rounds, converged)
+    return _with_covariance(fit, by_rounding, walls, pose, options, rounds, converged)
 
 
 def _planes_of(gaps: SurfaceGaps, target: ScanFeatures, source: ScanFeatures) -> Labels:
     """Give the plane that corresponding surface belongs to, those of the source numbered on; -1 for none."""
-    labels = target.surface.plane_labels[target.index.numbers[gaps.pairs[:, 0]]]
-    others = source.surface.plane_labels[source.index.numbers[gaps.pairs[:, 1]]]
+    labels = target.surface.plane_labels[target.index.numbers[gaps.of_target]]
+    others = source.surface.plane_labels[source.index.numbers[gaps.of_source]]
     return np.where(labels >= 0, labels, np.where(others >= 0, others + len(target.planes), -1))
 
 
@@ -181,6 +184,11 @@ class _Fit:
     open_: Array
     """(6, 6 - k) those that they leave open."""
 
+    def gain(self) -> Array:
+        """Give what each gap changes the determined motions by, (k, n)."""
+        weighted = self.known.T @ (self.design * self.weights[:, None]).T
+        return np.asarray(np.linalg.solve(self.known.T @ self.normal_matrix @ self.known, weighted))
+
     def step(self, share: float) -> tuple[RigidTransform, float]:
         """Solve for the motion that closes the gaps and take a share of it; what is open stays. Give its length [m]."""
         matrix = self.known.T @ self.normal_matrix @ self.known
@@ -205,8 +213,8 @@ def _gaps(
     return surface_gaps(pose, *indices, limits, points, left_out=left_out)
 
 
-def _weighed(gaps: SurfaceGaps) -> _Fit:
-    """Weigh corresponding surface.
+def _weighed(gaps: SurfaceGaps, least_spread_m: float) -> _Fit:
+    """Weigh corresponding surface, by no smaller a standard deviation of the gaps than given.
 
     Raises
     ------
@@ -217,7 +225,7 @@ def _weighed(gaps: SurfaceGaps) -> _Fit:
 
     if len(gaps.gaps_m) < LEAST_GAPS:
         raise TooFewCorrespondencesError(len(gaps.gaps_m), LEAST_GAPS, "surface points")
-    spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
+    spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), least_spread_m)
     squares = np.square(gaps.gaps_m / (TUKEY * spread))
     inside = squares < 1.0
     robust = np.where(inside, np.square(1.0 - squares), 0.0)
@@ -257,7 +265,13 @@ def _motions(normal_matrix: Array, spread: Matrix3) -> Array:
 
 
 def _with_covariance(
-    fit: _Fit, pose: RigidTransform, walls: Labels, options: SurfaceOptions, rounds: int, converged: bool
+    fit: _Fit,
+    by_rounding: Array,
+    walls: Labels,
+    pose: RigidTransform,
+    options: SurfaceOptions,
+    rounds: int,
+    converged: bool,
 ) -> SurfaceEstimate:
     """Add the covariance, told at the origins of the reduced frames."""
     shifts = fit.known[3:]
@@ -279,7 +293,7 @@ def _with_covariance(
     if kept.shape[1]:
         along = covering(along, kept.T @ by_walls @ kept)
     along += (COMMON_SPREADS * fit.spread_m) ** 2 * np.eye(len(along))
-    scaled = axes[:, controlled] @ along @ axes[:, controlled].T
+    scaled = axes[:, controlled] @ along @ axes[:, controlled].T + fit.known @ by_rounding @ fit.known.T
     to_pose = np.eye(6) / fit.radius_m
     to_pose[3:, 3:] = np.eye(3)
     to_pose[3:, :3] = cross_matrix(fit.centre_m - np.asarray(pose.translation)) / fit.radius_m

@@ -74,6 +74,7 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
             "left_out_points": features.far_point_count,
             "instrument_std_m": features.sensor_std_m,
             "warnings": station_warnings(features),
+            **rounding_document(features),
             **photo_counts(features, arguments.get("photos", [])),
         },
         "timings_s": timings,
@@ -88,6 +89,16 @@ def station_warnings(features: ScanFeatures) -> list[str]:
 
         words.append(far_points_in_words(features.far_point_count, features.farthest_m))
     return [*words, *features.warnings]
+def rounding_document(features: ScanFeatures) -> Json:
+    """Say what the coordinates of a scan are rounded to."""
+    rounding = features.rounding
+    if rounding is None:
+        return {}
+    return {
+        "coordinate_step_m": rounding.steps_m.tolist(),
+        "range_step_m": rounding.range_step_m if rounding.range_step_m > 0.0 else None,
+        "coordinate_slices": rounding.uneven,
+    }
 
 
 def photo_counts(features: ScanFeatures, photos: Sequence[Json]) -> Json:
