@@ -29,6 +29,8 @@ class ScanDocument(BaseModel):
     has_color: bool
     scan_pose: list[list[float]] | None = None
     """world_from_scan as stored in the file, 4×4 row-major; null when the file has none."""
+    warnings: list[str] = []
+    """What looks wrong with the scan, or was changed in reading it."""
 
 
 class PhotoDocument(BaseModel):

@@ -83,6 +83,8 @@ class ScanInfo:
     has_color: bool
     scan_pose: Matrix4 | None
     """4x4 world from scan as the file stores it, or None."""
+    warnings: tuple[str, ...] = ()
+    """What looks wrong with the scan, or was changed in reading it, for people."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -98,6 +100,7 @@ class ScanInfo:
             "has_intensity": self.has_intensity,
             "has_color": self.has_color,
             "scan_pose": None if self.scan_pose is None else self.scan_pose.tolist(),
+            "warnings": list(self.warnings),
         }
 
 
