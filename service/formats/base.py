@@ -68,7 +68,7 @@ class ScanRecords:
     """Where the format says the instrument stood, full coordinates [m]; None when it does not say."""
     world_from_scan: RigidTransform | None = None
     unit: DeclaredUnit | None = None
-    """In which unit the file says that coordinates are; None: it does not say. What is named in metres is in it, too."""
+    """In which unit the file says that coordinates are; None: it does not say. It holds for all lengths."""
     open_unit: str = ""
     """Why nobody can tell the unit unless the owner states it; empty: it can be told."""
     text_columns: str | None = None

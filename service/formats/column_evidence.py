@@ -149,7 +149,7 @@ def _look_alike(columns: Sequence[ColumnEvidence]) -> bool:
 def _of_column(parts: Sequence[Array]) -> ColumnEvidence:
     everything = np.concatenate(parts)
     values = everything[np.isfinite(everything)]
-    is_word = 2 * np.count_nonzero(np.isinf(everything)) > len(everything)
+    is_word = bool(2 * np.count_nonzero(np.isinf(everything)) > len(everything))
     if is_word or len(values) == 0:
         unknown = {"is_whole": False, "is_counting": False, "is_rising": False, "is_cycling": False}
         return ColumnEvidence(np.nan, np.nan, is_word=is_word, **unknown)

@@ -1,10 +1,12 @@
 """Units of coordinate reference systems, through PROJ."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
 from service.formats.units import METRE, DeclaredUnit, Unit, UnknownUnit, unit_of
 
 LONGEST_WKT = 100_000
+Axis: TypeAlias = tuple[str, str, float]
+"""Direction, name of the unit, and its length in metres, or its angle."""
 ANGLES = ("degree", "radian", "grad", "gon", "arc-second", "arc-minute")
 
 
@@ -25,19 +27,20 @@ def unit_of_crs(definition: str | int, source: str) -> DeclaredUnit | UnknownUni
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
-    if isinstance(definition, str) and len(definition) > LONGEST_WKT:
-        return UnknownUnit("a definition longer than any", source)
-    try:
-        if isinstance(definition, int):
-            crs = CRS.from_epsg(definition)
-        elif wkt := definition.strip(" \0\r\n\t"):
-            crs = CRS.from_wkt(wkt)
-        else:
+    if isinstance(definition, str):
+        definition = definition[:LONGEST_WKT].strip(" \0\r\n\t")
+        if not definition:
             return None
+    try:
+        crs = CRS.from_epsg(definition) if isinstance(definition, int) else CRS.from_wkt(definition)
         axes = [(str(axis.direction), str(axis.unit_name), float(axis.unit_conversion_factor)) for axis in _axes(crs)]
         where = f"{source} '{crs.name[:60]}'"
     except CRSError:
         return UnknownUnit("a coordinate reference system that PROJ does not understand", source)
+    return _unit_of_axes(axes, where)
+
+
+def _unit_of_axes(axes: list[Axis], where: str) -> DeclaredUnit | UnknownUnit | None:
     level = [axis for axis in axes if axis[0] not in {"up", "down"}]
     upright = [axis for axis in axes if axis[0] in {"up", "down"}]
     if not level and not upright:
@@ -60,5 +63,5 @@ def _axes(crs: Any) -> list[Any]:
     return list(crs.axis_info)
 
 
-def _unit(axis: tuple[str, str, float]) -> Unit:
+def _unit(axis: Axis) -> Unit:
     return unit_of(axis[2], axis[1])

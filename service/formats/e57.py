@@ -149,7 +149,7 @@ def _said_of_units(image_file: Any) -> dict[str, Any]:
         return {"warnings": (not_understood(unit),)}
     return {
         "open_unit": f"{unit.source} is in {unit.words}, but E57 has coordinates in metres by its standard: state "
-        'in which `unit` they are, such as "m", with the scan; transform coordinates that are angles to a projected system'
+        'with the scan in which `unit` they are, such as "m"; transform angles to a projected system'
     }
 
 

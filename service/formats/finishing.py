@@ -165,7 +165,7 @@ def _in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
         stated = DeclaredUnit(BY_NAME[file.unit], BY_NAME[file.unit], "the request")
         if declared is not None and declared.name != stated.name:
             raise file.unreadable(
-                f"the request states that coordinates are in {stated.words}, but {declared.source} says {declared.words}",
+                f"the request says that coordinates are in {stated.words}, but {declared.source} says {declared.words}",
                 place,
             )
         declared = stated

@@ -111,7 +111,7 @@ def _list_end(data: Array, at: int, kind: str, counted: str, order: str) -> tupl
 
 def _walked(data: Array, start: int, count: int, properties: Sequence[Property], order: str) -> tuple[Array, int]:
     """Go from record to record, where lists differ in length."""
-    content, at = memoryview(data), start
+    content, at = memoryview(np.ascontiguousarray(data).data), start
     numbers = np.dtype([(name, order + kind) for name, kind in plain(properties)])
     kept = bytearray()
     steps = _steps(properties, order)

@@ -169,12 +169,7 @@ def has_commas_for_both(lines: Sequence[str], separators: Separators, width: int
         return False
     if not all(word.isascii() and word.isdigit() for column in decimals for word in column):
         return False
-    return all(
-        len({len(word) for word in column}) == 1
-        and len(column[0]) > 1
-        or any(_leads_with_zero(word) for word in column)
-        for column in decimals
-    )
+    return all(map(_are_decimals, decimals))
 
 
 def is_count(line: str) -> bool:
@@ -196,8 +191,10 @@ def filled_lines(lines: Iterator[str]) -> Iterator[str]:
     return (line for line in lines if not line.isspace() and not line.lstrip().startswith("#"))
 
 
-def _leads_with_zero(word: str) -> bool:
-    return len(word) > 1 and word.startswith("0")
+def _are_decimals(words: Sequence[str]) -> bool:
+    """Tell whether digits stand behind a decimal mark: always as many, or some begin with zero."""
+    lengths = {len(word) for word in words}
+    return (len(lengths) == 1 and lengths != {1}) or any(len(word) > 1 and word.startswith("0") for word in words)
 
 
 def _has_decimal_commas(words: Sequence[str], least_words: int) -> bool:

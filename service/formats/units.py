@@ -147,8 +147,8 @@ def not_understood(unit: UnknownUnit) -> str:
 def way_out(unit: UnknownUnit) -> str:
     """Say what is to be done about coordinates that are angles."""
     return (
-        f"its coordinates are {unit.words} of longitude and latitude, in which nothing can be measured: transform it to "
-        "a projected system in metres (such as UTM, with `pdal translate in.laz out.laz reprojection "
+        f"its coordinates are {unit.words} of longitude and latitude, in which nothing can be measured: transform it "
+        "to a projected system in metres (such as UTM, with `pdal translate in.laz out.laz reprojection "
         "--filters.reprojection.out_srs=EPSG:25832`) and send that"
     )
 
