@@ -2,6 +2,9 @@
 
 import re
 from collections.abc import Sequence
+from typing import Annotated, TypeAlias
+
+from pydantic import AfterValidator, Field
 
 ROLES = {
     **dict.fromkeys(("x", "easting", "east", "e", "rechtswert", "ostwert"), "x"),
@@ -14,6 +17,8 @@ ROLES = {
 }
 """Name of a column, lower case -> what it is; columns of other names are passed over."""
 PASSED_OVER = "-"
+TEXT_ENDINGS = (".xyz", ".pts", ".csv", ".txt", ".asc")
+"""Of the names of files that hold tables."""
 LONGEST = 1000
 MOST_COLUMNS = 100
 WHOLE_NUMBERS = frozenset(("row", "col", "column", "line", "ring", "number", "id", "point"))
@@ -72,3 +77,6 @@ def checked_columns(text: str) -> str:
         role if role != PASSED_OVER else name if name in WHOLE_NUMBERS else PASSED_OVER
         for role, name in zip(roles, (name.lower() for name in names), strict=True)
     )
+
+
+StatedColumns: TypeAlias = Annotated[str, Field(min_length=5, max_length=LONGEST), AfterValidator(checked_columns)]

@@ -8,7 +8,7 @@ from typing import TextIO, final
 import numpy as np
 
 from algorithms.arrays import Array
-from schemas.text_columns import HOW, PASSED_OVER, roles_of
+from schemas.text_columns import HOW, PASSED_OVER, TEXT_ENDINGS, roles_of
 from service.errors import FileTooLargeError, UnreadableFileError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.column_evidence import UnclearColumnsError, column_evidence, coordinate_column
@@ -43,7 +43,7 @@ class TextReader:
     """
 
     name: str = "XYZ text"
-    extensions: tuple[str, ...] = (".xyz", ".pts", ".csv", ".txt", ".asc")
+    extensions: tuple[str, ...] = TEXT_ENDINGS
     signed: bool = False
 
     def sniff(self, head: bytes) -> bool:

@@ -29,7 +29,10 @@ class StoredFile:
 
     def summary(self) -> Json:
         """Give what a plan sees of the file."""
-        return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind", "owner")}
+        seen = {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind", "owner")}
+        kept = ("index", "name", "usable", "reason", "warnings", "text_columns")
+        scans = [{name: scan[name] for name in kept if scan.get(name) is not None} for scan in self.scans]
+        return {**seen, "scans": scans}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import ProgressSection
+from schemas.text_columns import checked_columns
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
 from service.use_cases.content_keys import content_key
@@ -34,7 +35,8 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
     from service.formats import inspect_upload
 
     path, filename = context.blobs.local_path(arguments["key"]), arguments["filename"]
-    found = inspect_upload(path, filename, read_limits(context))
+    stated = arguments.get("columns") or ""
+    found = inspect_upload(path, filename, read_limits(context), checked_columns(stated) if stated else "")
     return {
         "format": found.format,
         "kind": found.kind,
@@ -47,7 +49,8 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
     photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
     owner = arguments.get("owner", "")
-    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner)
+    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
+    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner, reading)
     timings = {"read": 0.0, "features": 0.0}
     if context.blobs.exists(key):
         features = load_features(context.blobs.local_path(key))
@@ -70,6 +73,7 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
             "planes": len(features.planes),
             "cylinders": len(features.cylinders),
             "noise_std_m": features.noise_std_m,
+            "warnings": arguments.get("warnings", []),
             **photo_counts(features, arguments.get("photos", [])),
         },
         "timings_s": timings,
@@ -107,7 +111,14 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
     path = context.blobs.local_path(content_key(arguments["sha256"]))
-    scan = read_scan(path, arguments["filename"], arguments["index"], read_limits(context))
+    scan = read_scan(
+        path,
+        arguments["filename"],
+        arguments["index"],
+        read_limits(context),
+        columns=arguments.get("columns") or "",
+        unit=arguments.get("unit") or "",
+    )
     read = time.perf_counter()
     references = arguments.get("photos", [])
     section = ProgressSection(context.progress, 0.0, 0.5 if references else 1.0)
