@@ -31,6 +31,7 @@ SHORTEST_LINE = len("0 0 0\n")
 SAMPLED_LINES = 2000
 SAMPLED_PLACES = 8
 SAMPLE_BYTES = 1 << 14
+MOST_BYTES_OF_A_CHARACTER = 2
 COLORS = ("r", "g", "b")
 
 
@@ -95,7 +96,8 @@ class _Table:
         """Read all that is left of the file."""
         first_line = self.layout.skipped_lines + 1
         ahead = list(islice(stream, SAMPLED_LINES))
-        roles = self._roles([ahead, *_places(self.file, self.layout, len(head))], first_line)
+        after = max(len(head), MOST_BYTES_OF_A_CHARACTER * sum(map(len, ahead)))
+        roles = self._roles([ahead, *_places(self.file, self.layout, after)], first_line)
         most = self.limits.max_points
         numbers = self._numbers(islice(chain(ahead, stream), most + 1), first_line, roles)
         if len(numbers) > most:
@@ -271,13 +273,14 @@ class _Block:
 
 def _places(file: ScanFile, layout: Layout, after: int) -> Iterator[list[str]]:
     """Give whole lines of some places of a file, in their order."""
-    if file.size <= after + SAMPLE_BYTES:
+    number = min(SAMPLED_PLACES, (file.size - after) // SAMPLE_BYTES)  # so that they do not overlap
+    if number < 1:
         return
     encoding = encoding_of(b"") if layout.encoding == "utf-8-sig" else layout.encoding
     with file.path.open("rb") as stream:
         if encoding == "utf-16":
             encoding = "utf-16-le" if stream.read(2) == b"\xff\xfe" else "utf-16-be"
-        for place in np.linspace(after, file.size - SAMPLE_BYTES, SAMPLED_PLACES).astype(int):
+        for place in np.linspace(after, file.size - SAMPLE_BYTES, number).astype(int):
             stream.seek(int(place) // 2 * 2)
             lines = stream.read(SAMPLE_BYTES).decode(encoding, "replace").split("\n")
             yield lines[1:-1]

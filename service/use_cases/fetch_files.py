@@ -27,7 +27,8 @@ class Fetch:
 
     def to_json(self) -> Json:
         """Give what is stored of it."""
-        return {**asdict(self), "pointers": list(self.pointers)}
+        stored = {**asdict(self), "pointers": list(self.pointers)}
+        return {name: value for name, value in stored.items() if name != "columns" or value}
 
     @classmethod
     def from_json(cls, stored: Json) -> "Fetch":

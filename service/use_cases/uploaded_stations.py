@@ -169,7 +169,7 @@ class _Search:
 def _names_no_scan(station: Json) -> bool:
     """Tell whether a station has the next scan; what is said of that may stand in it, such as its unit."""
     scan = station.get("scan")
-    return scan is None or (isinstance(scan, dict) and "file" not in scan and "index" not in scan)
+    return scan is None or (isinstance(scan, dict) and bool(scan) and scan.keys() <= {"unit", "columns"})
 
 
 def _stored_photos(file: UploadedFile | None, index: int) -> list[Json]:
