@@ -104,7 +104,9 @@ def coordinate_column(columns: Sequence[ColumnEvidence], lines: int) -> int:
             raise UnclearColumnsError("words stand between the numbers")
         _require_no_code_between(columns)
         return 0
-    if any(column.is_word for column in columns[:3]) or any(column.is_index for column in columns[:3]):
+    if any(column.is_word for column in columns[:3]):
+        raise UnclearColumnsError("words stand in the first columns")
+    if any(column.is_index for column in columns[:3]):
         raise UnclearColumnsError("the first columns look like numbers of points, rows, columns, rings or times")
     if len(columns) > 3 and lines >= ENOUGH_LINES and not _look_alike(columns[:3]):
         raise UnclearColumnsError("whole numbers stand in the first columns")

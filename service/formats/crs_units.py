@@ -36,7 +36,7 @@ def unit_of_crs(definition: str | int, source: str) -> DeclaredUnit | UnknownUni
         axes = [(str(axis.direction), str(axis.unit_name), float(axis.unit_conversion_factor)) for axis in _axes(crs)]
         where = f"{source} '{crs.name[:60]}'"
     except CRSError:
-        return UnknownUnit("a coordinate reference system that PROJ does not understand", source)
+        return UnknownUnit("a system that PROJ does not understand", source)
     return _unit_of_axes(axes, where)
 
 

@@ -114,7 +114,7 @@ def refused_info(refused: RefusedScan) -> ScanInfo:
 
 def conversion(unit: DeclaredUnit) -> str:
     """Say that coordinates were converted."""
-    return f"the coordinates were converted from {unit.words} to metres, as {unit.source} says"
+    return f"the coordinates were converted from {unit.words} to metres, according to {unit.source}"
 
 
 def check_count(
@@ -165,7 +165,8 @@ def _in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
         stated = DeclaredUnit(BY_NAME[file.unit], BY_NAME[file.unit], "the request")
         if declared is not None and declared.name != stated.name:
             raise file.unreadable(
-                f"the request says that coordinates are in {stated.words}, but {declared.source} says {declared.words}",
+                f"the request says that coordinates are in {stated.words}, but they are in {declared.words} according to "
+                f"{declared.source}",
                 place,
             )
         declared = stated

@@ -95,7 +95,7 @@ def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | Unknow
         return replace(records, warnings=(not_understood(unit),))
     low, high = (np.asarray(side(records.points, axis=0)) + records.base_m for side in (np.min, np.max))
     if can_be_degrees(low, high):
-        raise file.unreadable(f"{unit.source} says that {way_out(unit)}", "header")
+        raise file.unreadable(f"according to {unit.source} {way_out(unit)}", "header")
     return replace(records, open_unit=no_degrees(unit, low, high))
 
 

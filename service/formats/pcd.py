@@ -96,7 +96,7 @@ def _unit(file: ScanFile, header: _Header) -> tuple[DeclaredUnit | None, tuple[s
     if not isinstance(found, UnknownUnit):
         return found, ()
     if found.is_angle:
-        raise file.unreadable(f"{found.source} says that {way_out(found)}", "header")
+        raise file.unreadable(f"according to {found.source} {way_out(found)}", "header")
     return None, (not_understood(found),)
 
 

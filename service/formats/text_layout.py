@@ -26,6 +26,8 @@ GLOBE = re.compile(
     r"(?P<lon>lon|long|lng|longitude)([ _-]?(deg|degrees|dd))?|(?P<lat>lat|latitude)([ _-]?(deg|degrees|dd))?"
 )
 MOST_HEADER_LINES = 200
+MOST_BEFORE = 4
+"""Columns before the coordinates, where commas stand for everything."""
 
 
 class LayoutError(Exception):
@@ -161,15 +163,13 @@ def sampled(lines: Sequence[str], separators: Separators, width: int) -> Array:
 
 def has_commas_for_both(lines: Sequence[str], separators: Separators, width: int) -> bool:
     """Tell whether commas both separate numbers and stand before their decimals: every second column gives it away."""
-    if separators.delimiter != "," or width < 6 or width % 2:
+    if separators.delimiter != "," or width < 6:
         return False
     rows = [words for line in lines if len(words := separators.words(line.strip())) == width]
-    decimals = [[words[at] for words in rows] for at in range(1, 6, 2)]
-    if not rows or any("." in word for words in rows for word in words[:6]):
+    if not rows or any("." in word for words in rows for word in words):
         return False
-    if not all(word.isascii() and word.isdigit() for column in decimals for word in column):
-        return False
-    return all(map(_are_decimals, decimals))
+    decimals = [_are_decimals([words[at] for words in rows]) for at in range(width)]
+    return any(all(decimals[first + 1 : first + 6 : 2]) for first in range(min(width - 5, MOST_BEFORE)))
 
 
 def is_count(line: str) -> bool:
@@ -193,6 +193,8 @@ def filled_lines(lines: Iterator[str]) -> Iterator[str]:
 
 def _are_decimals(words: Sequence[str]) -> bool:
     """Tell whether digits stand behind a decimal mark: always as many, or some begin with zero."""
+    if not all(word.isascii() and word.isdigit() for word in words):
+        return False
     lengths = {len(word) for word in words}
     return (len(lengths) == 1 and lengths != {1}) or any(len(word) > 1 and word.startswith("0") for word in words)
 

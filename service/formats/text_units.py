@@ -45,7 +45,7 @@ def unit_of_text(file: ScanFile, layout: Layout) -> tuple[DeclaredUnit | None, t
         found = unit_in_comments(layout.comments)
     if isinstance(found, UnknownUnit):
         if found.is_angle:
-            raise file.unreadable(f"{found.source} says that {way_out(found)}", f"line {layout.skipped_lines}")
+            raise file.unreadable(f"according to {found.source} {way_out(found)}", f"line {layout.skipped_lines}")
         return None, (not_understood(found),)
     return found, ()
 

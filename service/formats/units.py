@@ -53,7 +53,7 @@ SAYS_UNIT = re.compile(
 SAYS_IN = re.compile(
     r"\b(?:coordinates?|points?|lengths?|dimensions?|xyz)\b.*\bin\s+(?P<unit>[a-z]+(?:[ _-][a-z]+){0,2})", re.IGNORECASE
 )
-OF_OTHERS = re.compile(r"angle|angular|intensit|time|reflect|temperature|colou?r", re.IGNORECASE)
+OF_OTHERS = re.compile(r"(?<![a-z])(angle|angular|intensit|time|reflect|temperature|colou?r)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ def can_be_degrees(low: Vector3, high: Vector3) -> bool:
 def not_understood(unit: UnknownUnit) -> str:
     """Warn of a unit that is none known here."""
     return (
-        f"{unit.source} names {unit.words!r}, which is no unit of length known here; the coordinates were taken for "
-        "metres: state `unit` with the scan if they are in another one"
+        f"{unit.source}: {unit.words!r} is no unit of length known here; the coordinates were taken for metres: "
+        " state `unit` with the scan if they are in another one"
     )
 
 
@@ -157,6 +157,6 @@ def no_degrees(unit: UnknownUnit, low: Vector3, high: Vector3) -> str:
     """Say that coordinates are not the angles that the file declares."""
     ranges = " and ".join(f"{axis} from {low[k]:.6g} to {high[k]:.6g}" for k, axis in enumerate("xy"))
     return (
-        f"{unit.source} says that its coordinates are {unit.words} of longitude and latitude, which they cannot be "
+        f"according to {unit.source} the coordinates are {unit.words} of longitude and latitude, which they cannot be "
         f"({ranges}); state their `unit` with the scan"
     )
