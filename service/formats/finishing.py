@@ -165,8 +165,8 @@ def _in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
         stated = DeclaredUnit(BY_NAME[file.unit], BY_NAME[file.unit], "the request")
         if declared is not None and declared.name != stated.name:
             raise file.unreadable(
-                f"the request says that coordinates are in {stated.words}, but they are in {declared.words} according to "
-                f"{declared.source}",
+                f"the request says that coordinates are in {stated.words}, but according to "
+                f"{declared.source} they are in {declared.words}",
                 place,
             )
         declared = stated

@@ -63,7 +63,8 @@ class PtxReader:
                     header = _read_header(file, lines, place)
                 except UnreadableFileError as fault:
                     lines.skip_points()
-                    yield RefusedScan(index, "", fault)
+                    if wanted in {None, index}:
+                        yield RefusedScan(index, "", fault)
                     continue
                 if header is None or (wanted is not None and index > wanted):
                     return

@@ -140,7 +140,7 @@ def not_understood(unit: UnknownUnit) -> str:
     """Warn of a unit that is none known here."""
     return (
         f"{unit.source}: {unit.words!r} is no unit of length known here; the coordinates were taken for metres: "
-        " state `unit` with the scan if they are in another one"
+        "state `unit` with the scan if they are in another one"
     )
 
 

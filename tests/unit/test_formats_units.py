@@ -33,6 +33,7 @@ def projected(unit: str) -> str:
 US = 'UNIT["US survey foot",0.304800609601219]'
 METRE = 'UNIT["metre",1]'
 COMPOUND = f'COMPD_CS["both",{projected(US)},VERT_CS["height",VERT_DATUM["mean sea",2005],{METRE}]]'
+FAR = np.array([6e5, 8e5, 100.0])
 POINTS = np.random.default_rng(3).uniform(0.0, 30.0, (200, 3)).round(3)
 
 
@@ -72,7 +73,7 @@ def extent(path: Path) -> Array:
 def test_las_in_feet_is_converted_to_metres(
     wkt: str, keys: list[tuple[int, int]] | None, factors: list[float], tmp_path: Path
 ) -> None:
-    path = las(tmp_path / "a.las", POINTS + [6e5, 8e5, 100.0], wkt, keys)
+    path = las(tmp_path / "a.las", POINTS + FAR, wkt, keys)
     # steps of 1e-7 of the file
     assert np.allclose(extent(path), np.ptp(POINTS, axis=0) * factors, rtol=0.0, atol=1e-6)
 
@@ -86,8 +87,8 @@ def test_a_conversion_is_said_and_one_of_nothing_is_not(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("wkt", "keys"), [(GEOGRAPHIC, None), ("", [(1024, 2), (2048, 4326)])])
 def test_degrees_are_refused_with_the_way_out(wkt: str, keys: list[tuple[int, int]] | None, tmp_path: Path) -> None:
-    with pytest.raises(UnreadableFileError, match="degrees of longitude and latitude.*projected system in metres"):
-        inspect_file(las(tmp_path / "a.las", POINTS / 1e4 + [8.5, 47.4, 0.0], wkt, keys), "a.las")
+    with pytest.raises(UnreadableFileError, match=r"degrees of longitude and latitude.*projected system in metres"):
+        inspect_file(las(tmp_path / "a.las", POINTS / 1e4 + np.array([8.5, 47.4, 0.0]), wkt, keys), "a.las")
 
 
 def test_degrees_that_cannot_be_leave_the_unit_open(tmp_path: Path) -> None:
