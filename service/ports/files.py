@@ -7,7 +7,6 @@ from typing import Protocol
 
 from service.ports.documents import Json
 
-
 OF_READING = ("warnings", "text_columns")
 """What a plan sees of scans, besides which of them cannot be used."""
 
