@@ -96,7 +96,7 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
             why = "; ".join(dict.fromkeys(photo.refused or "" for photo in photos))
             raise file.unreadable(f"the file holds no scan, and no image that can be used: {why}", "photo 0")
         return FileContents(reader.format_of(head) or "", "photo", (), photos)
-    return FileContents(reader_for(path, filename).name, "scan", inspect_file(path, filename, limits, columns), photos)
+    return FileContents(_reader(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
 
 
 def read_photo(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Photo:
@@ -214,6 +214,8 @@ def read_scan(
 
 
 def _reader(file: ScanFile) -> ScanReader:
+    if file.columns and PurePath(file.filename).suffix.lower() in TextReader().extensions:
+        return TextReader()  # lines of names that nobody knows may come first
     reader = reader_for(file.path, file.filename)
     if file.columns and not isinstance(reader, TextReader):
         raise file.unreadable(

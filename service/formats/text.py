@@ -288,14 +288,16 @@ def _places(file: ScanFile, layout: Layout, after: int) -> Iterator[list[str]]:
 
 def _roles_after(rest: Array) -> list[str]:
     """Tell what stands behind the coordinates, as far as that is usual."""
-    width = rest.shape[1]
-    roles = [PASSED_OVER] * width
+    roles = [PASSED_OVER] * rest.shape[1]
+    words = np.flatnonzero(np.isinf(rest).any(axis=0))
+    width = int(words[0]) if len(words) else rest.shape[1]
+    rest = rest[:, :width]
     if width == 1:
         roles[0] = "i"
     elif width == 3 and _look_like_color(rest):
         roles[:3] = COLORS
     elif width == 4 and _look_like_color(rest[:, 1:]):
-        roles[:] = ["i", *COLORS]
+        roles[:4] = ["i", *COLORS]
     elif width >= 4 and _look_like_color(rest[:, :3]):
         roles[:3] = COLORS
         if width == 4:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.arrays import Array
-from schemas.text_columns import roles_of
+from schemas.text_columns import HOW, roles_of
 
 HEAD_BYTES = 1 << 16
 COMMENTS = ("#", "//", "%", "!")
@@ -253,4 +253,5 @@ def _fault(line: str, words: Sequence[str]) -> str:
         return f"'{shown}' has marks between thousands; write numbers without them"
     if all(map(is_number, words)) and len(words) < 3:
         return f"'{shown}' has {len(words)} number{'s' * (len(words) != 1)}, but coordinates need three"
-    return f"'{shown}' is neither a line of at least three numbers nor column names"
+    fault = f"'{shown}' is neither a line of at least three numbers nor column names"
+    return f"{fault}; if it names the columns in other words, {HOW}" if len(words) >= 3 else fault

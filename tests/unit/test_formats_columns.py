@@ -122,6 +122,19 @@ def test_columns_are_no_matter_of_other_formats(tmp_path: Path) -> None:
     assert "this is PLY" in reason_of(path, "x,y,z")
 
 
+def test_names_that_nobody_knows_are_passed_over_where_columns_are_stated(points: Array, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Punkt;Wert1;Wert2;Wert3\n" + "".join(f"7;{x};{y};{z}\n" for x, y, z in points.tolist()))
+    assert "`columns`" in reason_of(path)
+    assert read(path, "id,x,y,z").points.tolist() == points.tolist()
+
+
+def test_a_separator_may_end_each_line(points: Array, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("".join(f"{x};{y};{z};\n" for x, y, z in points.tolist()))
+    assert read(path).points.tolist() == points.tolist()
+
+
 @pytest.mark.parametrize("separator", [";", "\t", "   ", " "])
 def test_decimal_commas_are_read(separator: str, points: Array, tmp_path: Path) -> None:
     path = tmp_path / "german.csv"
