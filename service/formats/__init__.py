@@ -10,7 +10,7 @@ from service.errors import UnreadableFileError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanReader, ScanRecords
 from service.formats.e57 import E57Reader
 from service.formats.e57_photos import E57PhotoReader
-from service.formats.finishing import finish, refused_info, scan_info
+from service.formats.finishing import finish, refused_info, scan_info, with_reading
 from service.formats.images import ImageReader
 from service.formats.las import LasReader
 from service.formats.pcd import PcdReader
@@ -232,7 +232,7 @@ def _told(file: ScanFile, records: ScanRecords | RefusedScan) -> ScanInfo | Refu
         scan = finish(file, records)
     except UnreadableFileError as error:
         return RefusedScan(records.index, records.name, error)
-    return scan_info(records, scan, count - len(scan))
+    return with_reading(scan_info(records.index, scan, count - len(scan)), records)
 
 
 def _photo_reader(file: ScanFile, head: bytes) -> PhotoReader | None:

@@ -69,13 +69,10 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
     )
 
 
-def scan_info(records: ScanRecords, scan: Scan, dropped: int) -> ScanInfo:
+def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
     """Describe a scan for its file document."""
-    unit = records.unit
-    converted = () if unit is None or unit.name == METRE.name else (conversion(unit),)
-    undecided = (records.open_unit,) if records.open_unit else ()
     return ScanInfo(
-        index=records.index,
+        index=index,
         name=scan.name,
         points=len(scan),
         dropped=dropped,
@@ -86,7 +83,17 @@ def scan_info(records: ScanRecords, scan: Scan, dropped: int) -> ScanInfo:
         has_intensity=scan.intensity is not None,
         has_color=scan.color is not None,
         scan_pose=None if scan.world_from_scan is None else scan.world_from_scan.as_matrix(),
-        warnings=(*converted, *undecided, *records.warnings),
+    )
+
+
+def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
+    """Add to the description of a scan how its file was read."""
+    unit = records.unit
+    converted = () if unit is None or unit.name == METRE.name else (conversion(unit),)
+    undecided = (records.open_unit,) if records.open_unit else ()
+    return replace(
+        info,
+        warnings=(*info.warnings, *converted, *undecided, *records.warnings),
         unit=None if unit is None else unit.name,
         open_unit=records.open_unit or None,
         text_columns=records.text_columns,
