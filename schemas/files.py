@@ -35,16 +35,28 @@ class ScanDocument(BaseModel):
     """Whether the points are ordered in rows and columns."""
     rows: int | None = None
     columns: int | None = None
-    bounds_m: list[list[float]]
-    """Minimum and maximum of the coordinates in the scan frame [m]."""
+    bounds_m: list[list[float]] | None = None
+    """Minimum and maximum of the coordinates in the scan frame [m]; null for a scan that cannot be used."""
     has_intensity: bool
     has_color: bool
     scan_pose: list[list[float]] | None = None
     """world_from_scan as stored in the file, 4×4 row-major; null when the file has none."""
     warnings: list[str] = []
-    """What its owner should know: isolated far points, coordinates that can hardly be metres, and the like."""
+    """What looks wrong with the scan, or was changed in reading it, such as coordinates that can hardly be metres."""
     content: ScanContentDocument | None = None
     """Moments of all points, by which the same scan is known again in another order or format."""
+    usable: bool = True
+    """Whether a job may use it."""
+    reason: str | None = None
+    """Why it cannot be used; null: it can."""
+    unit: str | None = None
+    """In which unit the file declares its coordinates, such as `us-ft`, from which they are converted to metres; null:
+    it declares none, and they are taken for metres unless the request states `unit` with the scan."""
+    open_unit: str | None = None
+    """Why a request must state `unit` with the scan; null: it need not."""
+    text_columns: str | None = None
+    """What the columns of a text table were taken for, such as `-,-,x,y,z,i`: as stated, as named in the file, or as
+    their numbers show."""
 
 
 class PhotoDocument(BaseModel):
@@ -85,6 +97,8 @@ class FileDocument(ResponseModel):
     kind: Literal["scan", "photo", "project", "other"]
     scans: list[ScanDocument]
     photos: list[PhotoDocument]
+    warnings: list[str] = Field(default=[])
+    """What looks wrong with its scans, or was changed in reading them, and which of them cannot be used."""
     created: datetime
     expires: datetime | None
     """When the service may remove it; null: never by itself."""

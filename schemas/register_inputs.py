@@ -11,6 +11,8 @@ from schemas.file_references import by_file_or_address
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import DefaultMethod, MethodRequest
+from schemas.text_columns import StatedColumns
+from schemas.units import StatedUnit
 
 StationName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^\w[\w .()+-]*$")]
 """Letters, digits, `_`, blank, `.`, `(`, `)`, `+`, `-`; it names stations in results and downloads."""
@@ -35,6 +37,12 @@ class ScanReference(RequestModel):
     """Identifier of the file, as `POST /files` gave it."""
     index: int = Field(default=0, ge=0, le=1_000_000)
     """Number of the scan in the file, from 0."""
+    unit: StatedUnit | None = Field(default=None, exclude_if=lambda value: value is None)
+    """In which unit its coordinates are: `mm`, `m`, `ft` (international feet) or `us-ft` (US survey feet); they are
+    converted to metres. Null: what the file declares, else metres. One that contradicts the file is refused."""
+    columns: StatedColumns | None = Field(default=None, exclude_if=lambda value: value is None)
+    """What the columns of a text table are, such as `row,col,x,y,z,i`: x, y, z, i(ntensity), r, g, b; any other name is
+    passed over. Null: as stated when it was uploaded, as the file names them, or as their numbers show."""
 
 
 class Station(RequestModel):

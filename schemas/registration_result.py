@@ -241,6 +241,11 @@ class FeatureCount(Document):
     )
     photo_edges: int = Field(default=0, description="Lines that only the photos show, contained in `lines`.")
     photos: list[PhotoEdgeCount] = Field(default=[], description="What each photo of the station gave.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What looked wrong with its scan, what was changed in reading it (such as the unit), and which "
+        "scans of the same file were left out.",
+    )
 
 
 class Artifact(Document):
@@ -260,6 +265,8 @@ class InputFile(Document):
     file: str
     index: int
     sha256: str
+    unit: str | None = Field(default=None, description="Of the coordinates, as the request states it.")
+    columns: str | None = Field(default=None, description="Of a text table, as the request of the job states them.")
 
 
 class Provenance(Document):

@@ -97,6 +97,16 @@ def register(
         float | None,
         typer.Option(help="Standard deviation of points in metres; left out: estimated from the scans."),
     ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="What the columns of text files are, such as row,col,x,y,z,i; left out: as named in them, or as found."
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(help="Unit of the coordinates: mm, m, ft or us-ft; left out: as the files declare, else metres."),
+    ] = None,
     url: Annotated[
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
     ] = None,
@@ -116,7 +126,9 @@ def register(
     console = Console()
     stated = {"levelled_std_gon": levelled_std_gon, "point_std_m": point_std_m}
     known = {name: value for name, value in stated.items() if value is not None}
-    _finish(lambda: register_files(scans, photos, url, output, console, known=known, key=key))
+    _finish(
+        lambda: register_files(scans, photos, url, output, console, known=known, columns=columns, unit=unit, key=key)
+    )
 
 
 @app.command(epilog=EXIT_CODES)

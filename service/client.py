@@ -10,6 +10,7 @@ from urllib.parse import quote
 import httpx
 
 from service.errors import Problem
+from service.use_cases.stated_columns import HEADER
 
 CHUNK = 1 << 20
 SOONEST_S, LATEST_S, PAUSE_SHARE = 0.1, 1.0, 0.03
@@ -76,8 +77,19 @@ class ServiceClient:
         except httpx.HTTPError:
             return False
 
-    def upload(self, path: Path, on_bytes: Callable[[int], None] = lambda _sent: None) -> Document:
-        """Send a scan file; `on_bytes` hears how many bytes went out each time.
+    def upload(
+        self, path: Path, on_bytes: Callable[[int], None] = lambda _sent: None, columns: str | None = None
+    ) -> Document:
+        """Send a scan file.
+
+        Parameters
+        ----------
+        path
+            Of the file.
+        on_bytes
+            Hears how many bytes went out each time.
+        columns
+            What the columns of a text table are; None: nothing is said.
 
         Raises
         ------
@@ -97,6 +109,7 @@ class ServiceClient:
             "Content-Type": "application/octet-stream",
             "Content-Length": str(path.stat().st_size),
             "Content-Disposition": f"attachment; filename*=UTF-8''{quote(path.name, safe='')}",
+            **({} if columns is None else {HEADER: columns}),
         }
         return self._ask("POST", "/files", content=pieces(), headers=headers)
 

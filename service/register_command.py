@@ -11,11 +11,13 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from schemas.text_columns import TEXT_ENDINGS
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.result_tables import print_result
 from service.settings import Settings
 from service.use_cases.read_photo_list import PhotoList, read_photo_list
+from service.use_cases.scan_warnings import is_usable
 from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
 
 Document = dict[str, Any]
@@ -29,6 +31,8 @@ def register_files(
     console: Console,
     *,
     known: Document | None = None,
+    columns: str | None = None,
+    unit: str | None = None,
     key: str | None = None,
 ) -> bool:
     """Upload, register, print the parameters; tell whether all stations were registered.
@@ -47,6 +51,10 @@ def register_files(
         Where to print.
     known
         What holds for every station of which the JSON file does not say otherwise, such as ``levelled_std_gon``.
+    columns
+        What the columns of those scan files are that are text tables.
+    unit
+        In which unit the coordinates of all scans are of which the JSON file does not say it.
     key
         For a running service that wants one.
 
@@ -61,9 +69,13 @@ def register_files(
     """
     listed = PhotoList({}, []) if photos is None else read_photo_list(photos, paths)
     with chosen_service(url, console) as address, ServiceClient(address, key=key) as client:
-        files = upload_files(client, [*paths, *listed.paths], console)
+        files = upload_files(client, paths, console, columns) + upload_files(client, listed.paths, console)
+        for file in files[: len(paths)]:
+            for warning in file.get("warnings") or []:
+                console.print(f"{file['name']}: {warning}", style="yellow", markup=False)
         stations = stations_with_photos(listed, files[: len(paths)], files[len(paths) :])
-        stations = [{**(known or {}), **station} for station in stations]
+        said = {} if unit is None else {"unit": unit}
+        stations = [{**(known or {}), **station, "scan": {**said, **station["scan"]}} for station in stations]
         result = run_job(client, "register", {**listed.inputs, "stations": stations}, console)
     if output is not None:
         output.write_text(json.dumps(result, indent=1), encoding="utf-8")
@@ -91,14 +103,18 @@ def chosen_service(url: str | None, console: Console) -> Iterator[str]:
         yield address
 
 
-def upload_files(client: ServiceClient, paths: Sequence[Path], console: Console) -> list[Document]:
-    """Upload files one after the other, with a bar each."""
+def upload_files(
+    client: ServiceClient, paths: Sequence[Path], console: Console, columns: str | None = None
+) -> list[Document]:
+    """Upload files one after the other, with a bar each; `columns` are those of text tables."""
     files = []
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as bars:
+    tables = [path for path in paths if path.name.lower().endswith(TEXT_ENDINGS)] or paths
+    parts = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeElapsedColumn())
+    with Progress(*parts, console=console) as bars:
         for path in paths:
             bar = bars.add_task(f"uploading {path.name}", total=path.stat().st_size)
-            files.append(client.upload(path, partial(bars.advance, bar)))
+            stated = columns if path in tables else None
+            files.append(client.upload(path, partial(bars.advance, bar), stated))
     return files
 
 
@@ -140,7 +156,7 @@ def stations_of(files: Sequence[Document]) -> list[Document]:
     stations: list[Document] = []
     taken: set[str] = set()
     for file in files:
-        for scan in file["scans"]:
+        for scan in filter(is_usable, file["scans"]):
             stem = _station_name(Path(file["name"]).stem)
             wanted = stem if len(file["scans"]) == 1 else f"{stem}-{scan['index'] + 1}"
             name, number = wanted, 2

@@ -6,17 +6,19 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from algorithms.scans.scan import Scan
-from service.formats.base import ReadLimits, ScanFile, ScanInfo, ScanReader
+from service.errors import UnreadableFileError
+from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanReader, ScanRecords
 from service.formats.e57 import E57Reader
 from service.formats.e57_photos import E57PhotoReader
-from service.formats.finishing import finish, scan_info
+from service.formats.finishing import finish, refused_info, scan_info, with_reading
 from service.formats.images import ImageReader
 from service.formats.las import LasReader
 from service.formats.pcd import PcdReader
 from service.formats.photo import Photo, PhotoInfo, PhotoReader
 from service.formats.ply import PlyReader
 from service.formats.ptx import PtxReader
-from service.formats.text import HEAD_BYTES, TextReader
+from service.formats.text import TextReader
+from service.formats.text_layout import HEAD_BYTES
 
 SCAN_READERS: tuple[ScanReader, ...] = (
     E57Reader(), PlyReader(), PcdReader(), LasReader(), PtxReader(), TextReader(),
@@ -65,17 +67,26 @@ class FileContents:
     photos: tuple[PhotoInfo, ...]
 
 
-def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS) -> FileContents:
+def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, columns: str = "") -> FileContents:
     """Describe every scan and photo of a file, having read every point and decoded every pixel.
+
+    Parameters
+    ----------
+    path, filename
+        The stored file, and what its owner calls it.
+    limits
+        How much it may ask for.
+    columns
+        What its owner says the columns of a text table are; other formats say that themselves.
 
     Raises
     ------
     UnreadableFileError
-        The file holds neither a usable scan nor a usable photo, or a scan of it cannot be used.
+        The file holds neither a usable scan nor a usable photo.
     FileTooLargeError
         A scan has more points, or an image file more pixels, than `limits` allow.
     """
-    file = ScanFile(path, filename)
+    file = ScanFile(path, filename, columns)
     head = _head(path)
     reader = _photo_reader(file, head)
     photos = () if reader is None else tuple(photo.info for photo in reader.photos(file, limits))
@@ -85,7 +96,7 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS) ->
             why = "; ".join(dict.fromkeys(photo.refused or "" for photo in photos))
             raise file.unreadable(f"the file holds no scan, and no image that can be used: {why}", "photo 0")
         return FileContents(reader.format_of(head) or "", "photo", (), photos)
-    return FileContents(reader_for(path, filename).name, "scan", inspect_file(path, filename, limits), photos)
+    return FileContents(_reader(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
 
 
 def read_photo(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Photo:
@@ -126,52 +137,102 @@ def reader_for(path: Path, filename: str) -> ScanReader:
         return by_content
     seen = f"it looks like {_kind(head, by_content)}"
     if by_name is not None:
-        raise file.unreadable(f"the name says {by_name.name}, but the content is not {by_name.name}; {seen}", "byte 0")
+        why = by_name.complaint(head) if by_content is None else ""
+        detail = f"the name says {by_name.name}, but the content is not {by_name.name}; {seen}"
+        raise file.unreadable(f"{detail}: {why}" if why else detail, "byte 0")
     readers: tuple[ScanReader | PhotoReader, ...] = (*SCAN_READERS, ImageReader())
     supported = ", ".join(ending for reader in readers for ending in reader.extensions)
     what = f"files named *{extension[:20]} are not supported" if extension else "the format is not supported"
     raise file.unreadable(f"{what}; supported are {supported}", "byte 0")
 
 
-def inspect_file(path: Path, filename: str, limits: ReadLimits = NO_LIMITS) -> tuple[ScanInfo, ...]:
-    """Describe every scan of a file, having read every point: a file that passes can be registered.
-
-    Scans that a file declares with zero points are left out (the others keep their index).
+def inspect_file(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, columns: str = "") -> tuple[ScanInfo, ...]:
+    """Describe every scan of a file, having read every point: one that is called usable can be registered.
 
     Raises
     ------
     UnreadableFileError
-        The file, or any scan of it, cannot be used.
+        The file, or every scan of it, cannot be used.
     FileTooLargeError
         A scan has more points than `limits` allow.
     """
-    file = ScanFile(path, filename)
-    found = []
+    file = ScanFile(path, filename, columns)
+    found: list[ScanInfo] = []
+    faults: list[UnreadableFileError] = []
     with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
-        for records in reader_for(path, filename).scans(file, limits):
-            count = len(records.points)
-            scan = finish(file, records)
-            found.append(scan_info(records.index, scan, count - len(scan)))
+        for records in _reader(file).scans(file, limits):
+            told = _told(file, records)
+            if isinstance(told, RefusedScan):
+                faults.append(told.error)
+                told = refused_info(told)
+            found.append(told)
     if not found:
         raise file.unreadable("the file holds no points", "scan 0")
+    if len(faults) == len(found):
+        raise faults[0]
     return tuple(found)
 
 
-def read_scan(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Scan:
+def read_scan(
+    path: Path,
+    filename: str,
+    index: int = 0,
+    limits: ReadLimits = NO_LIMITS,
+    *,
+    columns: str = "",
+    unit: str = "",
+) -> Scan:
     """Read one scan of a file: metres, float64 relative to a stored origin, scan frame.
+
+    Parameters
+    ----------
+    path, filename
+        The stored file, and what its owner calls it.
+    index
+        Number of the scan in the file.
+    limits
+        How much it may ask for.
+    columns
+        What the columns of a text table are; empty: as found.
+    unit
+        In which unit the coordinates are; empty: as the file says, else metres.
 
     Raises
     ------
     UnreadableFileError
-        The file cannot be used, or holds no points under that index.
+        The file cannot be used, or holds no usable scan under that index.
     FileTooLargeError
         The scan has more points than `limits` allow.
     """
-    file = ScanFile(path, filename)
+    file = ScanFile(path, filename, columns, unit)
     with np.errstate(all="ignore"):
-        for records in reader_for(path, filename).scans(file, limits, index):
+        for records in _reader(file).scans(file, limits, index):
+            if isinstance(records, RefusedScan):
+                raise records.error
             return finish(file, records)
     raise file.unreadable("the file holds no points under this index", f"scan {index}")
+
+
+def _reader(file: ScanFile) -> ScanReader:
+    if file.columns and PurePath(file.filename).suffix.lower() in TextReader().extensions:
+        return TextReader()  # lines of names that nobody knows may come first
+    reader = reader_for(file.path, file.filename)
+    if file.columns and not isinstance(reader, TextReader):
+        raise file.unreadable(
+            f"`columns` says what a text table holds, but this is {reader.name}, which says it itself"
+        )
+    return reader
+
+
+def _told(file: ScanFile, records: ScanRecords | RefusedScan) -> ScanInfo | RefusedScan:
+    if isinstance(records, RefusedScan):
+        return records
+    count = len(records.points)
+    try:
+        scan = finish(file, records)
+    except UnreadableFileError as error:
+        return RefusedScan(records.index, records.name, error)
+    return with_reading(scan_info(records.index, scan, count - len(scan)), records)
 
 
 def _photo_reader(file: ScanFile, head: bytes) -> PhotoReader | None:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, Vector3
 from algorithms.scans.content import ScanContent
 from service.errors import UnreadableFileError
+from service.formats.units import DeclaredUnit
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,10 @@ class ScanFile:
     path: Path
     filename: str
     """The name for messages; the stored file is usually called otherwise."""
+    columns: str = ""
+    """What its owner says the columns of a text table are, checked (`schemas.text_columns`); empty: nothing."""
+    unit: str = ""
+    """In which unit its owner says that the coordinates are, by name; empty: nothing."""
 
     def unreadable(self, reason: str, place: str = "") -> UnreadableFileError:
         """Build the error that names this file."""
@@ -63,6 +68,23 @@ class ScanRecords:
     sensor_in_scan_m: Vector3 | None = None
     """Where the format says the instrument stood, full coordinates [m]; None when it does not say."""
     world_from_scan: RigidTransform | None = None
+    unit: DeclaredUnit | None = None
+    """In which unit the file says that coordinates are; None: it does not say. It holds for all lengths."""
+    open_unit: str = ""
+    """Why nobody can tell the unit unless the owner states it; empty: it can be told."""
+    text_columns: str | None = None
+    """What the columns of a text table were taken for."""
+    warnings: tuple[str, ...] = ()
+    """What looks wrong, for people."""
+
+
+@dataclass(frozen=True)
+class RefusedScan:
+    """A scan of a file that cannot be used, while others of it may be."""
+
+    index: int
+    name: str
+    error: UnreadableFileError
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +100,25 @@ class ScanInfo:
     structured: bool
     rows: int | None
     columns: int | None
-    bounds_m: Array
-    """(2, 3) minimum and maximum in full coordinates [m]."""
+    bounds_m: Array | None
+    """(2, 3) minimum and maximum in full coordinates [m]; None for a scan that cannot be used."""
     has_intensity: bool
     has_color: bool
     scan_pose: Matrix4 | None
     """4x4 world from scan as the file stores it, or None."""
     warnings: tuple[str, ...] = ()
-    """What its owner should know, in words."""
+    """What looks wrong with the scan, or was changed in reading it, for people."""
     content: ScanContent | None = None
     """Moments by which the same scan is known again; None: not computed."""
+    usable: bool = True
+    reason: str | None = None
+    """Why the scan cannot be used; None: it can."""
+    unit: str | None = None
+    """In which unit the file says that its coordinates are; None: it does not say."""
+    open_unit: str | None = None
+    """Why the unit must be stated where the scan is used; None: it need not."""
+    text_columns: str | None = None
+    """What the columns of a text table were taken for."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -99,12 +130,17 @@ class ScanInfo:
             "structured": self.structured,
             "rows": self.rows,
             "columns": self.columns,
-            "bounds_m": self.bounds_m.tolist(),
+            "bounds_m": None if self.bounds_m is None else self.bounds_m.tolist(),
             "has_intensity": self.has_intensity,
             "has_color": self.has_color,
             "scan_pose": None if self.scan_pose is None else self.scan_pose.tolist(),
             "warnings": list(self.warnings),
             "content": None if self.content is None else self.content.to_json(),
+            "usable": self.usable,
+            "reason": self.reason,
+            "unit": self.unit,
+            "open_unit": self.open_unit,
+            "text_columns": self.text_columns,
         }
 
 
@@ -130,10 +166,16 @@ class ScanReader(Protocol):
         """Tell from the first bytes whether a file claims to be of this format."""
         ...
 
-    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
+    def complaint(self, head: bytes) -> str:
+        """Tell why a file that is called like this format, and begins with `head`, is none; empty: that is all."""
+        ...
+
+    def scans(
+        self, file: ScanFile, limits: ReadLimits, wanted: int | None = None
+    ) -> Iterator[ScanRecords | RefusedScan]:
         """Yield the scans of a file in order, or only the one wanted (nothing if there is no such scan).
 
-        A scan that the file declares with zero records is not yielded.
+        Of a format that holds several scans, one that is damaged or empty is yielded as refused, and others follow.
 
         Raises
         ------

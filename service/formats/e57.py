@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points
-from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.errors import UnreadableFileError
+from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
+from service.formats.crs_units import unit_of_crs
 from service.formats.e57_nodes import faults_named, number_of, opened, pose_of
 from service.formats.finishing import check_count, colors_8bit
+from service.formats.units import METRE, DeclaredUnit, UnknownUnit, not_understood
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -41,16 +44,26 @@ class E57Reader:
         """Tell whether the file carries the E57 signature."""
         return head.startswith(b"ASTM-E57")
 
-    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
+    def complaint(self, head: bytes) -> str:  # noqa: ARG002 - a signature tells no more
+        """Say no more than that the signature is missing."""
+        return ""
+
+    def scans(
+        self, file: ScanFile, limits: ReadLimits, wanted: int | None = None
+    ) -> Iterator[ScanRecords | RefusedScan]:
         """Yield the scans of a file in order, or only the one wanted."""
         with opened(file) as image_file:
             with faults_named(file, "the file's structure"):
                 data = _scan_nodes(file, image_file, limits)
+                said = _said_of_units(image_file)
             for index in range(len(data)) if wanted is None else [wanted] if 0 <= wanted < len(data) else []:
-                with faults_named(file, f"scan {index}"):
-                    records = _read_scan(file, image_file, data[index], index, limits)
-                if records is not None:
-                    yield records
+                found: ScanRecords | RefusedScan
+                try:
+                    with faults_named(file, f"scan {index}"):
+                        found = replace(_read_scan(file, image_file, data[index], index, limits), **said)
+                except UnreadableFileError as fault:
+                    found = RefusedScan(index, _name_of(data, index), fault)
+                yield found
 
 
 def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
@@ -66,7 +79,7 @@ def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
     raise file.unreadable(f"the E57 file holds no scan, only {images} image(s)" if images else "no scan", "data3D")
 
 
-def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords | None:
+def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords:
     from pye57 import libe57
 
     place = f"scan {index}"
@@ -75,7 +88,7 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
         raise file.unreadable("'points' is not a compressed vector", place)
     count = int(points_node.childCount())
     if count == 0:
-        return None
+        raise file.unreadable("the scan holds no points", place)
     prototype = libe57.StructureNode(points_node.prototype())
     present = {prototype.get(i).elementName() for i in range(prototype.childCount())}
     coordinates = CARTESIAN if present.issuperset(CARTESIAN) else SPHERICAL
@@ -97,7 +110,7 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
     return ScanRecords(
         index=index,
         points=points,
-        name=str(node["name"].value()) if node.isDefined("name") else "",
+        name=_name(node),
         valid=columns.valid,
         row=columns.row,
         column=columns.column,
@@ -107,6 +120,37 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
         sensor_in_scan_m=np.zeros(3) if structured or coordinates == SPHERICAL or _moves(pose) else None,
         world_from_scan=pose,
     )
+
+
+def _name(node: Any) -> str:
+    return str(node["name"].value()) if node.isDefined("name") else ""
+
+
+def _name_of(data: Any, index: int) -> str:
+    """Give the name of a scan that may be damaged; empty where it cannot be read."""
+    from pye57 import libe57
+
+    try:
+        return _name(data[index])
+    except (libe57.E57Exception, RuntimeError, ValueError, TypeError):
+        return ""
+
+
+def _said_of_units(image_file: Any) -> dict[str, Any]:
+    """Tell whether the coordinate reference system of the file contradicts the metres of the standard."""
+    root = image_file.root()
+    text = str(root["coordinateMetadata"].value()) if root.isDefined("coordinateMetadata") else ""
+    unit = unit_of_crs(text, "the coordinate reference system of the file (coordinateMetadata)")
+    if unit is None:
+        return {}
+    if isinstance(unit, DeclaredUnit) and unit.name == METRE.name:
+        return {"unit": unit}
+    if isinstance(unit, UnknownUnit) and not unit.is_angle:
+        return {"warnings": (not_understood(unit),)}
+    return {
+        "open_unit": f"{unit.source} is in {unit.words}, but E57 has coordinates in metres by its standard: state "
+        'with the scan in which `unit` they are, such as "m"; transform angles to a projected system'
+    }
 
 
 class _Columns:

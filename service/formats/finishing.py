@@ -1,13 +1,17 @@
 """From the records of any format to a `Scan`: what every reader must promise is checked once, here."""
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Flags, Points, Vector3
 from algorithms.scans.content import content_of
 from algorithms.scans.scale_plausibility import scan_warnings
 from algorithms.scans.scan import Scan, ScanGrid
 from service.errors import FileTooLargeError
-from service.formats.base import ReadLimits, ScanFile, ScanInfo, ScanRecords
+from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanRecords
+from service.formats.units import BY_NAME, METRE, DeclaredUnit
 
 LARGEST_COORDINATE_M = 1e8
 NEAR_M = 1_000.0
@@ -22,13 +26,16 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
     """Check the records of one scan and bring them into the reduced scan frame.
 
     Records without a return or with a coordinate that is not finite are dropped, and the grid is renumbered.
+    Coordinates in another unit than metres, which the file or its owner names, are converted.
 
     Raises
     ------
     UnreadableFileError
-        No usable point, fewer than four distinct points, no extent, or a coordinate beyond 1e8 m.
+        No usable point, fewer than four distinct points, no extent, or a coordinate beyond 1e8 m; or the owner states
+        another unit than the file.
     """
     place = f"scan {records.index}"
+    records = _in_metres(file, records, place)
     points = records.points
     if len(points) == 0:
         raise file.unreadable("the scan holds no points", place)
@@ -83,6 +90,44 @@ def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
     )
 
 
+def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
+    """Add to the description of a scan how its file was read."""
+    unit = records.unit
+    converted = () if unit is None or unit.name == METRE.name else (conversion(unit),)
+    undecided = (records.open_unit,) if records.open_unit else ()
+    return replace(
+        info,
+        warnings=(*info.warnings, *converted, *undecided, *records.warnings),
+        unit=None if unit is None else unit.name,
+        open_unit=records.open_unit or None,
+        text_columns=records.text_columns,
+    )
+
+
+def refused_info(refused: RefusedScan) -> ScanInfo:
+    """Describe a scan that cannot be used for its file document."""
+    return ScanInfo(
+        index=refused.index,
+        name=refused.name,
+        points=0,
+        dropped=0,
+        structured=False,
+        rows=None,
+        columns=None,
+        bounds_m=None,
+        has_intensity=False,
+        has_color=False,
+        scan_pose=None,
+        usable=False,
+        reason=f"{refused.error.reason} (at {refused.error.place})" if refused.error.place else refused.error.reason,
+    )
+
+
+def conversion(unit: DeclaredUnit) -> str:
+    """Say that coordinates were converted."""
+    return f"the coordinates were converted from {unit.words} to metres, according to {unit.source}"
+
+
 def check_count(
     file: ScanFile, count: int, smallest_record_bytes: float, limits: ReadLimits, place: str, *, spare: int = 0
 ) -> None:
@@ -122,6 +167,32 @@ def colors_8bit(channels: Array, largest: float) -> Colors:
         return np.ascontiguousarray(channels)
     scaled = np.nan_to_num(np.asarray(channels, dtype=np.float32)) * np.float32(255.0 / largest)
     return np.asarray(np.clip(np.rint(scaled), 0, 255), dtype=np.uint8)
+
+
+def _in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
+    """Convert all lengths of a scan to metres; what is said by nobody is taken for metres."""
+    declared = records.unit
+    if file.unit:
+        stated = DeclaredUnit(BY_NAME[file.unit], BY_NAME[file.unit], "the request")
+        if declared is not None and declared.name != stated.name:
+            raise file.unreadable(
+                f"the request says that coordinates are in {stated.words}, but according to "
+                f"{declared.source} they are in {declared.words}",
+                place,
+            )
+        declared = stated
+    if declared is None or (declared.factors == 1.0).all():
+        return records
+    factors, pose = declared.factors, records.world_from_scan
+    np.multiply(records.points, factors, out=records.points)
+    return replace(
+        records,
+        base_m=None if records.base_m is None else records.base_m * factors,
+        sensor_in_scan_m=None if records.sensor_in_scan_m is None else records.sensor_in_scan_m * factors,
+        world_from_scan=None
+        if pose is None
+        else RigidTransform.from_components(pose.translation * factors, pose.rotation),
+    )
 
 
 def _finite(points: Points) -> Flags:

@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -10,7 +10,9 @@ import numpy as np
 from algorithms.arrays import Array
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
+from service.formats.las_units import las_unit
 from service.formats.laz_chunks import check_chunk_table, check_layers
+from service.formats.units import DeclaredUnit, UnknownUnit, can_be_degrees, no_degrees, not_understood, way_out
 
 POINTS_AT_ONCE = 1_000_000
 LASZIP_RECORD = 22204
@@ -31,6 +33,10 @@ class LasReader:
         """Tell whether the file carries the LAS signature."""
         return head.startswith(b"LASF")
 
+    def complaint(self, head: bytes) -> str:  # noqa: ARG002 - a signature tells no more
+        """Say no more than that the signature is missing."""
+        return ""
+
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
         import laspy
@@ -46,13 +52,14 @@ class LasReader:
                 count = int(header.point_count)
                 if count == 0:
                     return
-                scales, offsets_m = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
-                if not (np.isfinite(scales).all() and (scales != 0).all() and np.isfinite(offsets_m).all()):
+                scales, offsets = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
+                if not (np.isfinite(scales).all() and (scales != 0).all() and np.isfinite(offsets).all()):
                     raise file.unreadable("scale or offset is zero or not finite", place)
                 if header.are_points_compressed:
                     check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
                 smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
                 check_count(file, count, smallest, limits, place)
+                unit = las_unit(file, header.vlrs)
                 pieces, place = [], "point 0"
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE):
                     pieces.append(_Piece.of(chunk))
@@ -71,7 +78,25 @@ class LasReader:
         ) as fault:
             # lazrs' own error is a RuntimeError
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
-        yield _joined(file, pieces, count, scales, offsets_m)
+        yield _with_unit(file, _joined(file, pieces, count, scales, offsets), unit)
+
+
+def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | UnknownUnit | None) -> ScanRecords:
+    """Add what the file says of its unit; a definition that nobody understands says nothing.
+
+    Raises
+    ------
+    UnreadableFileError
+        The coordinates are angles.
+    """
+    if not isinstance(unit, UnknownUnit):
+        return replace(records, unit=unit)
+    if not unit.is_angle:
+        return replace(records, warnings=(not_understood(unit),))
+    low, high = (np.asarray(side(records.points, axis=0)) + records.base_m for side in (np.min, np.max))
+    if can_be_degrees(low, high):
+        raise file.unreadable(f"according to {unit.source} {way_out(unit)}", "header")
+    return replace(records, open_unit=no_degrees(unit, low, high))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +142,7 @@ def _check_header(file: ScanFile) -> None:
         check_chunk_table(file, data_offset)
 
 
-def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, offsets_m: Array) -> ScanRecords:
+def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, offsets: Array) -> ScanRecords:
     found = sum(len(piece.raw) for piece in pieces)
     if found != count:
         raise file.unreadable(f"the points end after {found} of {count}", f"point {found}")
@@ -134,7 +159,7 @@ def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, off
     return ScanRecords(
         index=0,
         points=points,
-        base_m=offsets_m,
+        base_m=offsets,
         intensity=np.concatenate([piece.intensity for piece in pieces]),
         color=color,
     )

@@ -1,7 +1,7 @@
 """Point Cloud Library PCD 0.5–0.7: ascii, binary and binary_compressed, fields of any count (padding too)."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import final
@@ -12,11 +12,13 @@ from algorithms.arrays import Array, Colors, Vector3
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count
 from service.formats.number_table import read_table, refuse_long_lines
+from service.formats.units import DeclaredUnit, UnknownUnit, not_understood, unit_in_comments, way_out
 
 KINDS = {("F", 4): "<f4", ("F", 8): "<f8"} | {(t, s): f"<{t.lower()}{s}" for t in "IU" for s in (1, 2, 4, 8)}
 ENTRIES = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
-INTENSITY_NAMES = ("intensity", "Intensity", "reflectance", "reflectivity")
+INTENSITY_NAMES = ("intensity", "reflectance", "reflectivity")
 LONGEST_HEADER = 1 << 16
+MOST_COMMENTS = 200
 LARGEST_LZF_GAIN = 100
 """LZF writes at most 264 bytes for 3, so its output is less than 100 times its input."""
 
@@ -31,6 +33,7 @@ class _Header:
     encoding: str
     length: int
     lines: int
+    comments: tuple[str, ...]
 
 
 @final
@@ -49,6 +52,10 @@ class PcdReader:
                 return line.split()[0] in {b"VERSION", b"FIELDS", b"COLUMNS"}
         return head.startswith(b"# .PCD")
 
+    def complaint(self, head: bytes) -> str:  # noqa: ARG002 - a signature tells no more
+        """Say no more than that the signature is missing."""
+        return ""
+
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
         header = _read_header(file)
@@ -56,9 +63,10 @@ class PcdReader:
             return
         table = _read_table(file, header, limits)
         points = np.empty((header.points, 3))
+        names = _small(table.dtype.names or ())
         for axis, name in enumerate("xyz"):
-            points[:, axis] = table[name]
-        names = table.dtype.names or ()
+            points[:, axis] = table[names[name]]
+        unit, warnings = _unit(file, header)
         row = column = None
         if header.height > 1 and header.width * header.height == header.points:
             number = np.arange(header.points)
@@ -68,16 +76,35 @@ class PcdReader:
             points=points,
             row=row,
             column=column,
-            intensity=next((np.asarray(table[n], dtype=np.float32) for n in INTENSITY_NAMES if n in names), None),
-            color=_color(table),
+            intensity=next(
+                (np.asarray(table[names[n]], dtype=np.float32) for n in INTENSITY_NAMES if n in names), None
+            ),
+            color=_color(table, names),
             sensor_in_scan_m=header.sensor_m,
+            unit=unit,
+            warnings=warnings,
         )
+
+
+def _small(names: Sequence[str]) -> dict[str, str]:
+    """Give fields by their names in small letters; one that is written so comes before others."""
+    return {name.lower(): name for name in reversed(names)} | {name: name for name in names if name.islower()}
+
+
+def _unit(file: ScanFile, header: _Header) -> tuple[DeclaredUnit | None, tuple[str, ...]]:
+    found = unit_in_comments(header.comments)
+    if not isinstance(found, UnknownUnit):
+        return found, ()
+    if found.is_angle:
+        raise file.unreadable(f"according to {found.source} {way_out(found)}", "header")
+    return None, (not_understood(found),)
 
 
 def _read_header(file: ScanFile) -> _Header:
     with file.path.open("rb") as stream:
         head = stream.read(LONGEST_HEADER)
     entries: dict[str, list[str]] = {}
+    comments: list[str] = []
     length = lines = 0
     while "DATA" not in entries:
         newline = head.find(b"\n", length)
@@ -86,32 +113,33 @@ def _read_header(file: ScanFile) -> _Header:
         words = head[length:newline].decode("latin-1").split()
         length, lines = newline + 1, lines + 1
         if not words or words[0].startswith("#"):
+            comments.append(" ".join(words).lstrip("# "))
             continue
         keyword = "FIELDS" if words[0] == "COLUMNS" else words[0]
         if keyword not in ENTRIES:
             raise file.unreadable(f"'{words[0][:40]}' is no entry of a PCD header", f"line {lines}, header")
         entries[keyword] = words[1:]
     try:
-        return _understood(entries, length, lines)
+        return _understood(entries, length, lines, tuple(comments[:MOST_COMMENTS]))
     except (ValueError, KeyError, IndexError, OverflowError, TypeError) as fault:
         raise file.unreadable(f"the header contradicts itself or lacks an entry: {fault}", "header") from fault
 
 
-def _understood(entries: dict[str, list[str]], length: int, lines: int) -> _Header:
+def _understood(entries: dict[str, list[str]], length: int, lines: int, comments: tuple[str, ...]) -> _Header:
     names = entries["FIELDS"]
     sizes = [int(word) for word in entries["SIZE"]]
     counts = [int(word) for word in entries.get("COUNT", ["1"] * len(names))]
-    if not {"x", "y", "z"} <= set(names):
-        raise ValueError("no fields x, y and z")
+    if not {"x", "y", "z"} <= _small(names).keys():
+        raise ValueError(f"no fields x, y and z among {' '.join(names)[:60]}")
     if any(count < 1 or count > 65536 for count in counts):
         raise ValueError("a COUNT is out of range")
     columns: list[tuple[str, str, tuple[int, ...]]] = []
     for i, (name, size, kind, count) in enumerate(zip(names, sizes, entries["TYPE"], counts, strict=True)):
         # padding fields are all called '_'; a record type needs them apart
         unique = name if name != "_" and name not in names[:i] else f"_{i}"
-        if name in "xyz" and count != 1:
+        if name.lower() in {"x", "y", "z"} and count != 1:
             raise ValueError(f"field {name} has COUNT {count}")
-        columns.append((unique, KINDS[kind, size], () if count == 1 else (count,)))
+        columns.append((unique, KINDS[kind.upper(), size], () if count == 1 else (count,)))
     width, height = int(entries["WIDTH"][0]), int(entries.get("HEIGHT", ["1"])[0])
     points = int(entries["POINTS"][0]) if "POINTS" in entries else width * height
     if min(width, height, points) < 0 or points != width * height:
@@ -125,6 +153,7 @@ def _understood(entries: dict[str, list[str]], length: int, lines: int) -> _Head
         encoding=entries["DATA"][0],
         length=length,
         lines=lines,
+        comments=comments,
     )
 
 
@@ -166,7 +195,7 @@ def _read_table(file: ScanFile, header: _Header, limits: ReadLimits) -> Array:
 def _read_ascii(file: ScanFile, header: _Header) -> Array:
     wide = [(n, "f8", header.dtype[n].shape) for n in header.dtype.names or ()]
     # packed colours are integers or floats by bit pattern: keep the declared type for them
-    wide = [(n, header.dtype[n].str, s) if n in {"rgb", "rgba"} else (n, t, s) for n, t, s in wide]
+    wide = [(n, header.dtype[n].str, s) if n.lower() in {"rgb", "rgba"} else (n, t, s) for n, t, s in wide]
     with file.path.open("rb") as stream:
         lines = islice(stream, header.lines, header.lines + header.points)
         table = read_table(file, lines, header.lines + 1, dtype=wide)
@@ -253,9 +282,9 @@ def lzf_unpacked(packed: bytes, length: int) -> bytes:
     return bytes(plain)
 
 
-def _color(table: Array) -> Colors | None:
+def _color(table: Array, names: Mapping[str, str]) -> Colors | None:
     """Unpack PCL's colours: 0x00RRGGBB in a float's bit pattern or an integer."""
-    name = next((n for n in ("rgb", "rgba") if n in (table.dtype.names or ())), None)
+    name = next((names[n] for n in ("rgb", "rgba") if n in names), None)
     if name is None or table.dtype[name].itemsize != 4 or table.dtype[name].shape:
         return None
     bits = np.ascontiguousarray(table[name]).view(np.uint32)

@@ -1,6 +1,6 @@
 """Stanford PLY: ascii and binary of both byte orders, float64 kept."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import final
@@ -11,6 +11,8 @@ from algorithms.arrays import Array, Colors, Floats32
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
 from service.formats.number_table import read_table, refuse_long_lines
+from service.formats.ply_lists import Property, RecordsEndError, plain, read_records, without_lists
+from service.formats.units import DeclaredUnit, UnknownUnit, not_understood, unit_in_comments, way_out
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -23,17 +25,22 @@ TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-INTENSITY_NAMES = ("intensity", "scalar_intensity", "scalar_Intensity", "reflectance", "scalar_reflectance")
+INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectance", "scalar_reflectance")
 COLOR_NAMES = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 LONGEST_HEADER = 1 << 16
+MOST_COMMENTS = 200
 
 
 @dataclass(frozen=True)
 class _Element:
     name: str
     count: int
-    properties: tuple[tuple[str, str], ...]
-    has_list: bool
+    properties: tuple[Property, ...]
+
+    @property
+    def has_list(self) -> bool:
+        """Tell whether records differ in length."""
+        return any(counted is not None for _, _, counted in self.properties)
 
 
 @dataclass(frozen=True)
@@ -42,12 +49,13 @@ class _Header:
     elements: tuple[_Element, ...]
     length: int
     lines: int
+    comments: tuple[str, ...]
 
 
 @final
 @dataclass(frozen=True)
 class PlyReader:
-    """Read the vertices of a PLY file; faces and other elements are passed over."""
+    """Read the vertices of a PLY file; faces, other elements and lists are passed over."""
 
     name: str = "PLY"
     extensions: tuple[str, ...] = (".ply",)
@@ -56,6 +64,10 @@ class PlyReader:
     def sniff(self, head: bytes) -> bool:
         """Tell whether the file begins with the PLY magic line."""
         return head.startswith((b"ply\n", b"ply\r"))
+
+    def complaint(self, head: bytes) -> str:  # noqa: ARG002 - a signature tells no more
+        """Say no more than that the signature is missing."""
+        return ""
 
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
@@ -68,21 +80,40 @@ class PlyReader:
             refuse_long_lines(file)
             table = _read_ascii(file, header, skipped, vertex)
         else:
-            order = BYTE_ORDERS[header.encoding]
-            dtype = np.dtype([(name, order + kind) for name, kind in vertex.properties])
-            check_count(file, vertex.count, dtype.itemsize, limits, "element vertex")
-            offset = header.length + sum(
-                element.count * sum(np.dtype(kind).itemsize for _, kind in element.properties) for element in skipped
-            )
-            if offset + vertex.count * dtype.itemsize > file.size:
-                raise file.unreadable(
-                    f"the file ends before the last of {vertex.count} vertices", f"byte {file.size}, element vertex"
-                )
-            table = np.memmap(file.path, dtype=dtype, mode="r", offset=offset, shape=(vertex.count,))
+            check_count(file, vertex.count, float(_smallest_bytes(vertex)), limits, "element vertex")
+            table = _read_binary(file, header, skipped, vertex)
+        names = _names(vertex)
         points = np.empty((vertex.count, 3))
         for axis, name in enumerate("xyz"):
-            points[:, axis] = table[name]
-        yield ScanRecords(index=0, points=points, intensity=_intensity(table), color=_color(table, vertex))
+            points[:, axis] = table[names[name]]
+        unit, warnings = _unit(file, header)
+        yield ScanRecords(
+            index=0,
+            points=points,
+            intensity=_intensity(table, names),
+            color=_color(table, vertex),
+            unit=unit,
+            warnings=warnings,
+        )
+
+
+def _unit(file: ScanFile, header: _Header) -> tuple[DeclaredUnit | None, tuple[str, ...]]:
+    found = unit_in_comments(header.comments)
+    if not isinstance(found, UnknownUnit):
+        return found, ()
+    if found.is_angle:
+        raise file.unreadable(f"according to {found.source} {way_out(found)}", "header")
+    return None, (not_understood(found),)
+
+
+def _names(vertex: _Element) -> dict[str, str]:
+    """Give the properties by their names in small letters; one that is written so comes before others."""
+    names = [name for name, _ in plain(vertex.properties)]
+    return {name.lower(): name for name in reversed(names)} | {name: name for name in names if name.islower()}
+
+
+def _smallest_bytes(element: _Element) -> int:
+    return sum(np.dtype(counted or kind).itemsize for _, kind, counted in element.properties)
 
 
 def _read_header(file: ScanFile) -> _Header:
@@ -94,23 +125,28 @@ def _read_header(file: ScanFile) -> _Header:
         raise file.unreadable("the header does not end", f"byte {len(head)}, header")
     encoding = ""
     elements: list[_Element] = []
+    comments: list[str] = []
     lines = head[:end].decode("latin-1").splitlines()
     for number, line in enumerate(lines, start=1):
         words = line.split()
+        if words and words[0] in {"comment", "obj_info"}:
+            comments.append(line.strip().partition(" ")[2])
         if not words or words[0] in {"ply", "comment", "obj_info"}:
             continue
         place = f"line {number}, header"
         if words[0] == "format" and len(words) == 3:
             encoding = words[1]
         elif words[0] == "element" and len(words) == 3 and _is_count(words[2]):
-            elements.append(_Element(words[1], int(words[2]), (), has_list=False))
+            elements.append(_Element(words[1], int(words[2]), ()))
         elif words[0] == "property" and elements:
             elements[-1] = _with_property(file, elements[-1], words, place)
         else:
             raise file.unreadable(f"'{line.strip()[:60]}' is no PLY header line", place)
     if encoding != "ascii" and encoding not in BYTE_ORDERS:
         raise file.unreadable(f"unknown PLY format '{encoding[:40]}'", "header")
-    return _Header(encoding, tuple(elements), newline + 1, head.count(b"\n", 0, newline + 1))
+    return _Header(
+        encoding, tuple(elements), newline + 1, head.count(b"\n", 0, newline + 1), tuple(comments[:MOST_COMMENTS])
+    )
 
 
 def _is_count(word: str) -> bool:
@@ -118,29 +154,48 @@ def _is_count(word: str) -> bool:
 
 
 def _with_property(file: ScanFile, element: _Element, words: list[str], place: str) -> _Element:
-    if len(words) == 5 and words[1] == "list":
-        return _Element(element.name, element.count, element.properties, has_list=True)
+    counted = None
+    if len(words) == 5 and words[1] == "list" and TYPES.get(words[2], "f").startswith(("i", "u")):
+        counted, words = TYPES[words[2]], [words[0], words[3], words[4]]
     if len(words) != 3 or words[1] not in TYPES:
         raise file.unreadable(f"unknown property '{' '.join(words)[:60]}'", place)
-    if words[2] in dict(element.properties):
+    if words[2] in {name for name, _, _ in element.properties}:
         raise file.unreadable(f"property '{words[2][:40]}' is declared twice", place)
-    properties = (*element.properties, (words[2], TYPES[words[1]]))
-    return _Element(element.name, element.count, properties, element.has_list)
+    return _Element(element.name, element.count, (*element.properties, (words[2], TYPES[words[1]], counted)))
 
 
 def _vertex_element(file: ScanFile, header: _Header) -> tuple[tuple[_Element, ...], _Element]:
-    position = next((i for i, element in enumerate(header.elements) if element.name == "vertex"), None)
+    position = next((i for i, element in enumerate(header.elements) if element.name.lower() == "vertex"), None)
     if position is None:
         raise file.unreadable("the file has no element 'vertex'", "header")
     vertex = header.elements[position]
-    if not {"x", "y", "z"} <= dict(vertex.properties).keys():
+    if not {"x", "y", "z"} <= _names(vertex).keys():
         raise file.unreadable("the vertices have no x, y and z", "header, element vertex")
-    if vertex.has_list:
-        raise file.unreadable("vertices with lists are not supported", "header, element vertex")
-    skipped = header.elements[:position]
-    if header.encoding != "ascii" and any(element.has_list for element in skipped):
-        raise file.unreadable("lists before the vertices are not supported", "header")
-    return skipped, vertex
+    return header.elements[:position], vertex
+
+
+def _read_binary(file: ScanFile, header: _Header, skipped: tuple[_Element, ...], vertex: _Element) -> Array:
+    order = BYTE_ORDERS[header.encoding]
+    if not any(element.has_list for element in (*skipped, vertex)):
+        dtype = np.dtype([(name, order + kind) for name, kind in plain(vertex.properties)])
+        offset = header.length + sum(element.count * _smallest_bytes(element) for element in skipped)
+        if offset + vertex.count * dtype.itemsize > file.size:
+            raise file.unreadable(
+                f"the file ends before the last of {vertex.count} vertices", f"byte {file.size}, element vertex"
+            )
+        return np.memmap(file.path, dtype=dtype, mode="r", offset=offset, shape=(vertex.count,))
+    data, at = np.memmap(file.path, dtype=np.uint8, mode="r"), header.length
+    for element in (*skipped, vertex):
+        if element.count * _smallest_bytes(element) > file.size:
+            raise file.unreadable(f"{element.count} records do not fit the file", f"element {element.name[:40]}")
+        try:
+            table, at = read_records(data, at, element.count, element.properties, order)
+        except RecordsEndError as fault:
+            raise file.unreadable(
+                f"the file ends before the last of {element.count} records, or a list in it is damaged",
+                f"{fault}, element {element.name[:40]}",
+            ) from fault
+    return table
 
 
 def _read_ascii(file: ScanFile, header: _Header, skipped: tuple[_Element, ...], vertex: _Element) -> Array:
@@ -149,9 +204,12 @@ def _read_ascii(file: ScanFile, header: _Header, skipped: tuple[_Element, ...], 
         raise file.unreadable(f"{before} lines before the vertices do not fit the file", "header")
     first = header.lines + before
     # structured, so that a line with a property too few or too many is refused
-    dtype = [(name, "f8") for name, _ in vertex.properties]
+    dtype = [(name, "f8") for name, _ in plain(vertex.properties)]
     with file.path.open("rb") as stream:
-        table = read_table(file, islice(stream, first, first + vertex.count), first + 1, dtype=dtype)
+        lines: Iterator[bytes] = islice(stream, first, first + vertex.count)
+        if vertex.has_list:
+            lines = without_lists(lines, vertex.properties)
+        table = read_table(file, lines, first + 1, dtype=dtype)
     if len(table) != vertex.count:
         raise file.unreadable(
             f"the file ends after {len(table)} of {vertex.count} vertices", f"line {first + len(table)}"
@@ -159,18 +217,17 @@ def _read_ascii(file: ScanFile, header: _Header, skipped: tuple[_Element, ...], 
     return table
 
 
-def _intensity(table: Array) -> Floats32 | None:
-    names = table.dtype.names or ()
-    return next((np.asarray(table[name], dtype=np.float32) for name in INTENSITY_NAMES if name in names), None)
+def _intensity(table: Array, names: Mapping[str, str]) -> Floats32 | None:
+    return next((np.asarray(table[names[name]], dtype=np.float32) for name in INTENSITY_NAMES if name in names), None)
 
 
 def _color(table: Array, vertex: _Element) -> Colors | None:
-    kinds = dict(vertex.properties)
-    channels = next((three for three in COLOR_NAMES if set(three) <= kinds.keys()), None)
+    names, kinds = _names(vertex), dict(plain(vertex.properties))
+    channels = next((three for three in COLOR_NAMES if set(three) <= names.keys()), None)
     if channels is None:
         return None
-    values = np.column_stack([table[name] for name in channels])
+    values = np.column_stack([table[names[name]] for name in channels])
     largest = float(np.nan_to_num(values).max())
-    if kinds[channels[0]].startswith("f"):
+    if kinds[names[channels[0]]].startswith("f"):
         return colors_8bit(values, 1.0 if largest <= 1.0 else 255.0)
     return colors_8bit(values, 255.0 if largest <= 255.0 else 65535.0)

@@ -1,204 +1,309 @@
 """Tables of points in text: XYZ, PTS and CSV, with or without column names, any usual delimiter."""
 
-import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from itertools import islice
-from typing import final
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, count, islice
+from typing import TextIO, final
 
 import numpy as np
 
-from service.errors import FileTooLargeError
-from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from algorithms.arrays import Array
+from schemas.text_columns import HOW, PASSED_OVER, TEXT_ENDINGS, roles_of
+from service.errors import FileTooLargeError, UnreadableFileError
+from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
+from service.formats.column_evidence import UnclearColumnsError, column_evidence, coordinate_column
 from service.formats.finishing import check_count, colors_8bit
 from service.formats.number_table import read_table, refuse_long_lines
+from service.formats.text_layout import (
+    HEAD_BYTES,
+    Layout,
+    LayoutError,
+    encoding_of,
+    filled_lines,
+    has_commas_for_both,
+    is_count,
+    layout_of,
+    sampled,
+)
+from service.formats.text_units import unit_of_text
 
-HEAD_BYTES = 1 << 16
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-COMMENTS = ("#", "//", "%", "!")
-ROLES = {
-    **dict.fromkeys(("x", "easting", "east", "e"), "x"),
-    **dict.fromkeys(("y", "northing", "north", "n"), "y"),
-    **dict.fromkeys(("z", "height", "elevation", "h"), "z"),
-    **dict.fromkeys(("intensity", "i", "reflectance", "scalar_intensity", "amplitude"), "intensity"),
-    **dict.fromkeys(("r", "red"), "red"),
-    **dict.fromkeys(("g", "green"), "green"),
-    **dict.fromkeys(("b", "blue"), "blue"),
-}
-COLOR = ("red", "green", "blue")
 SHORTEST_LINE = len("0 0 0\n")
-
-
-@dataclass(frozen=True)
-class _Layout:
-    skipped_lines: int
-    delimiter: str | None
-    declared_points: int | None
-    columns: dict[str, int] = field(default_factory=dict)
-    """Role -> column."""
-    width: int = 0
-    pick: bool = False
-    """Whether only the columns with a role are read: others may hold words."""
-
-
-class _LayoutError(Exception):
-    def __init__(self, reason: str, line: int) -> None:
-        self.line = line
-        super().__init__(reason)
+SAMPLED_LINES = 2000
+SAMPLED_PLACES = 8
+SAMPLE_BYTES = 1 << 14
+MOST_BYTES_OF_A_CHARACTER = 2
+COLORS = ("r", "g", "b")
 
 
 @final
 @dataclass(frozen=True)
 class TextReader:
-    """Read text tables. They know no scanner frame, so the scan has neither sensor nor pose."""
+    """Read text tables. They know no scanner frame, so a scan has neither sensor nor pose.
+
+    Several clouds may follow each other, each after the number of its points, as in PTS.
+    """
 
     name: str = "XYZ text"
-    extensions: tuple[str, ...] = (".xyz", ".pts", ".csv", ".txt", ".asc")
+    extensions: tuple[str, ...] = TEXT_ENDINGS
     signed: bool = False
 
     def sniff(self, head: bytes) -> bool:
         """Tell whether the first line after comments, names and count is one of at least three numbers."""
         try:
-            return _layout(head).width >= 3
-        except _LayoutError:
+            return layout_of(head).width >= 3
+        except LayoutError:
             return False
 
-    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
-        """Yield the one cloud of a file."""
-        with file.path.open("rb") as stream:
-            head = stream.read(HEAD_BYTES)
+    def complaint(self, head: bytes) -> str:
+        """Tell why the first lines are no table of points."""
         try:
-            layout = _layout(head)
-        except _LayoutError as fault:
+            layout_of(head)
+        except LayoutError as fault:
+            return f"{fault} (at line {fault.line})"
+        return ""
+
+    def scans(
+        self, file: ScanFile, limits: ReadLimits, wanted: int | None = None
+    ) -> Iterator[ScanRecords | RefusedScan]:
+        """Yield the clouds of a file in order, or only the one wanted."""
+        with file.path.open("rb") as binary:
+            head = binary.read(HEAD_BYTES)
+        stated = roles_of(file.columns.split(",")) if file.columns else []
+        try:
+            layout = layout_of(head, stated)
+        except LayoutError as fault:
             raise file.unreadable(str(fault), f"line {fault.line}") from fault
-        if wanted not in {None, 0}:
-            return
         refuse_long_lines(file)
-        if layout.declared_points is not None:
-            check_count(file, layout.declared_points, SHORTEST_LINE, limits, "count line", spare=1)
-        roles = list(layout.columns)
-        chosen = [layout.columns[role] for role in roles]
-        with file.path.open(encoding="utf-8-sig" if head.startswith(BYTE_ORDER_MARK) else "latin-1") as stream:
+        table = _Table(file, limits, layout, stated)
+        with file.path.open(encoding=layout.encoding) as stream:
             for _ in range(layout.skipped_lines):
                 stream.readline()
-            table = read_table(
-                file,
-                islice(stream, limits.max_points + 1),
-                layout.skipped_lines + 1,
-                delimiter=layout.delimiter,
-                columns=chosen if layout.pick else None,
-                comment="#",
+            if layout.declared_points is None:
+                if wanted in {None, 0}:
+                    yield table.single(stream, head)
+            else:
+                yield from table.several(stream, layout.declared_points, wanted)
+
+
+@dataclass(frozen=True)
+class _Table:
+    file: ScanFile
+    limits: ReadLimits
+    layout: Layout
+    stated: Sequence[str]
+
+    def single(self, stream: TextIO, head: bytes) -> ScanRecords:
+        """Read all that is left of the file."""
+        first_line = self.layout.skipped_lines + 1
+        ahead = list(islice(stream, SAMPLED_LINES))
+        after = max(len(head), MOST_BYTES_OF_A_CHARACTER * sum(map(len, ahead)))
+        roles = self._roles([ahead, *_places(self.file, self.layout, after)], first_line)
+        most = self.limits.max_points
+        numbers = self._numbers(islice(chain(ahead, stream), most + 1), first_line, roles)
+        if len(numbers) > most:
+            raise FileTooLargeError(f"{self.file.filename}, line {most},", len(numbers), most, "points")
+        return self._records(0, numbers, roles)
+
+    def several(self, stream: TextIO, declared: int, wanted: int | None) -> Iterator[ScanRecords | RefusedScan]:
+        """Read clouds, each after its number of points; what is wrong with one does no harm to the others."""
+        line, next_count = self.layout.skipped_lines + 1, str(declared)
+        for index in count():
+            if index >= self.limits.max_scans:
+                raise self.file.unreadable(f"more than {self.limits.max_scans} scans", f"line {line}")
+            block = _Block(stream, int(next_count))
+            if wanted in {None, index}:
+                try:
+                    yield self._of_block(block, index, line)
+                except UnreadableFileError as fault:
+                    yield RefusedScan(index, "", fault)
+            block.skip()
+            line += block.read_lines
+            if block.next_count is None or (wanted is not None and index >= wanted):
+                return
+            next_count = block.next_count
+
+    def _of_block(self, block: "_Block", index: int, line: int) -> ScanRecords:
+        place = f"scan {index}, line {line}" if index else f"line {line}"
+        check_count(self.file, block.declared, SHORTEST_LINE, self.limits, f"{place}, count line", spare=1)
+        if block.declared == 0:
+            raise self.file.unreadable("the scan holds no points", place)
+        lines = filled_lines(block.lines())
+        ahead = list(islice(lines, SAMPLED_LINES))
+        if not ahead:
+            raise self.file.unreadable(f"the count line declares {block.declared} points, but none follow", place)
+        roles = self._roles([ahead], line)
+        numbers = self._numbers(chain(ahead, lines), line, roles)
+        found = len(numbers) + block.surplus()
+        if found != block.declared:
+            first = "the first line" if index == 0 else "its count line"
+            end = f"line {line + len(numbers) - 1}"
+            raise self.file.unreadable(f"{first} declares {block.declared} points, the file has {found}", end)
+        return self._records(index, numbers, roles)
+
+    def _roles(self, samples: Sequence[Sequence[str]], line: int) -> list[str]:
+        """Tell what the columns are: as stated, as named, or as their numbers show."""
+        separators, width = self.layout.separators, self._width(samples[0])
+        if has_commas_for_both(samples[0], separators, width):
+            reason = "commas stand both between numbers and before their decimals; separate the numbers with semicolons"
+            raise self.file.unreadable(f"{reason} or tabs, or write decimal points", f"line {line}")
+        if self.stated:
+            self._check_stated(sampled(samples[0], separators, width), width, line)
+            return list(self.stated)
+        if self.layout.names:
+            return self._named_roles(width, line)
+        blocks = [numbers for lines in samples if len(numbers := sampled(lines, separators, width)) > 0]
+        evidence = column_evidence(blocks)
+        try:
+            first = coordinate_column(evidence, sum(map(len, blocks)))
+        except UnclearColumnsError as fault:
+            seen = "; ".join(f"column {at + 1}: {column.in_words()}" for at, column in enumerate(evidence[:12]))
+            reason = f"it is not clear which columns are coordinates: {fault}. Seen: {seen}. To read it, {HOW}"
+            raise self.file.unreadable(reason, f"line {line}") from fault
+        rest = np.vstack(blocks)[:, first + 3 :]
+        return [PASSED_OVER] * first + ["x", "y", "z"] + _roles_after(rest)
+
+    def _width(self, lines: Sequence[str]) -> int:
+        words = self.layout.separators.words
+        return next((len(words(line.strip())) for line in lines if not line.isspace()), self.layout.width)
+
+    def _named_roles(self, width: int, line: int) -> list[str]:
+        roles = roles_of(self.layout.names)
+        seen: set[str] = set()
+        for at, role in enumerate(roles):
+            if role in seen:
+                roles[at] = PASSED_OVER
+            seen.add(role)
+        last = max(at for at, role in enumerate(roles) if role != PASSED_OVER)
+        if last >= width:
+            raise self.file.unreadable(f"{len(roles)} column names over {width} columns", f"line {line}")
+        roles = [role if set(COLORS) <= seen or role not in COLORS else PASSED_OVER for role in roles]
+        return [*roles, *[PASSED_OVER] * width][:width]
+
+    def _check_stated(self, numbers: Array, width: int, line: int) -> None:
+        """See that the columns can be what they are said to be."""
+        if len(self.stated) != width:
+            raise self.file.unreadable(
+                f"`columns` names {len(self.stated)} columns ({self.file.columns}), the lines have {width}",
+                f"line {line}",
             )
-        if len(table) > limits.max_points:
-            raise FileTooLargeError(
-                f"{file.filename}, line {limits.max_points},", len(table), limits.max_points, "points"
-            )
-        if layout.declared_points not in {None, len(table)}:
-            raise file.unreadable(
-                f"the first line declares {layout.declared_points} points, the file has {len(table)}",
-                f"line {layout.skipped_lines + len(table)}",
-            )
-        column = {role: table[:, at if layout.pick else layout.columns[role]] for at, role in enumerate(roles)}
+        for at, (role, name) in enumerate(zip(self.stated, self.file.columns.split(","), strict=True)):
+            column, place = numbers[:, at], f"column {at + 1}"
+            if role != PASSED_OVER and np.isinf(column).any():
+                raise self.file.unreadable(f"`columns` says that {place} is {name}, but it holds words", f"line {line}")
+            if name in {"row", "col", "ring"} and (column[np.isfinite(column)] % 1.0 != 0.0).any():
+                other = column[column % 1.0 != 0.0][0]
+                raise self.file.unreadable(
+                    f"`columns` says that {place} is {name}, but it holds {other:.10g}, no whole number", f"line {line}"
+                )
+            if role in COLORS and ((column < 0.0) | (column > 65535.0)).any():
+                other = column[(column < 0.0) | (column > 65535.0)][0]
+                raise self.file.unreadable(
+                    f"`columns` says that {place} is the colour {name}, but it holds {other:.10g}", f"line {line}"
+                )
+
+    def _numbers(self, lines: Iterator[str], first_line: int, roles: Sequence[str]) -> Array:
+        """Read the columns that have a role; narrow tables as a whole, so that a broken line shows."""
+        chosen = [at for at, role in enumerate(roles) if role != PASSED_OVER]
+        pick = bool(self.layout.names) or len(roles) > 7 or PASSED_OVER in roles
+        if self.layout.separators.decimal_comma:
+            lines = (line.replace(",", ".") for line in lines)
+        delimiter = self.layout.separators.delimiter
+        table = read_table(
+            self.file, lines, first_line, delimiter=delimiter, columns=chosen if pick else None, comment="#"
+        )
+        return table if pick else table[:, chosen]
+
+    def _records(self, index: int, numbers: Array, roles: Sequence[str]) -> ScanRecords:
+        chosen = [role for role in roles if role != PASSED_OVER]
+        column = {role: numbers[:, at] for at, role in enumerate(chosen)}
         color = None
-        if set(COLOR) <= column.keys():
-            channels = np.column_stack([column[role] for role in COLOR])
+        if set(COLORS) <= column.keys():
+            channels = np.column_stack([column[role] for role in COLORS])
             largest = float(np.nan_to_num(channels).max())
             color = colors_8bit(channels, 255.0 if 1.0 < largest <= 255.0 else 1.0 if largest <= 1.0 else 65535.0)
-        yield ScanRecords(
-            index=0,
+        unit, warnings = unit_of_text(self.file, self.layout)
+        return ScanRecords(
+            index=index,
             points=np.column_stack([column[axis] for axis in "xyz"]),
-            intensity=column["intensity"].astype(np.float32) if "intensity" in column else None,
+            intensity=column["i"].astype(np.float32) if "i" in column else None,
             color=color,
+            unit=unit,
+            text_columns=self.file.columns or ",".join(roles),
+            warnings=warnings,
         )
 
 
-def _layout(head: bytes) -> _Layout:
-    """Find out from the head of a file what its columns are."""
-    if b"\0" in head:
-        raise _LayoutError("the file holds zero bytes, so it is no text", head.count(b"\n", 0, head.find(b"\0")) + 1)
-    text = head.removeprefix(BYTE_ORDER_MARK).decode("latin-1")
-    lines = text.split("\n")
-    if len(head) >= HEAD_BYTES and len(lines) > 1:
-        lines.pop()
-    names: list[str] | None = None
-    declared: int | None = None
-    for at, raw in enumerate(lines):
-        line = raw.strip()
-        bare = line.lstrip("#/%! ")
-        if not line:
-            continue
-        delimiter = _delimiter(bare)
-        words = _words(bare, delimiter)
-        if line.startswith(COMMENTS):
-            names = _names(words) or names
-        elif len(words) == 1 and words[0].isascii() and words[0].isdigit() and len(words[0]) < 19 and declared is None:
-            declared = int(words[0])
-        elif _names(words):
-            names = _names(words)
-        elif len(words) >= 3 and _are_coordinates(words, names):
-            sample = [_words(later.strip(), delimiter) for later in lines[at : at + 200] if later.strip()]
-            columns = _columns(names, sample, at + 1)
-            # narrow tables without names are read whole, so that a broken line shows
-            return _Layout(at, delimiter, declared, columns, len(words), pick=names is not None or len(words) > 7)
-        elif delimiter == ";" and "," in bare:
-            raise _LayoutError("decimal commas are not supported, write decimal points", at + 1)
-        else:
-            raise _LayoutError(f"'{line[:60]}' is neither a line of at least three numbers nor column names", at + 1)
-    raise _LayoutError("no line of at least three numbers", len(lines))
+class _Block:
+    """The lines of one cloud, which end where the next number of points stands."""
+
+    def __init__(self, stream: TextIO, declared: int) -> None:
+        self.declared = declared
+        self.next_count: str | None = None
+        """The next number of points; None: the file ends."""
+        self.read_lines = 0
+        self._stream = stream
+        self._ended = False
+
+    def lines(self) -> Iterator[str]:
+        """Give lines up to and with the last one that was declared."""
+        given = 0
+        while given < self.declared and (line := self._next()) is not None:
+            given += not (line.isspace() or line.lstrip().startswith("#"))
+            yield line
+
+    def surplus(self) -> int:
+        """Count the points that follow beyond what was declared."""
+        return sum(1 for line in iter(self._next, None) if not (line.isspace() or line.lstrip().startswith("#")))
+
+    def skip(self) -> None:
+        """Go to the end."""
+        while self._next() is not None:
+            pass
+
+    def _next(self) -> str | None:
+        if self._ended:
+            return None
+        line = self._stream.readline()
+        self.read_lines += 1
+        if not line or is_count(line.strip()):
+            self._ended, self.next_count = True, line.strip() or None
+            return None
+        return line
 
 
-def _delimiter(line: str) -> str | None:
-    return next((mark for mark in ";," if mark in line), None)
+def _places(file: ScanFile, layout: Layout, after: int) -> Iterator[list[str]]:
+    """Give whole lines of some places of a file, in their order."""
+    number = min(SAMPLED_PLACES, (file.size - after) // SAMPLE_BYTES)  # so that they do not overlap
+    if number < 1:
+        return
+    encoding = encoding_of(b"") if layout.encoding == "utf-8-sig" else layout.encoding
+    with file.path.open("rb") as stream:
+        if encoding == "utf-16":
+            encoding = "utf-16-le" if stream.read(2) == b"\xff\xfe" else "utf-16-be"
+        for place in np.linspace(after, file.size - SAMPLE_BYTES, number).astype(int):
+            stream.seek(int(place) // 2 * 2)
+            lines = stream.read(SAMPLE_BYTES).decode(encoding, "replace").split("\n")
+            yield lines[1:-1]
 
 
-def _words(line: str, delimiter: str | None) -> list[str]:
-    return [word.strip() for word in line.split(delimiter)]
+def _roles_after(rest: Array) -> list[str]:
+    """Tell what stands behind the coordinates, as far as that is usual."""
+    roles = [PASSED_OVER] * rest.shape[1]
+    words = np.flatnonzero(np.isinf(rest).any(axis=0))
+    width = int(words[0]) if len(words) else rest.shape[1]
+    rest = rest[:, :width]
+    if width == 1:
+        roles[0] = "i"
+    elif width == 3 and _look_like_color(rest):
+        roles[:3] = COLORS
+    elif width == 4 and _look_like_color(rest[:, 1:]):
+        roles[:4] = ["i", *COLORS]
+    elif width >= 4 and _look_like_color(rest[:, :3]):
+        roles[:3] = COLORS
+        if width == 4:
+            roles[3] = "i"
+    return roles
 
 
-def _are_coordinates(words: list[str], names: list[str] | None) -> bool:
-    places = [0, 1, 2] if names is None else [names.index(axis) for axis in "xyz"]
-    return max(places) < len(words) and all(_is_number(words[place]) for place in places)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-def _names(words: list[str]) -> list[str] | None:
-    """Take a line as column names if it names x, y and z."""
-    roles = [ROLES.get(re.sub(r"[\"'\[(].*", "", word.strip("\"'").lower()).strip(), "") for word in words]
-    return roles if {"x", "y", "z"} <= set(roles) else None
-
-
-def _columns(names: list[str] | None, sample: list[list[str]], line: int) -> dict[str, int]:
-    width = len(sample[0])
-    if names is not None:
-        if max(names.index(role) for role in set(names) - {""}) >= width:
-            raise _LayoutError(f"{len(names)} column names over {width} columns", line)
-        colored = COLOR if set(COLOR) <= set(names) else ()
-        return {role: names.index(role) for role in ("x", "y", "z", "intensity", *colored) if role in names}
-    columns = {"x": 0, "y": 1, "z": 2}
-    intensity, red = None, None
-    if width == 4:
-        intensity = 3
-    elif width == 6 and _look_like_color(sample, 3):
-        red = 3
-    elif width == 7 and _look_like_color(sample, 4):
-        intensity, red = 3, 4
-    elif width >= 7 and _look_like_color(sample, 3):
-        red = 3
-        intensity = 6 if width == 7 else None
-    if intensity is not None:
-        columns["intensity"] = intensity
-    if red is not None:
-        columns |= {role: red + i for i, role in enumerate(COLOR)}
-    return columns
-
-
-def _look_like_color(sample: list[list[str]], first: int) -> bool:
-    words = [word for row in sample for word in row[first : first + 3]]
-    return all(word.isascii() and word.isdigit() and int(word[:9]) <= 255 for word in words)
+def _look_like_color(channels: Array) -> bool:
+    return bool(((channels >= 0) & (channels <= 255) & (channels == np.round(channels))).all())

@@ -7,6 +7,9 @@ from typing import Protocol
 
 from service.ports.documents import Json
 
+OF_READING = ("warnings", "text_columns")
+"""What a plan sees of scans, besides which of them cannot be used."""
+
 
 @dataclass(frozen=True)
 class StoredFile:
@@ -29,7 +32,11 @@ class StoredFile:
 
     def summary(self) -> Json:
         """Give what a plan sees of the file."""
-        return {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind", "owner")}
+        seen = {name: getattr(self, name) for name in ("name", "sha256", "bytes", "format", "kind", "owner")}
+        said = [scan for scan in self.scans if not scan.get("usable", True) or any(map(scan.get, OF_READING))]
+        kept = ("index", "name", "usable", "reason", *OF_READING)
+        scans = [{name: scan[name] for name in kept if scan.get(name) is not None} for scan in said]
+        return {**seen, "scans": scans} if scans else seen
 
 
 @dataclass(frozen=True)

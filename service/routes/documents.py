@@ -7,6 +7,7 @@ from schemas.links import Link
 from service.dependencies import BaseUrl
 from service.ports import StoredFile
 from service.use_cases.describe_job import status_info
+from service.use_cases.scan_warnings import file_warnings
 
 __all__ = ["file_document", "page_links", "status_info"]
 
@@ -23,6 +24,7 @@ def file_document(file: StoredFile, url: BaseUrl) -> FileDocument:
         kind=file.kind,
         scans=[ScanDocument.model_validate(scan) for scan in file.scans],
         photos=[PhotoDocument.model_validate(photo) for photo in file.photos],
+        warnings=file_warnings(file),
         created=file.created,
         expires=file.expires,
         links=[

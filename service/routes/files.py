@@ -31,6 +31,7 @@ from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import (
     FormReader,
     body_of,
+    columns_of_form,
     content_length,
     declared_length,
     media_type,
@@ -41,12 +42,21 @@ from service.settings import Settings
 from service.use_cases.content_keys import content_key
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
 from service.use_cases.quotas import Belongings
+from service.use_cases.stated_columns import FIELD, HEADER, stated_columns
 from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
 from service.use_cases.validate_request import pointer_to
 
 router = ReadableRouter(tags=["files"], responses=PROBLEM_RESPONSES)
 
+COLUMNS = (
+    "What the columns of text tables are, where neither names in the file nor the numbers tell, such as "
+    "`row,col,x,y,z,i`: x, y, z, i(ntensity), r, g, b; any other name is passed over. A statement that the file "
+    f"contradicts is refused. A raw body has it in the header `{HEADER}`, a resumable upload in its metadata."
+)
 UPLOAD_BODY = {
+    "parameters": [
+        {"name": HEADER, "in": "header", "required": False, "description": COLUMNS, "schema": {"type": "string"}}
+    ],
     "requestBody": {
         "required": True,
         "content": {
@@ -58,13 +68,14 @@ UPLOAD_BODY = {
                         "file": {
                             "type": "array",
                             "items": {"type": "string", "contentMediaType": "application/octet-stream"},
-                        }
+                        },
+                        "columns": {"type": "string", "description": COLUMNS},
                     },
                 }
             },
             "application/octet-stream": {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}},
         },
-    }
+    },
 }
 
 
@@ -90,9 +101,13 @@ async def upload_files(
     make_id: IdentifiersDependency,
     url: BaseUrlDependency,
 ) -> Response:
-    """Store one file or several (all or none): multipart fields `file`, or a raw body with Content-Disposition."""
+    """Store one file or several (all or none): multipart fields `file`, or a raw body with Content-Disposition.
+
+    Of text tables whose columns neither names nor numbers tell, `columns` says what they are.
+    """
     intake = file_intake(belongings, adapters, settings, make_id)
-    stored = await intake.store(_uploads(request, intake), datetime.now(UTC))
+    body = _UploadBody(request, intake)
+    stored = await intake.store(body.uploads(), datetime.now(UTC), body.columns)
     documents = [file_document(file, url) for file in stored]
     if len(documents) == 1:
         location = url(f"/files/{documents[0].id}")
@@ -147,31 +162,45 @@ def remove_file(file_id: str, adapters: AdaptersDependency) -> None:
     delete_file(file_id, adapters.files, adapters.jobs, adapters.blobs)
 
 
-async def _uploads(request: Request, intake: FileIntake) -> AsyncIterator[Upload]:
-    length = declared_length(request) or 0
-    await asyncio.to_thread(intake.require_room, length)
-    await asyncio.to_thread(intake.require_quota, content_length(request))
-    kind = media_type(request)
-    if kind == "multipart/form-data":
-        async for upload in _form_uploads(request):
-            yield upload
-    elif kind.startswith("multipart/"):
-        raise UnsupportedMediaTypeError(f"{kind} is not taken; send multipart/form-data or a raw body")
-    else:
-        filename = raw_filename(request)
-        if length > intake.settings.max_file_bytes:
-            raise FileTooLargeError(filename, length, intake.settings.max_file_bytes)
-        yield Upload(filename, body_of(request), length)
+class _UploadBody:
+    """Hand out the files as they arrive, and tell in the end what was said of their columns."""
 
+    def __init__(self, request: Request, intake: FileIntake) -> None:
+        self._request = request
+        self._intake = intake
+        self._columns = stated_columns(request.headers.get(HEADER, ""), HEADER)
 
-async def _form_uploads(request: Request) -> AsyncIterator[Upload]:
-    found = False
-    async for part in FormReader(request).parts():
-        if part.name != "file":
-            detail = "unknown field; files are sent in fields called `file`"
-            raise InvalidRequestError(detail, [FieldFault(pointer_to(part.name), detail)])
-        found = True
-        yield Upload(require_filename(part.name, part.filename), part.chunks, part.at_most)
-    if not found:
-        detail = "the form holds no field `file`"
-        raise InvalidRequestError(detail, [FieldFault("/file", detail)])
+    def columns(self) -> str:
+        return self._columns
+
+    async def uploads(self) -> AsyncIterator[Upload]:
+        request, intake = self._request, self._intake
+        length = declared_length(request) or 0
+        await asyncio.to_thread(intake.require_room, length)
+        await asyncio.to_thread(intake.require_quota, content_length(request))
+        kind = media_type(request)
+        if kind == "multipart/form-data":
+            async for upload in self._of_form():
+                yield upload
+        elif kind.startswith("multipart/"):
+            raise UnsupportedMediaTypeError(f"{kind} is not taken; send multipart/form-data or a raw body")
+        else:
+            filename = raw_filename(request)
+            if length > intake.settings.max_file_bytes:
+                raise FileTooLargeError(filename, length, intake.settings.max_file_bytes)
+            yield Upload(filename, body_of(request), length)
+
+    async def _of_form(self) -> AsyncIterator[Upload]:
+        found = False
+        async for part in FormReader(self._request).parts():
+            if part.name == FIELD and not self._columns:
+                self._columns = await columns_of_form(part)
+                continue
+            if part.name != "file":
+                detail = f"unknown field; files are sent in fields called `file`, and once `{FIELD}`"
+                raise InvalidRequestError(detail, [FieldFault(pointer_to(part.name), detail)])
+            found = True
+            yield Upload(require_filename(part.name, part.filename), part.chunks, part.at_most)
+        if not found:
+            detail = "the form holds no field `file`"
+            raise InvalidRequestError(detail, [FieldFault("/file", detail)])

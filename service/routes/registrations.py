@@ -19,11 +19,12 @@ from service.dependencies import (
 )
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
 from service.ports import Subscription
-from service.routes.files import file_intake
+from service.routes.files import COLUMNS, file_intake
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.processes import CALLBACKS, created_job
 from service.routes.request_bodies import (
     FormReader,
+    columns_of_form,
     content_length,
     declared_length,
     media_type,
@@ -33,6 +34,7 @@ from service.routes.request_bodies import (
 from service.use_cases.check_subscriber import checked_subscription
 from service.use_cases.describe_processes import inlined
 from service.use_cases.register_uploads import FormContents, register_uploads
+from service.use_cases.stated_columns import FIELD, HEADER, stated_columns
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.validate_request import parse_json, pointer_to
 
@@ -48,7 +50,8 @@ OPTIONS = (
     "scan whose name it bears (S1, S2, … in the order of the form) or of the next scan; a photo without `file` is the "
     "next photo. A station without `photos` has those that its E57 file stores with camera and pose (up to 200); an "
     "empty list leaves them out. Scans not listed become stations of their own, after the listed ones; the first "
-    "station gives the common frame. The options may also be a whole request for the execution of `register`: "
+    "station gives the common frame. `unit` (mm, m, ft, us-ft) is that of all scans; the `scan` of a station may have "
+    "a `unit` of its own. The options may also be a whole request for the execution of `register`: "
     '`{"inputs": …, "outputs": …, "subscriber": …}`.'
 )
 SUBSCRIBER = "Whom the job tells how it goes, as in a request for an execution: addresses, and a secret if wanted."
@@ -81,6 +84,7 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
                                 "items": {"type": "string", "contentMediaType": "application/octet-stream"},
                                 "description": "Photos taken from the stations; `stations` of the options tell where.",
                             },
+                            "columns": {"type": "string", "description": COLUMNS},
                             "options": {
                                 "type": "string",
                                 "contentMediaType": "application/json",
@@ -121,7 +125,7 @@ async def register(
     intake = file_intake(belongings, adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
     now = datetime.now(UTC)
-    job = await register_uploads(intake, form.files(), form.contents, subscribe, now, origin)
+    job = await register_uploads(intake, form, subscribe, now, origin)
     return created_job(job, url)
 
 
@@ -133,6 +137,10 @@ class _RegistrationForm:
         self._intake = intake
         self._said: dict[str, bytes] = {}
         self._are_photos: list[bool] = []
+        self._columns = stated_columns(request.headers.get(HEADER, ""), HEADER)
+
+    def columns(self) -> str:
+        return self._columns
 
     async def files(self) -> AsyncIterator[Upload]:
         length = declared_length(self._request) or 0
@@ -142,6 +150,8 @@ class _RegistrationForm:
             if part.name in {"scan", "photo"}:
                 self._are_photos.append(part.name == "photo")
                 yield Upload(require_filename(part.name, part.filename), part.chunks, part.at_most)
+            elif part.name == FIELD and not self._columns:
+                self._columns = await columns_of_form(part)
             elif part.name in ONCE and part.name not in self._said:
                 self._said[part.name] = await read_within(f"the field `{part.name}`", part.chunks, MAX_OPTIONS_BYTES)
             else:
@@ -153,7 +163,7 @@ class _RegistrationForm:
 
 
 def _refused(name: str) -> InvalidRequestError:
-    detail = "unknown field; the form takes `scan` (several), `photo` (several), `options` and `subscriber`"
-    if name in ONCE:
+    detail = "unknown field; the form takes `scan` (several), `photo` (several), `columns`, `options` and `subscriber`"
+    if name in {*ONCE, FIELD}:
         detail = f"the field `{name}` may stand in the form only once"
     return InvalidRequestError(detail, [FieldFault(pointer_to(name), detail)])

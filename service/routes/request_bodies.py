@@ -15,12 +15,14 @@ from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, U
 from service.settings import Settings
 from service.use_cases.file_names import clean_filename
 from service.use_cases.patient_reading import timely
+from service.use_cases.stated_columns import FIELD, stated_columns
 from service.use_cases.validate_request import pointer_to
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
+MAX_COLUMNS_BYTES = 10_000
 MOST_PARTS = 5000
 """Of one form: 500 stations with ten photos each."""
 LARGEST_FRAME = 64_000
@@ -208,6 +210,18 @@ class FormReader:
 
     def _on_end(self) -> None:
         self._finished = True
+
+
+async def columns_of_form(part: FormPart) -> str:
+    """Read what a form says of the columns of text tables.
+
+    Raises
+    ------
+    InvalidRequestError
+        It cannot be.
+    """
+    text = await read_within(f"the field `{FIELD}`", part.chunks, MAX_COLUMNS_BYTES)
+    return stated_columns(text.decode("utf-8", "replace"))
 
 
 def _boundary(request: Request) -> str:

@@ -10,6 +10,8 @@ from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaType
 from service.routes.request_bodies import declared_length, media_type
 from service.use_cases.file_names import clean_filename
 from service.use_cases.receive_uploads import CHECKSUMS, Checksum
+from service.use_cases.stated_columns import FIELD, stated_columns
+from service.use_cases.upload_metadata import metadata_values
 from service.use_cases.validate_request import pointer_to
 
 VERSION = "1.0.0"
@@ -60,7 +62,7 @@ def require_part(request: Request) -> None:
 
 
 def upload_filename(request: Request) -> tuple[str, str]:
-    """Give the cleaned name of the file, and all metadata as they came.
+    """Give the cleaned name of the file, and all metadata as they came, what they say of columns having been checked.
 
     Raises
     ------
@@ -70,10 +72,11 @@ def upload_filename(request: Request) -> tuple[str, str]:
     text = request.headers.get("upload-metadata", "")
     if len(text) > MAX_METADATA:
         raise _fault("Upload-Metadata", f"it has {len(text)} characters, {MAX_METADATA} are allowed")
-    values: dict[str, str] = {}
-    for pair in text.split(",") if text.strip() else ():
-        key, _, value = pair.strip().partition(" ")
-        values[key] = _decoded(key, value.strip())
+    try:
+        values = metadata_values(text)
+    except ValueError as error:
+        raise _fault("Upload-Metadata", str(error)) from None
+    stated_columns(values.get(FIELD, ""))
     name = clean_filename(values.get("filename") or values.get("name") or "")
     if not name:
         raise _fault("Upload-Metadata", "it must hold the file's name with its ending: `filename <base64>`")
@@ -109,13 +112,6 @@ def _number(request: Request, header: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= MAX_DIGITS):
         raise _fault(header, f"it must be a number of bytes, not '{text}'" if text else "the header is missing")
     return int(text)
-
-
-def _decoded(key: str, value: str) -> str:
-    try:
-        return base64.b64decode(value, validate=True).decode()
-    except (binascii.Error, ValueError):
-        raise _fault("Upload-Metadata", f"the value of '{key}' is no UTF-8 text in base64") from None
 
 
 def _fault(header: str, detail: str) -> InvalidRequestError:

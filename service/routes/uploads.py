@@ -111,6 +111,8 @@ async def tus_options(settings: SettingsDependency) -> Response:
 async def begin_upload(request: Request, desk: BeginningDeskDependency, url: BaseUrlDependency) -> Response:
     """Begin an upload of `Upload-Length` bytes; `Upload-Metadata` must hold its `filename`. A body is its first part.
 
+    Of a text table the metadata may also hold `columns`, what its columns are, such as `row,col,x,y,z,i`.
+
     `Location` is where to continue. The file gets the same id as the upload; the answer to the last part, `HEAD` and
     `GET` name it in the header `Tieline-File`.
     """

@@ -6,9 +6,10 @@ from itertools import combinations
 from algorithms.scans.content import ScanContent, same_content
 from schemas.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import FileStore, Json
+from service.ports import FileStore, Json, StoredFile
 from service.use_cases.check_photos import station_photo_faults
 from service.use_cases.identifiers import is_identifier
+from service.use_cases.scan_warnings import is_usable
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
 
 
@@ -130,3 +131,20 @@ def _scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[
     elif scan.index not in (numbers := [found["index"] for found in file.scans]):
         listed = ", ".join(map(str, numbers[:20])) + (", …" if len(numbers) > 20 else "")
         yield FieldFault(f"{where}/index", f"the file '{file.name}' holds {len(numbers)} scan(s), numbered {listed}")
+    else:
+        yield from _reading_faults(scan, file, file.scans[numbers.index(scan.index)], where)
+
+
+def _reading_faults(scan: ScanReference, file: StoredFile, found: Json, where: str) -> Iterable[FieldFault]:
+    """Look whether a scan can be read as the request says."""
+    if not is_usable(found):
+        yield FieldFault(f"{where}/index", f"scan {scan.index} of '{file.name}' cannot be used: {found.get('reason')}")
+    declared = found.get("unit")
+    if scan.unit is not None and declared is not None and scan.unit != declared:
+        yield FieldFault(
+            f"{where}/unit", f"the file '{file.name}' declares its coordinates in {declared}, not {scan.unit}"
+        )
+    if scan.unit is None and found.get("open_unit"):
+        yield FieldFault(f"{where}/unit", f"'{file.name}': {found['open_unit']}")
+    if scan.columns is not None and found.get("text_columns") is None:
+        yield FieldFault(f"{where}/columns", f"the file '{file.name}' is no text table: its format says what is in it")

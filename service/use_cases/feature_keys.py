@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from service.ports import Json
 
-FEATURE_VERSION = 12
+FEATURE_VERSION = 13
 """Raise when extraction gives other features for the same scan and options."""
 
 
@@ -29,7 +29,14 @@ def features_of_content(sha256: str) -> str:
     return f"{FEATURES}{sha256}"
 
 
-def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None = None, owner: str = "") -> str:
+def feature_key(
+    sha256: str,
+    scan_index: int,
+    options: Json,
+    photos: Json | None = None,
+    owner: str = "",
+    reading: Json | None = None,
+) -> str:
     """Name the blob of one scan's features by content, scan number, options and version of the extraction.
 
     Parameters
@@ -42,7 +49,10 @@ def feature_key(sha256: str, scan_index: int, options: Json, photos: Json | None
         What the photos of the station add, as `photos_identity` gives it; None: no photos.
     owner
         Project of the file: if features were shared, the time that a job takes would tell who has the same content.
+    reading
+        What was said of how to read the file, such as the unit of its coordinates; None: nothing.
     """
     extras = [*([] if photos is None else [photos]), *([f"project {owner}"] if owner else [])]
+    extras += [{"reading": reading}] if reading else []
     what = json.dumps([FEATURE_VERSION, scan_index, options, *extras], sort_keys=True)
     return f"{features_of_content(sha256)}/{hashlib.sha256(what.encode()).hexdigest()}.npz"

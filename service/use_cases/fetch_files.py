@@ -22,10 +22,13 @@ class Fetch:
     """Where the request names it: the objects with `href`, which get `file` instead."""
     label: str
     """What a person reads while it is fetched."""
+    columns: str = ""
+    """What the request says that the columns of a text table are."""
 
     def to_json(self) -> Json:
         """Give what is stored of it."""
-        return {**asdict(self), "pointers": list(self.pointers)}
+        stored = {**asdict(self), "pointers": list(self.pointers)}
+        return {name: value for name, value in stored.items() if name != "columns" or value}
 
     @classmethod
     def from_json(cls, stored: Json) -> "Fetch":
@@ -66,6 +69,7 @@ def with_files_to_come(body: Any, sources: Sources, make_id: MakeIdentifier) -> 
             href,
             (*(known.pointers if known else ()), pointer),
             known.label if known else label,
+            (known.columns if known else "") or _text(reference.get("columns")),
         )
         fetches[href] = fetch
         reference["file"] = fetch.id
@@ -119,6 +123,10 @@ def _of_station(station: Any, where: tuple[str | int, ...], label: str) -> Itera
 def _reference(found: Any, where: tuple[str | int, ...], label: str) -> Iterator[tuple[dict[str, Any], str, str]]:
     if isinstance(found, dict) and isinstance(found.get("href"), str) and "file" not in found:
         yield found, pointer_to("inputs", *where), label
+
+
+def _text(found: Any) -> str:
+    return found if isinstance(found, str) else ""
 
 
 def _object(found: Any) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class FetchingRunner:
                     on_progress=on_progress,
                 )
                 received = Received(fetch.id, came["name"], came["bytes"], came["sha256"])
-                file = await intake.inspected(received, datetime.now(UTC))
+                file = await intake.inspected(received, datetime.now(UTC), fetch.columns)
                 file = await self.patience(intake.enter, file)
             except BaseException:  # also where the job was dismissed just when the file had come
                 intake.drop(received)

@@ -8,8 +8,7 @@ import numpy as np
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.quality.same_points import SAME_SHARE, shared_points
 from service.ports import Json, StepContext
-from service.use_cases.content_keys import content_key
-from service.use_cases.run_features import read_limits, station_warnings
+from service.use_cases.run_features import read_stored_scan, station_warnings
 
 if TYPE_CHECKING:
     from algorithms.registration.base import PairResult, RegistrationProblem
@@ -64,17 +63,14 @@ def distrusted_if_copied(
     The points are read again only where all of one scan lies on the other, and both instruments stand in one place.
     """
     from algorithms.registration.base import PairStatus
-    from service.formats import read_scan
 
     found = result.final or result.fine
     if found is None or not _may_be_copies(result, problem):
         return result
     pose = found.pose.target_from_source
     target, source = (
-        read_scan(context.blobs.local_path(content_key(scan["sha256"])), scan["filename"], scan["index"],
-                  read_limits(context))
-        for scan in (arguments["target"]["scan"], arguments["source"]["scan"])
-    )  # fmt: skip
+        read_stored_scan(context, scan) for scan in (arguments["target"]["scan"], arguments["source"]["scan"])
+    )
     points = target.points + target.origin_m, source.points + source.origin_m
     spacing = max(problem.target.spacing_m, problem.source.spacing_m)
     reach = max(REACH_SPACINGS * spacing, LEAST_REACH_M)

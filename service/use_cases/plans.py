@@ -6,6 +6,7 @@ from itertools import combinations
 
 from algorithms.network.options import ALL_PAIRS_UP_TO
 from service.ports import Json, Plan, StepCall
+from service.use_cases.scan_warnings import warnings_of_scan
 
 FETCH_WEIGHT, CHECK_WEIGHT = 1.0, 0.01
 PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT, REPORT_WEIGHT = 2.0, 0.3, 0.3, 0.1
@@ -265,7 +266,9 @@ def _pair_calls(
 def _scan_of(job: Json, station: Json) -> Json:
     """Give where the scan of a station is."""
     file = job["files"][station["scan"]["file"]]
-    return {"sha256": file["sha256"], "filename": file["name"], "index": station["scan"]["index"]}
+    scan = station["scan"]
+    stated = {"columns": scan.get("columns"), "unit": scan.get("unit")}
+    return {"sha256": file["sha256"], "filename": file["name"], "index": scan["index"], **stated}
 
 
 def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
@@ -287,16 +290,21 @@ def _network_arguments(job: Json, features: Sequence[Json]) -> Json:
 
 
 def _features_call(job: Json, station: Json, options: Json | None, photo_options: Json | None) -> StepCall:
-    file = job["files"][station["scan"]["file"]]
+    file, scan = job["files"][station["scan"]["file"]], station["scan"]
+    scans = file.get("scans", [])
+    found: Json = next((each for each in scans if each["index"] == scan["index"]), {})
     return StepCall(
         "features",
         {
             "name": station["name"],
-            "file": station["scan"]["file"],
+            "file": scan["file"],
             "filename": file["name"],
             "sha256": file["sha256"],
             "owner": file.get("owner", ""),
-            "index": station["scan"]["index"],
+            "index": scan["index"],
+            "columns": scan.get("columns") or found.get("text_columns"),
+            "unit": scan.get("unit"),
+            "warnings": warnings_of_scan(file["name"], scans, scan["index"], scan.get("unit")),
             "options": {**(options or {}), **_stated_noise(station)},
             "photos": _photos_of(job, station),
             "photo_options": photo_options or {},

@@ -23,7 +23,9 @@ from service.errors import (
 from service.ports import OpenUpload, PendingUpload, StepFailedError, UploadState, UploadStore
 from service.use_cases.free_space import BYTES_BETWEEN_CHECKS
 from service.use_cases.patient_reading import timely
+from service.use_cases.stated_columns import FIELD, stated_columns
 from service.use_cases.store_files import FileIntake
+from service.use_cases.upload_metadata import metadata_values
 from service.use_cases.upload_threads import undisturbed
 
 CHECKSUMS = ("sha1", "sha256")
@@ -231,7 +233,9 @@ class UploadDesk:
             return
         try:
             path = await undisturbed(opened.whole)
-            await self.intake.of(upload.owner).store_finished(upload.id, upload.filename, path, now)
+            await self.intake.of(upload.owner).store_finished(
+                upload.id, upload.filename, path, now, _columns_of(upload)
+            )
         except (UnreadableFileError, StepFailedError) as error:  # trying again would not help
             await undisturbed(opened.save, replace(upload, problem=to_problem(error)))
             raise
@@ -304,6 +308,11 @@ class _PartWriter:
 async def _state_of(opened: OpenUpload) -> UploadState:
     """Read in a thread how far an upload is: that may be a question to a database."""
     return await undisturbed(lambda: opened.state)
+
+
+def _columns_of(upload: PendingUpload) -> str:
+    """Give what the client says of the columns of a text table; it was checked when the upload began."""
+    return stated_columns(metadata_values(upload.metadata).get(FIELD, ""))
 
 
 def _require_unrefused(upload: PendingUpload) -> None:

@@ -5,12 +5,13 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequen
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Protocol
 
 from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Job, StoredFile, Subscription
 from service.use_cases.describe_processes import offered_process
+from service.use_cases.scan_warnings import is_usable, left_out
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.submit_job import ANY_REQUEST, Execution, Origin, check_execution, submit_job
 from service.use_cases.upload_threads import undisturbed
@@ -29,10 +30,22 @@ class FormContents:
     """Of each file, in the order of the form, whether it came as a photo."""
 
 
+class UploadForm(Protocol):
+    """A form on its way in."""
+
+    def files(self) -> AsyncIterator[Upload]:
+        """Hand out the files as they arrive."""
+
+    def columns(self) -> str:
+        """Give what was said of the columns of text tables, once all has arrived."""
+
+    def contents(self) -> FormContents:
+        """Give the rest of the form, once all has arrived."""
+
+
 async def register_uploads(
     intake: FileIntake,
-    uploads: AsyncIterator[Upload],
-    contents: Callable[[], FormContents],
+    form: UploadForm,
     subscribe: Callable[[Subscriber], Awaitable[Subscription]],
     now: datetime,
     origin: Origin = ANY_REQUEST,
@@ -43,10 +56,8 @@ async def register_uploads(
     ----------
     intake
         Where files go, and beside them the job.
-    uploads
-        The files on their way in.
-    contents
-        Gives the rest of the form once all uploads have arrived.
+    form
+        The files on their way in, and the rest.
     subscribe
         Checks whom the job is to tell how it goes.
     now
@@ -59,16 +70,17 @@ async def register_uploads(
     InvalidRequestError
         Fewer than two scans came, a photo belongs to no station, or an option is wrong; no file is kept then.
     """
-    files = await intake.store(uploads, now)
+    files = await intake.store(form.files(), now, form.columns)
     try:
-        form = contents()
-        execution = await asyncio.to_thread(_execution, intake, files, form)
+        contents = form.contents()
+        execution = await asyncio.to_thread(_execution, intake, files, contents)
         subscription = None
         if execution.subscriber is not None:
-            with _pointing_into(form):
+            with _pointing_into(contents):
                 subscription = await subscribe(execution.subscriber)
+        remarks = [text for file in files for text in left_out(file.name, file.scans)]
         return await asyncio.to_thread(
-            submit_job, execution, intake.belongings, intake.settings, now, subscription, origin
+            submit_job, execution, intake.belongings, intake.settings, now, subscription, origin, remarks
         )
     except BaseException:
         await undisturbed(intake.discard, files)
@@ -80,17 +92,23 @@ def _execution(intake: FileIntake, files: Sequence[StoredFile], contents: FormCo
     came = [UploadedFile(file.id, file.name, file.scans, file.photos) for file in files]
     photos = [file for file, is_photo in zip(came, contents.are_photos, strict=True) if is_photo]
     scans = [file for file, is_photo in zip(came, contents.are_photos, strict=True) if not is_photo]
-    count = sum(len(file.scans) for file in scans)
+    count = sum(is_usable(scan) for file in scans for scan in file.scans)
     if count < 2:
-        detail = f"a registration needs at least two scans, {count} came"
+        detail = "; ".join(
+            [f"a registration needs at least two scans, {count} came"]
+            + [text for file in files for text in left_out(file.name, file.scans)]
+        )
         raise InvalidRequestError(detail, [FieldFault("/scan", detail)])
     request = _request(contents)
-    inputs = request["inputs"]
+    inputs, unit = _without_unit(request["inputs"])
     listed = inputs.get("stations")
     try:
         stations = stations_of_uploads(listed, scans, photos, [f"S{number}" for number in range(1, count + 1)])
     except InvalidRequestError as error:
         raise InvalidRequestError(str(error), [_in_options(fault) for fault in error.faults]) from None
+    for station in stations if unit is not None else ():
+        if isinstance(station.get("scan"), dict):
+            station["scan"].setdefault("unit", unit)
     body = {**request, "inputs": {**inputs, "stations": stations}}
     with _pointing_into(contents, len(listed or [])):
         return check_execution(offered_process("register"), body, intake.files, intake.settings)
@@ -109,6 +127,11 @@ def _request(contents: FormContents) -> dict[str, Any]:
         detail = "the options name a subscriber already"
         raise InvalidRequestError(detail, [FieldFault("/subscriber", detail)])
     return {**request, "subscriber": contents.subscriber}
+
+
+def _without_unit(inputs: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    """Take out of the options the unit that is stated for all scans at once."""
+    return {name: value for name, value in inputs.items() if name != "unit"}, inputs.get("unit")
 
 
 def _in_options(fault: FieldFault) -> FieldFault:

@@ -14,6 +14,8 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import ProgressSection
+from algorithms.scans.scan import Scan
+from schemas.text_columns import checked_columns
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
 from service.use_cases.content_keys import content_key
@@ -35,7 +37,8 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
     from service.formats import inspect_upload
 
     path, filename = context.blobs.local_path(arguments["key"]), arguments["filename"]
-    found = inspect_upload(path, filename, read_limits(context))
+    stated = arguments.get("columns") or ""
+    found = inspect_upload(path, filename, read_limits(context), checked_columns(stated) if stated else "")
     return {
         "format": found.format,
         "kind": found.kind,
@@ -48,7 +51,8 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
     photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
     owner = arguments.get("owner", "")
-    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner)
+    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
+    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner, reading)
     timings = {"read": 0.0, "features": 0.0}
     if context.blobs.exists(key):
         features = load_features(context.blobs.local_path(key))
@@ -73,7 +77,7 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
             "noise_std_m": features.noise_std_m,
             "left_out_points": features.far_point_count,
             "instrument_std_m": features.sensor_std_m,
-            "warnings": station_warnings(features),
+            "warnings": [*arguments.get("warnings", []), *station_warnings(features)],
             **rounding_document(features),
             **photo_counts(features, arguments.get("photos", [])),
         },
@@ -89,6 +93,8 @@ def station_warnings(features: ScanFeatures) -> list[str]:
 
         words.append(far_points_in_words(features.far_point_count, features.farthest_m))
     return [*words, *features.warnings]
+
+
 def rounding_document(features: ScanFeatures) -> Json:
     """Say what the coordinates of a scan are rounded to."""
     rounding = features.rounding
@@ -128,13 +134,13 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     from algorithms.matching.symmetries import with_symmetries
     from algorithms.scans.far_points import without_far_points
     from algorithms.scans.scale_plausibility import scale_warnings
-    from service.formats import read_scan
 
     options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
-    path = context.blobs.local_path(content_key(arguments["sha256"]))
-    scan, far = without_far_points(read_scan(path, arguments["filename"], arguments["index"], read_limits(context)))
+    whole = read_stored_scan(context, arguments)
+    scan, far = without_far_points(whole)
+    del whole
     read = time.perf_counter()
     references = arguments.get("photos", [])
     section = ProgressSection(context.progress, 0.0, 0.5 if references else 1.0)
@@ -158,6 +164,20 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     features = with_symmetries(features, MatchingOptions())
     timings["features"] += time.perf_counter() - begun
     return features, timings
+
+
+def read_stored_scan(context: StepContext, arguments: Json) -> Scan:
+    """Read a scan by `sha256`, `filename` and `index`, with the `columns` and the `unit` that were stated for it."""
+    from service.formats import read_scan
+
+    return read_scan(
+        context.blobs.local_path(content_key(arguments["sha256"])),
+        arguments["filename"],
+        arguments["index"],
+        read_limits(context),
+        columns=arguments.get("columns") or "",
+        unit=arguments.get("unit") or "",
+    )
 
 
 def read_limits(context: StepContext) -> ReadLimits:

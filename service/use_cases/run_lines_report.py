@@ -103,7 +103,14 @@ def input_files(station: Json, extracted: Json) -> list[InputFile]:
     scan = station["scan"]
     photos = zip(station.get("photos", []), extracted.get("photos", []), strict=True)
     return [
-        InputFile(station=station["name"], file=scan["file"], index=scan["index"], sha256=extracted["sha256"]),
+        InputFile(
+            station=station["name"],
+            file=scan["file"],
+            index=scan["index"],
+            sha256=extracted["sha256"],
+            unit=scan.get("unit"),
+            columns=scan.get("columns"),
+        ),
         *(
             InputFile(station=station["name"], kind="photo", file=photo["file"], index=photo["index"], sha256=sha256)
             for photo, sha256 in photos

@@ -51,7 +51,7 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     found = [
         Pair.model_validate_json(context.blobs.local_path(output["pair"]).read_bytes()) for output in arguments["pairs"]
     ]
-    pairs = _judged_by_loops(found, network)
+    pairs = _with_warnings(_judged_by_loops(found, network), arguments["features"])
     poses = _station_poses([station["name"] for station in inputs["stations"]], pairs, network)
     stations = [pose.station for pose in poses]
     scans = {
@@ -159,6 +159,17 @@ def _judged_by_loops(pairs: Sequence[Pair], network: Json | None) -> list[Pair]:
         pair
         if (reason := rejected.get((pair.target, pair.source))) is None or pair.status != "accepted"
         else pair.model_copy(update={"status": "rejected", "reasons": [reason, *pair.reasons]})
+        for pair in pairs
+    ]
+
+
+def _with_warnings(pairs: Sequence[Pair], features: Sequence[Json]) -> list[Pair]:
+    """Add to the reasons of each pair what is to be said of how its scans were read."""
+    said = {output["counts"]["station"]: output["counts"].get("warnings", []) for output in features}
+    return [
+        pair.model_copy(
+            update={"reasons": list(dict.fromkeys([*pair.reasons, *said[pair.target], *said[pair.source]]))}
+        )
         for pair in pairs
     ]
 

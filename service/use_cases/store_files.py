@@ -2,11 +2,12 @@
 
 import asyncio
 import hashlib
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from schemas.text_columns import TEXT_ENDINGS
 from service.errors import (
     ComputationFailedError,
     FileNotFoundInStoreError,
@@ -52,8 +53,19 @@ class FileIntake:
         """Give the place where the uploads of one project go."""
         return replace(self, belongings=self.belongings.of(owner))
 
-    async def store(self, uploads: AsyncIterator[Upload], now: datetime) -> Sequence[StoredFile]:
+    async def store(
+        self, uploads: AsyncIterator[Upload], now: datetime, columns: Callable[[], str] = lambda: ""
+    ) -> Sequence[StoredFile]:
         """Write each stream to the store, have it inspected in a process of its own, then enter all of them.
+
+        Parameters
+        ----------
+        uploads
+            The files on their way in.
+        now
+            Time of the request.
+        columns
+            Gives, once all have arrived, what the columns of those that are text tables are; empty: nobody says.
 
         Raises
         ------
@@ -68,7 +80,9 @@ class FileIntake:
             async for upload in uploads:
                 received.append(Received(self.make_id(), upload.filename))
                 await self._receive(upload, received[-1])
-            inspected = [await self.inspected(each, now) for each in received]
+            stated = columns()
+            tables = [each for each in received if each.filename.lower().endswith(TEXT_ENDINGS)] or received
+            inspected = [await self.inspected(each, now, stated if each in tables else "") for each in received]
             besides = await asyncio.to_thread(self.belongings.besides_files)
             for file in inspected:
                 entered.append(file)
@@ -78,7 +92,9 @@ class FileIntake:
             raise
         return entered
 
-    async def store_finished(self, file_id: str, filename: str, path: Path, now: datetime) -> StoredFile:
+    async def store_finished(
+        self, file_id: str, filename: str, path: Path, now: datetime, columns: str = ""
+    ) -> StoredFile:
         """Take a finished local file in, which is never written again and stays where it is; doing it again is no harm.
 
         Raises
@@ -95,7 +111,7 @@ class FileIntake:
             raise UnreadableFileError(filename, "the file is empty", "byte 0")
         try:
             await undisturbed(self.blobs.put_copy, incoming_key(file_id), path)
-            file = await self.inspected(received, now)
+            file = await self.inspected(received, now, columns)
             # there was room for it when its upload began: what jobs have stored since then does not take it away
             return await undisturbed(self.enter, file, 0)
         except BaseException:
@@ -190,8 +206,8 @@ class FileIntake:
                 unchecked = 0
             yield chunk
 
-    async def inspected(self, received: "Received", now: datetime) -> StoredFile:
-        """Find out in a process of its own what has arrived.
+    async def inspected(self, received: "Received", now: datetime, columns: str = "") -> StoredFile:
+        """Find out in a process of its own what has arrived; `columns` are those of a text table, if they were stated.
 
         Raises
         ------
@@ -201,7 +217,7 @@ class FileIntake:
         try:
             found = await self.steps.run(
                 "inspect-file",
-                {"key": incoming_key(received.id), "filename": received.filename},
+                {"key": incoming_key(received.id), "filename": received.filename, "columns": columns},
                 timeout_s=self.settings.inspect_timeout_s,
             )
         except (ComputationFailedError, StepFailedError) as error:

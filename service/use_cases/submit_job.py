@@ -104,6 +104,7 @@ def submit_job(
     now: datetime,
     subscription: Subscription | None = None,
     origin: Origin = ANY_REQUEST,
+    remarks: Sequence[str] = (),
 ) -> Job:
     """Write the job and put it on the queue, both or neither; a request that is tried again gets the job it has made.
 
@@ -119,6 +120,8 @@ def submit_job(
         Who is told how it goes.
     origin
         The request.
+    remarks
+        What the client is told at once besides.
 
     Raises
     ------
@@ -134,7 +137,7 @@ def submit_job(
         status=JobStatus.ACCEPTED,
         created=now,
         updated=now,
-        message="waiting for a worker",
+        message="; ".join(["waiting for a worker", *remarks]),
         file_ids=execution.file_ids,
         wanted=_wanted(execution),
         fetches=tuple(fetch.to_json() for fetch in execution.fetches),

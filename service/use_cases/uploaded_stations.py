@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 from schemas.register_inputs import MAX_PHOTOS
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json
+from service.use_cases.scan_warnings import is_usable
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
 
 ADVICE = (
@@ -90,16 +91,16 @@ class _Search:
 
     def place_scans(self, stations: list[Json], names: Sequence[str]) -> None:
         """Give every station its scan, every scan its station, and stations of which nothing is said their photos."""
-        files = {(file.id, scan["index"]): file for file in self.scan_files for scan in file.scans}
+        files = {(file.id, scan["index"]): file for file in self.scan_files for scan in file.scans if is_usable(scan)}
         defaults = dict(zip(files, names, strict=True))
         given = [self._place_of(station.get("scan"), pointer_to("stations", k)) for k, station in enumerate(stations)]
         by_name = {name: place for place, name in defaults.items() if place not in given}
         for k, station in enumerate(stations):
-            if given[k] is None and station.get("scan") is None and isinstance(station.get("name"), str):
+            if given[k] is None and _names_no_scan(station) and isinstance(station.get("name"), str):
                 given[k] = by_name.pop(station["name"], None)
         free = [place for place in files if place not in given]
         for k, station in enumerate(stations):
-            if given[k] is None and station.get("scan") is None:
+            if given[k] is None and _names_no_scan(station):
                 given[k] = free.pop(0) if free else None
                 if given[k] is None:
                     self._fault(pointer_to("stations", k), f"there is no scan left for it, only {len(files)} came")
@@ -141,7 +142,7 @@ class _Search:
 
     def _place_of(self, scan: Any, where: str) -> Place | None:
         """Find the scan that a station names; None if it names none, or in a way that no schema allows."""
-        if not isinstance(scan, dict) or not isinstance(scan.get("index", 0), int):
+        if not isinstance(scan, dict) or not isinstance(scan.get("index", 0), int) or _names_no_scan({"scan": scan}):
             return None
         if scan.get("file") is None and len(self.scan_files) == 1:
             return self.scan_files[0].id, scan.get("index", 0)
@@ -163,6 +164,12 @@ class _Search:
 
     def _fault(self, where: str, detail: str) -> None:
         self.faults.append(FieldFault(where, detail))
+
+
+def _names_no_scan(station: Json) -> bool:
+    """Tell whether a station has the next scan; what is said of that may stand in it, such as its unit."""
+    scan = station.get("scan")
+    return scan is None or (isinstance(scan, dict) and bool(scan) and scan.keys() <= {"unit", "columns"})
 
 
 def _stored_photos(file: UploadedFile | None, index: int) -> list[Json]:

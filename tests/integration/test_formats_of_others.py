@@ -41,6 +41,12 @@ POINTS = {
     "csv/car_cloud401.csv": [25193],
     "ply/room_target.ply": [94052],
 }
+PARTLY_USABLE = {
+    # points of each scan, and why the first cannot be used
+    "e57/A_moved_B.e57": ([0, 4], "2 distinct points"),
+    "e57/A_B.e57": ([0, 4], "2 distinct points"),
+    "ptx/multiple-and-transform.ptx": ([0, 4], "scales 1, 1, 2"),
+}
 REFUSED = {
     "e57/testWithNormals.e57": ("2 distinct points", "scan 0"),
     "e57/PinholeImageWithDistortionParameters.e57": ("no scan, only 3 image(s)", "data3D"),
@@ -51,10 +57,6 @@ REFUSED = {
     "e57/scaled_integer_intensity.e57": ("2 distinct points", "scan 0"),
     # 3 records, one of them with a position
     "e57/cartesian_invalid_state_single.e57": ("equal", "scan 0"),
-    # 2 and 4 points
-    "e57/A_moved_B.e57": ("2 distinct points", "scan 0"),
-    "e57/A_B.e57": ("2 distinct points", "scan 0"),
-    "ptx/multiple-and-transform.ptx": ("scales 1, 1, 2", "scan 0, line 1"),
     "vtk/cloud_0.vtk": ("not supported", "byte 0"),
     "dtk_dat/scan000.3d": ("not supported", "byte 0"),
     "dtk_dat/scan001.3d": ("not supported", "byte 0"),
@@ -75,7 +77,7 @@ def existing(name: str) -> Path:
 
 def test_no_file_of_the_folder_is_left_out() -> None:
     found = {path.relative_to(FORMATS).as_posix() for path in FORMATS.rglob("*") if path.is_file()}
-    assert found - {"README.md"} <= POINTS.keys() | REFUSED.keys()
+    assert found - {"README.md"} <= POINTS.keys() | REFUSED.keys() | PARTLY_USABLE.keys()
 
 
 @pytest.mark.parametrize("name", POINTS)
@@ -88,6 +90,15 @@ def test_the_file_loads_to_its_known_count(name: str) -> None:
 def test_the_file_document_counts_the_same(name: str) -> None:
     path = existing(name)
     assert [info.points for info in inspect_file(path, path.name)] == POINTS[name]
+
+
+@pytest.mark.parametrize("name", PARTLY_USABLE)
+def test_a_scan_that_cannot_be_used_is_listed_with_its_reason_beside_one_that_can(name: str) -> None:
+    path, (points, reason) = existing(name), PARTLY_USABLE[name]
+    infos = inspect_file(path, path.name)
+    assert [info.points for info in infos] == points
+    assert [info.usable for info in infos] == [False, True]
+    assert reason in (infos[0].reason or "")
 
 
 @pytest.mark.parametrize("name", REFUSED)

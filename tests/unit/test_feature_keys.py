@@ -32,3 +32,27 @@ def test_a_plan_names_the_project_of_each_scan() -> None:
     stage = PLANS["extract-lines"].next_stage(job, [])
     assert stage is not None
     assert [call.arguments["owner"] for call in stage] == ["alice"]
+
+
+@pytest.mark.parametrize("reading", [{"unit": "mm"}, {"unit": "ft"}, {"columns": "x,y,z"}])
+def test_what_was_said_of_reading_a_file_gives_other_features(reading: dict[str, str]) -> None:
+    assert feature_key(SHA256, 0, {}, reading=reading) != feature_key(SHA256, 0, {})
+
+
+def test_a_plan_tells_how_a_scan_is_read_and_what_is_to_be_said_of_it() -> None:
+    scans = (
+        {"index": 0, "name": "first", "warnings": ["odd"], "text_columns": "-,x,y,z"},
+        {"index": 1, "name": "second", "usable": False, "reason": "no points"},
+    )
+    file = StoredFile("f1", "a.xyz", 1, SHA256, "XYZ text", "scan", datetime(2026, 1, 1, tzinfo=UTC), scans=scans)
+    inputs = {"station": {"name": "S1", "scan": {"file": "f1", "index": 0, "unit": "mm"}, "photos": []}}
+    job = {"id": "j", "process_id": "extract-lines", "inputs": inputs, "files": {"f1": file.summary()}, "fetches": []}
+    stage = PLANS["extract-lines"].next_stage(job, [])
+    assert stage is not None
+    arguments = stage[0].arguments
+    assert (arguments["columns"], arguments["unit"]) == ("-,x,y,z", "mm")
+    assert arguments["warnings"] == [
+        "a.xyz: odd",
+        "a.xyz: the coordinates were converted from mm to metres, as the request states",
+        "a.xyz: scan 1 'second' was left out: no points",
+    ]

@@ -247,7 +247,6 @@ def test_the_second_scan_of_ptx_is_found_by_index(tmp_path: Path) -> None:
         ("2\n3\n" + PTX_TURNED.replace("0 1 0 0\n", "0 nan 0 0\n") + PTX_POINTS, "no rotation and translation"),
         ("2\n3\n" + PTX_TURNED.replace("0 1 0 0\n", "0 1 0\n") + PTX_POINTS, "two counts"),
         ("2\n3\n" + PTX_TURNED + PTX_POINTS.replace("1 1 1", "1 1 l"), "line 15"),
-        ("2\n3\n" + PTX_TURNED + PTX_POINTS + "2\n3\n", "scan 1, line 17"),
     ],
 )
 def test_a_broken_ptx_is_refused_with_the_line(tmp_path: Path, text: str, reason: str) -> None:

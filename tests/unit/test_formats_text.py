@@ -96,7 +96,8 @@ def test_text_tells_no_sensor(tmp_path: Path) -> None:
         ("0 0 0\n1 0 0\n0 1 x\n0 0 1\n", "line 3"),
         ("5\n0.0 0.0 0.0\n1.0 0 0\n0 1.0 0\n0 0 1.0\n", "declares 5 points, the file has 4"),
         ("99999999999999\n0 0 0\n1 0 0\n", "need at least"),
-        ("1,5;2,5;3,5\n", "not XYZ text"),
+        ("1,5;2,5;3,5\n", "equal"),
+        ("1,5 2,5\n", "not XYZ text"),
         ("0 0 0\n", "equal"),
     ],
 )

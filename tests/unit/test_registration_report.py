@@ -53,7 +53,9 @@ def two_lines() -> Lines:
     return lines_from_arrays(anchors, np.eye(3)[:2], np.tile(np.eye(4), (2, 1, 1)), np.tile([-1.0, 1.0], (2, 1)))
 
 
-def report(pairs: list[Pair], names: list[str], **inputs: Any) -> tuple[dict[str, Any], MemoryBlobStore]:
+def report(
+    pairs: list[Pair], names: list[str], warnings: dict[str, list[str]] | None = None, **inputs: Any
+) -> tuple[dict[str, Any], MemoryBlobStore]:
     blobs = MemoryBlobStore()
     outputs = []
     for number, each in enumerate(pairs):
@@ -69,7 +71,7 @@ def report(pairs: list[Pair], names: list[str], **inputs: Any) -> tuple[dict[str
         {
             "features": "features/k.npz",
             "sha256": "ab",
-            "counts": {"station": name, **counts},
+            "counts": {"station": name, **counts, "warnings": (warnings or {}).get(name, [])},
             "timings_s": {"read": 0.5},
         }
         for name in names
@@ -91,6 +93,13 @@ def test_a_station_without_accepted_pair_is_left_out_by_name_with_the_reason() -
     assert result["stations"][2]["status"] == "unregistered"
     assert result["stations"][2]["world_from_scan"] is None
     assert "doubtful" in result["stations"][2]["reason"]
+
+
+def test_what_is_to_be_said_of_a_scan_stands_among_the_reasons_of_its_pairs_once() -> None:
+    said = {"A": ["a.las: converted"], "B": ["a.las: converted", "b.ply: odd"]}
+    result, _ = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"], said)
+    assert result["pairs"][0]["reasons"] == ["a reason", "a.las: converted", "b.ply: odd"]
+    assert [each["warnings"] for each in result["features"]] == list(said.values())
 
 
 def test_a_pose_that_was_not_accepted_never_becomes_a_station_pose() -> None:

@@ -14,7 +14,7 @@ from service.demo import print_comparison
 from service.dependencies import Adapters
 from service.main import create_app
 from service.ports import Job
-from service.register_command import stations_of
+from service.register_command import stations_of, upload_files
 from service.result_tables import print_result
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.settings import Settings
@@ -29,7 +29,11 @@ FOUND = {
 
 
 class Steps:
-    async def run(self, *_step: Any, **_limits: Any) -> Any:
+    def __init__(self) -> None:
+        self.columns: list[str] = []
+
+    async def run(self, _step: str, arguments: Any, **_limits: Any) -> Any:
+        self.columns.append(arguments["columns"])
         return FOUND
 
 
@@ -83,6 +87,20 @@ def test_an_upload_keeps_its_name_and_tells_its_bytes(client: ServiceClient, sca
     document = client.upload(scan, sent.append)
     assert document["name"] == "Höfe 1.xyz"
     assert sum(sent) == document["bytes"] == 6
+
+
+def test_columns_are_said_of_tables_only(client: ServiceClient, scan: Path, adapters: Adapters, tmp_path: Path) -> None:
+    other = tmp_path / "b.e57"
+    other.write_bytes(b"1 2 3")
+    upload_files(client, [scan, other], Console(quiet=True), "row,x,y,z")
+    assert isinstance(adapters.steps, Steps)
+    assert adapters.steps.columns == ["row,x,y,z", ""]
+
+
+def test_scans_that_cannot_be_used_are_no_stations() -> None:
+    scans = [SCAN, {**SCAN, "index": 1, "usable": False, "reason": "no points"}, {**SCAN, "index": 2}]
+    stations = stations_of([{"name": "a.e57", "id": "1", "scans": scans}])
+    assert [station["scan"]["index"] for station in stations] == [0, 2]
 
 
 def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adapters: Adapters) -> None:
