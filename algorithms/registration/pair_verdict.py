@@ -9,9 +9,10 @@ from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.arrays import Array, Points
-from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError, TooFewFeaturesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
+from algorithms.matching.degeneracy import features_in_words
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.surface_fit import surface_pose_covariance, surface_pose_near
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
@@ -47,8 +48,15 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
             free_directions=error.free_directions,
             advice=error.advice,
         )
+    except TooFewFeaturesError as error:
+        return replace(PairResult.without_pose(PairStatus.REJECTED, str(error)), advice=error.advice)
     except TooFewCorrespondencesError as error:
-        return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
+        found = [
+            features_in_words(each, which) for each, which in ((problem.target, "target"), (problem.source, "source"))
+        ]
+        return PairResult.without_pose(
+            PairStatus.REJECTED, f"no pose lays the scans on each other: {error} ({'; '.join(found)})"
+        )
 
 
 def status_of_pair(
