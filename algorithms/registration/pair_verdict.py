@@ -10,6 +10,10 @@ from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.arrays import Array, Points
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError, TooFewFeaturesError
+from algorithms.features.mount_test import WHAT_TO_CHECK
+from algorithms.features.photo_counts import photos_without_lines
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import LineSource
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
 from algorithms.matching.degeneracy import features_in_words
@@ -26,6 +30,8 @@ WORST_STD_M = 0.02
 """Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
 WORST_HIDDEN_M = 0.02
 """So far may an error that stays undetected in one line or plane shift the pose (external reliability, MATH 4.3)."""
+LEAST_PHOTO_LINES = 10
+"""Of so many lines of photos one at least should be found again in a station whose photos show the same."""
 LEAST_USED_SHARE = 0.5
 """Below this share of agreeing correspondences the pose is doubtful."""
 
@@ -216,8 +222,10 @@ def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> l
         words = None if features.mount_test is None else features.mount_test.in_words()
         if words is not None:
             remarks.append(f"{side}: {words}")
+        remarks += [f"{side}: {text}" for text in photos_without_lines(features)]
     if fine is None:
         return remarks
+    remarks += _photos_not_found_again(problem, fine)
     adjustment = fine.adjustment
     if adjustment.sigma0 is not None and adjustment.global_test.verdict is GlobalVerdict.TOO_LARGE:
         remarks.append(
@@ -225,6 +233,27 @@ def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> l
             "objects that moved); the standard deviations are enlarged accordingly"
         )
     return remarks + [mount.in_words() for mount in adjustment.mount_errors]
+
+
+def _photos_not_found_again(problem: RegistrationProblem, fine: FineRegistration) -> list[str]:
+    """Name the stations of whose photos' lines the other station shows none."""
+    remarks = []
+    sides = ((problem.target, problem.source, "target"), (problem.source, problem.target, "source"))
+    for column, (features, other, side) in enumerate(sides):
+        # what lies at a mount that is wrong lies nowhere in the other station, whose own photos may show the same edge
+        of_photos = np.flatnonzero(features.lines.sources == int(LineSource.PHOTO_EDGE))
+        found = np.intersect1d(of_photos, fine.lines[:, column])
+        if len(of_photos) >= LEAST_PHOTO_LINES and len(found) == 0 and _shows_photo_lines(other):
+            remarks.append(
+                f"{side}: of {len(of_photos)} lines of the photos none was found again in the other station: "
+                f"{WHAT_TO_CHECK}"
+            )
+    return remarks
+
+
+def _shows_photo_lines(features: ScanFeatures) -> bool:
+    """Say whether a station has lines of photos, which alone show the edges that photos of another show."""
+    return bool(np.any(features.lines.sources == int(LineSource.PHOTO_EDGE)))
 
 
 def _weak_remarks(adjustment: LineAdjustment) -> list[str]:
