@@ -214,6 +214,7 @@ class InputFile(Document):
     station: str
     kind: str = Field(default="scan", description="scan or photo")
     file: str
+    name: str | None = Field(default=None, description="What the file was called when it was uploaded.")
     index: int
     sha256: str
 

@@ -11,8 +11,8 @@ ALONG_AXIS = 0.94
 """From this cosine on (20 degrees) a turn is said to be about an axis of the scan."""
 
 WHAT_TO_CHECK = (
-    "check that scan_from_camera leads from the camera to the scan and is not inverted, that the camera's axes are those "
-    "of camera_axes (x right, y down, z forward unless said otherwise), that the photos are not exchanged, and that "
+    "check that scan_from_camera leads from the camera to the scan and is not inverted, that the camera's axes are as "
+    "camera_axes says (x right, y down, z forward unless said otherwise), that the photos are not exchanged, and that "
     "the focal length is in pixels of this photo"
 )
 """What mostly is wrong where photos and scan show nothing in common."""

@@ -104,13 +104,20 @@ def mount_document(test: MountTest) -> MountTestDocument:
 
 def input_files(station: Json, extracted: Json) -> list[InputFile]:
     """List scan and photos of a station; `extracted` is the output of its features step."""
-    scan = station["scan"]
-    photos = zip(station.get("photos", []), extracted.get("photos", []), strict=True)
+    scan, name, photos = station["scan"], station["name"], station.get("photos", [])
+    hashes = extracted.get("photos", [])
+    called = extracted.get("photo_names", [None] * len(hashes))  # steps done by an older version know no names
     return [
-        InputFile(station=station["name"], file=scan["file"], index=scan["index"], sha256=extracted["sha256"]),
+        InputFile(
+            station=name,
+            file=scan["file"],
+            name=extracted.get("filename"),
+            index=scan["index"],
+            sha256=extracted["sha256"],
+        ),
         *(
-            InputFile(station=station["name"], kind="photo", file=photo["file"], index=photo["index"], sha256=sha256)
-            for photo, sha256 in photos
+            InputFile(station=name, kind="photo", file=photo["file"], name=own, index=photo["index"], sha256=sha256)
+            for photo, sha256, own in zip(photos, hashes, called, strict=True)
         ),
     ]
 
