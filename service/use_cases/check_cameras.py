@@ -34,7 +34,7 @@ def camera_faults(camera: CameraRequest, where: str) -> Iterable[FieldFault]:
             field = math.degrees(2.0 * math.atan(0.5 * side / value))
             yield FieldFault(
                 f"{where}/{name}",
-                f"with a focal length of {value:g} px a photo of {side} px would see {field:.3g} degrees; it is in pixels "
+                f"with a focal length of {value:g} px a photo of {side} px sees {field:.3g} degrees; it is in pixels "
                 "of this photo, not in millimetres: f [mm] / width of the sensor [mm] · width of the photo [px]",
             )
     if max(camera.fx, camera.fy) > MOST_UNLIKE * min(camera.fx, camera.fy):
