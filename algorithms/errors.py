@@ -59,6 +59,32 @@ class DegenerateGeometryError(AlgorithmError):
         )
 
 
+class TooFewFeaturesError(AlgorithmError):
+    """Say that the points of a scan show too little of its surfaces for lines and planes, whatever its geometry is.
+
+    Parameters
+    ----------
+    kind
+        What there is too little of, e.g. "planes".
+    points
+        Points of the scan.
+    which
+        What to call the scan, e.g. "target scan".
+    why
+        What was found, and why more must be there.
+    advice
+        What the user should do.
+    """
+
+    def __init__(self, kind: str, points: int, which: str, why: str, advice: str) -> None:
+        self.kind = kind
+        self.points = points
+        self.which = which
+        self.why = why
+        self.advice = advice
+        super().__init__(f"too few {kind} in {points} points of the {which}: {why}. {advice}")
+
+
 class TooFewCorrespondencesError(AlgorithmError):
     """Say that fewer corresponding features were found than the answer needs."""
 

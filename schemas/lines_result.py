@@ -65,23 +65,28 @@ class TestedMount(Document):
 
     photo: int = Field(description="Number of the station's photo, from 0.")
     lines: int = Field(description="Lines of the photo that were compared with a line of the scan.")
-    statistic: float
-    critical: float
-    rotation_gon: Vector = Field(
+    degrees_of_freedom: int = Field(description="0: nothing of this photo could be tested.")
+    statistic: float | None = Field(description="Null where nothing could be tested, as all that follows.")
+    critical: float | None
+    passed: bool | None
+    rotation_gon: Vector | None = Field(
         description="Estimated error of the stated rotation, a rotation vector in the scan's axes; not drawn towards 0."
     )
-    translation_m: Vector = Field(description="Estimated error of the stated position.")
-    rotation_std_gon: Vector
-    translation_std_m: Vector
+    translation_m: Vector | None = Field(description="Estimated error of the stated position.")
+    rotation_std_gon: Vector | None
+    translation_std_m: Vector | None
 
 
 class MountTestDocument(Document):
     """Test whether the cameras sit on the scanner as stated."""
 
-    statistic: float = Field(description="Chi-square under the hypothesis that all mounts are as certain as stated.")
+    statistic: float | None = Field(
+        description="Chi-square under the hypothesis that all mounts are as certain as stated; null: untested."
+    )
     degrees_of_freedom: int = Field(description="0: photos and scan have too few lines in common to test anything.")
-    critical: float
-    passed: bool
+    critical: float | None = Field(description="Its limit; null: nothing was tested.")
+    passed: bool | None = Field(description="Null: nothing was tested, for the `reason`.")
+    reason: str | None = Field(description="Why nothing could be tested, and what to check; null where something was.")
     text: str | None = Field(description="What is wrong with which photo; null while nothing is.")
     photos: list[TestedMount]
 

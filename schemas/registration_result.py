@@ -227,7 +227,6 @@ class FeatureCount(Document):
         description="Standard deviation of the instrument's position where it was guessed from the cloud; null: the "
         "file states it, or it is unknown.",
     )
-    warnings: list[str] = Field(default=[], description="What the reader should know of the scan.")
     coordinate_step_m: tuple[float, float, float] | None = Field(
         default=None,
         description="What the coordinates are rounded to along x, y and z of the file, found from themselves; of "
@@ -243,8 +242,8 @@ class FeatureCount(Document):
     photos: list[PhotoEdgeCount] = Field(default=[], description="What each photo of the station gave.")
     warnings: list[str] = Field(
         default=[],
-        description="What looked wrong with its scan, what was changed in reading it (such as the unit), and which "
-        "scans of the same file were left out.",
+        description="What looked wrong with its scan, what was changed in reading it (such as the unit), isolated points "
+        "that were left out, and which scans of the same file were.",
     )
 
 
@@ -263,6 +262,7 @@ class InputFile(Document):
     station: str
     kind: str = Field(default="scan", description="scan or photo")
     file: str
+    name: str | None = Field(default=None, description="What the file was called when it was uploaded.")
     index: int
     sha256: str
     unit: str | None = Field(default=None, description="Of the coordinates, as the request states it.")

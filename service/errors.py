@@ -11,6 +11,7 @@ from algorithms.errors import (
     InvalidInputError,
     NotConvergedError,
     TooFewCorrespondencesError,
+    TooFewFeaturesError,
 )
 
 OGC = "http://www.opengis.net/def/exceptions/ogcapi-processes-1/1.0/"
@@ -295,6 +296,7 @@ STATUS_BY_ALGORITHM_ERROR: Mapping[type[AlgorithmError], tuple[int, str]] = {
     InvalidInputError: (400, "Unusable input"),
     DegenerateGeometryError: (400, "Degenerate geometry"),
     TooFewCorrespondencesError: (400, "Too few correspondences"),
+    TooFewFeaturesError: (400, "Too few features"),
     NotConvergedError: (400, "Not converged"),
     CancelledError: (410, "Cancelled"),
 }

@@ -1,7 +1,6 @@
 """Register scan files from the command line, through a running service or an embedded one."""
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -18,7 +17,7 @@ from service.result_tables import print_result
 from service.settings import Settings
 from service.use_cases.read_photo_list import PhotoList, read_photo_list
 from service.use_cases.scan_warnings import is_usable
-from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
+from service.use_cases.uploaded_stations import UploadedFile, names_of_scans, stations_of_uploads
 
 Document = dict[str, Any]
 
@@ -143,8 +142,9 @@ def stations_with_photos(listed: PhotoList, scans: Sequence[Document], photos: S
         The list names a scan that is not there, or several of one name.
     """
     identifiers = {path: photo["id"] for path, photo in zip(listed.paths, photos, strict=True)}
-    names = [station["name"] for station in stations_of(scans)]
-    return stations_of_uploads(listed.stations(identifiers), _uploaded(scans), _uploaded(photos), names)
+    uploaded = _uploaded(scans)
+    names = names_of_scans(uploaded)
+    return stations_of_uploads(listed.stations(identifiers), uploaded, _uploaded(photos), names)
 
 
 def _uploaded(files: Sequence[Document]) -> list[UploadedFile]:
@@ -153,21 +153,12 @@ def _uploaded(files: Sequence[Document]) -> list[UploadedFile]:
 
 def stations_of(files: Sequence[Document]) -> list[Document]:
     """Make one station of each scan, named after its file."""
-    stations: list[Document] = []
-    taken: set[str] = set()
-    for file in files:
-        for scan in filter(is_usable, file["scans"]):
-            stem = _station_name(Path(file["name"]).stem)
-            wanted = stem if len(file["scans"]) == 1 else f"{stem}-{scan['index'] + 1}"
-            name, number = wanted, 2
-            while name in taken:
-                name, number = f"{wanted} ({number})", number + 1
-            taken.add(name)
-            stations.append({"name": name, "scan": {"file": file["id"], "index": scan["index"]}})
-    return stations
+    places = [(file["id"], scan["index"]) for file in files for scan in file["scans"] if is_usable(scan)]
+    return [
+        {"name": name, "scan": {"file": file, "index": index}}
+        for name, (file, index) in zip(names_of_scans(_named(files)), places, strict=True)
+    ]
 
 
-def _station_name(text: str) -> str:
-    """Replace what a station's name may not hold."""
-    cleaned = re.sub(r"[^\w .()+-]", "_", text)[:48]
-    return cleaned if re.match(r"\w", cleaned) else f"scan{cleaned}"
+def _named(files: Sequence[Document]) -> list[UploadedFile]:
+    return [UploadedFile(file["id"], file["name"], file["scans"], ()) for file in files]

@@ -30,12 +30,20 @@ MIN_ARC_RAD = float(np.deg2rad(80.0))
 """Least seen arc."""
 LARGE_RADIUS_M, LARGE_ARC_RAD = 0.8, float(np.deg2rad(120.0))
 """Cylinders of a larger radius need a larger arc: uneven ground and walls make giant false ones."""
+WELL_KNOWN_RADIUS = 0.005
+"""Unless the standard deviation of the radius, as share of the radius, is no larger."""
 LENGTH_IN_RADII = 2.0
 """Least length in radii: shorter pieces do not fix their axis."""
-LARGEST_RADIUS_STD = 0.1
-"""Largest standard deviation of the radius, as share of the radius."""
-ROUGHNESS = 0.01
-"""Deviation of real pipes and columns from a cylinder, as share of the radius."""
+SHORT_LENGTH_M, SHORT_TILT_STD_RAD = 1.6, 0.005
+"""Unless they are so long and the standard deviation of the axis' direction is no larger: tanks may be wider than high.
+"""
+WITHIN_LIMIT = 1.02
+"""Radii up to so many times the largest one wanted are taken: of tanks as large as that half come out larger."""
+LARGEST_RADIUS_STD, LARGEST_RADIUS_STD_M = 0.1, 0.04
+"""Largest standard deviation of the radius, as share of the radius, and in metres."""
+ROUGHNESS, ROUGHNESS_M = 0.01, 0.01
+"""Deviation of real pipes and columns from a cylinder, as share of the radius, and in metres: what is larger is no
+less round."""
 THINNED = 2000
 """Points used while outliers are being dropped."""
 LEAST_FILL = 0.5
@@ -81,7 +89,7 @@ def find_cylinders(
         cells.neighbours,
         np.array(PATCH_SIZES),
         options.min_cylinder_radius_m,
-        options.max_cylinder_radius_m,
+        WITHIN_LIMIT * options.max_cylinder_radius_m,
         noise_std_m,
         MIN_CELLS,
     )
@@ -174,14 +182,25 @@ def _refine(
 def _is_sound(cylinder: FittedCylinder, noise_std_m: float, options: FeatureOptions) -> bool:
     """Refuse cylinders that are too short, too open, too porous or too uncertain to be one."""
     radius = cylinder.radius_m
+    radius_std = float(np.sqrt(cylinder.covariance[4, 4]))
+    needs_large_arc = radius > LARGE_RADIUS_M and radius_std > WELL_KNOWN_RADIUS * radius
+    roughness_m = min(ROUGHNESS * radius, ROUGHNESS_M)
     return bool(
-        options.min_cylinder_radius_m <= radius <= options.max_cylinder_radius_m
-        and cylinder.extent[1] - cylinder.extent[0] >= LENGTH_IN_RADII * radius
-        and cylinder.arc_rad >= (LARGE_ARC_RAD if radius > LARGE_RADIUS_M else MIN_ARC_RAD)
-        and np.sqrt(cylinder.covariance[4, 4]) <= LARGEST_RADIUS_STD * radius
-        and cylinder.noise_std_m <= min(LARGEST_RADIUS_STD * radius, 1.5 * noise_std_m + ROUGHNESS * radius)
+        options.min_cylinder_radius_m <= radius <= WITHIN_LIMIT * options.max_cylinder_radius_m
+        and _is_long(cylinder)
+        and cylinder.arc_rad >= (LARGE_ARC_RAD if needs_large_arc else MIN_ARC_RAD)
+        and radius_std <= min(LARGEST_RADIUS_STD * radius, LARGEST_RADIUS_STD_M)
+        and cylinder.noise_std_m <= min(LARGEST_RADIUS_STD * radius, 1.5 * noise_std_m + roughness_m)
         and cylinder.fill >= LEAST_FILL
     )
+
+
+def _is_long(cylinder: FittedCylinder) -> bool:
+    """Say whether a piece is long enough to fix its axis."""
+    length = float(cylinder.extent[1] - cylinder.extent[0])
+    tilt_std = float(np.sqrt(cylinder.covariance[0, 0] + cylinder.covariance[1, 1]))
+    short = length >= SHORT_LENGTH_M and tilt_std <= SHORT_TILT_STD_RAD
+    return length >= LENGTH_IN_RADII * cylinder.radius_m or short
 
 
 def _is_convex(cylinder: FittedCylinder, sensor_m: Vector3 | None) -> bool:

@@ -10,6 +10,13 @@ from algorithms.arrays import Array, Vector3
 ALONG_AXIS = 0.94
 """From this cosine on (20 degrees) a turn is said to be about an axis of the scan."""
 
+WHAT_TO_CHECK = (
+    "check that scan_from_camera leads from the camera to the scan and is not inverted, that the camera's axes are as "
+    "camera_axes says (x right, y down, z forward unless said otherwise), that the photos are not exchanged, and that "
+    "the focal length is in pixels of this photo"
+)
+"""What mostly is wrong where photos and scan show nothing in common."""
+
 
 @dataclass(frozen=True, eq=False)
 class MountTest:
@@ -46,6 +53,23 @@ class MountTest:
     def contradicts(self) -> bool:
         """Whether photos and scan contradict each other."""
         return self.statistic > self.critical
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether photos and scan fit; None where nothing could be tested."""
+        return None if self.degrees_of_freedom == 0 else not self.contradicts
+
+    def untested_in_words(self) -> str | None:
+        """Say why nothing could be tested; None where something was."""
+        if self.degrees_of_freedom:
+            return None
+        compared = int(self.pair_counts.sum())
+        if compared:
+            return f"only {compared} lines of the photos were found again in the scan: too few to test any mount by"
+        return (
+            "no line of any photo was found again where planes of the scan meet, so nothing could be tested; where the "
+            f"scan has such edges in the photos, {WHAT_TO_CHECK}"
+        )
 
     def in_words(self) -> str | None:
         """Say what is wrong with the mounts; None while nothing is.

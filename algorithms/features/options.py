@@ -26,5 +26,5 @@ class FeatureOptions:
     """Least length of the piece along which two planes meet [m]."""
     min_cylinder_radius_m: Annotated[float, Gt(0.0)] = 0.02
     """Least radius of a cylinder [m]."""
-    max_cylinder_radius_m: Annotated[float, Gt(0.0), Le(20.0)] = 1.5
-    """Largest radius of a cylinder [m]."""
+    max_cylinder_radius_m: Annotated[float, Gt(0.0), Le(20.0)] = 5.0
+    """Largest radius of a cylinder [m]; whatever is allowed here, the arc that is seen must tell the radius."""

@@ -5,6 +5,7 @@ import numpy as np
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching.line_pairs import MAX_LINES, line_pair_motions
 from algorithms.matching.options import MatchingOptions
+from algorithms.matching.parallel_axes import parallel_axis_motions
 from algorithms.matching.plane_triples import offset_votes, plane_motions
 from algorithms.matching.sliding import sliding_motions
 from algorithms.matching.votes import Motions, joined, vote_motions
@@ -57,4 +58,7 @@ def candidate_motions(
     if max_plane_hypotheses is not None:
         by_planes = by_planes[np.argsort(-by_planes.votes, kind="stable")[:max_plane_hypotheses]]
     by_surfaces = sliding_motions(votes, target.index, source.index) if sliding else Motions.empty()
-    return joined([voted, by_planes, by_surfaces])
+    by_axes = parallel_axis_motions(
+        target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
+    )
+    return joined([voted, by_planes, by_axes, by_surfaces])

@@ -1,13 +1,29 @@
-"""Which freedoms the features of a scan leave open, whatever they are matched with (MATH 5.1)."""
+"""Which freedoms the features of a scan leave open, whatever they are matched with (MATH 5.1).
+
+The features may leave a motion open because the geometry does (parallel pipes, one plane), or because points are too
+sparse or too noisy to show the planes that are there. What became no feature tells the two apart: where surface stands
+across the open motion, or where most points lie on no feature at all, more is there than was found.
+"""
 
 import numpy as np
 
 from algorithms.arrays import Array
-from algorithms.errors import DegenerateGeometryError
+from algorithms.errors import DegenerateGeometryError, TooFewFeaturesError
 from algorithms.features.scan_features import ScanFeatures
 
 PARALLEL_SINE = 0.1
 """Directions within 6 degrees count as one: what differs less fixes nothing reliably."""
+ACROSS_COSINE = 0.5
+"""Surface whose normal is within 60 degrees of a motion stands across it."""
+UNEXPLAINED_SHARE, UNEXPLAINED_CELLS = 0.005, 4
+"""Where so large a share of the surface, and so many cells, stand across an open motion and belong to no feature, it is
+not the geometry that leaves it open. Single planes, pipes, corridors without ends and a lone tank showed 0.000 to 0.001
+at any density and noise; houses, bridges and streets of which only the largest planes were found 0.006 and more."""
+EXPLAINED_SHARE = 0.5
+"""Where features hold less of the points, what they leave open says nothing of the geometry."""
+RADIUS_SHARE, RADIUS_NOISES = 0.1, 3.0
+"""Cells that are off the surface of a cylinder by less than this share of its radius and so many standard deviations of
+the noise belong to it."""
 
 
 def require_determining_geometry(features: ScanFeatures, which: str) -> None:
@@ -23,11 +39,24 @@ def require_determining_geometry(features: ScanFeatures, which: str) -> None:
     Raises
     ------
     DegenerateGeometryError
-        When only parallel lines, only parallel planes, or only planes parallel to one direction exist.
+        When only parallel lines, only parallel planes, only planes parallel to one direction, or only one line and
+        planes across it exist.
+    TooFewFeaturesError
+        When so few lines and planes were found because the points are too sparse or too noisy to show more.
     """
     free = free_freedoms(features)
     if free.shape[1] == 0:
         return
+    why = _why_more_must_be_there(features, free)
+    if why is not None:
+        raise TooFewFeaturesError(
+            "planes",
+            features.point_count,
+            f"{which.removesuffix(' frame')} scan",
+            f"{_found_in_words(features)} were found; {why}",
+            "Send more points (not thinned, or of a longer scan), less noisy ones, or scan nearer to walls, floors or "
+            "pipes",
+        )
     rank = 6 - free.shape[1]
     raise DegenerateGeometryError(
         rank,
@@ -37,6 +66,60 @@ def require_determining_geometry(features: ScanFeatures, which: str) -> None:
     )
 
 
+def features_in_words(features: ScanFeatures, which: str) -> str:
+    """Say how many features a scan has, and in how many points.
+
+    Parameters
+    ----------
+    features
+        Features of one scan.
+    which
+        What to call the scan, e.g. "target".
+    """
+    return f"{which}: {_found_in_words(features)} in {features.point_count} points"
+
+
+def _found_in_words(features: ScanFeatures) -> str:
+    counts = {"plane": len(features.planes), "line": len(features.lines), "cylinder": len(features.cylinders)}
+    parts = [f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items()]
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _why_more_must_be_there(features: ScanFeatures, free: Array) -> str | None:
+    """Say what shows that it is not the geometry which leaves motions open; None where nothing does."""
+    held = int(features.planes.point_counts.sum() + features.cylinders.point_counts.sum())
+    held_share = held / max(features.point_count, 1)
+    spread = (
+        f"points are about {features.spacing_m:.2g} m apart, with a standard deviation of about "
+        f"{features.noise_std_m * 1e3:.1f} mm"
+    )
+    if held_share < EXPLAINED_SHARE:
+        return f"only {held_share:.0%} of the points lie on planes and cylinders ({spread})"
+    across = max(int(np.count_nonzero(_stand_across(features, column))) for column in free.T)
+    share = across / max(len(features.surface.points), 1)
+    if across < UNEXPLAINED_CELLS or share < UNEXPLAINED_SHARE:
+        return None
+    return (
+        f"these do not determine a pose, but {share:.1%} of the surface stands across what they leave open and was not "
+        f"recognised as plane or cylinder ({spread})"
+    )
+
+
+def _stand_across(features: ScanFeatures, freedom: Array) -> Array:
+    """Say which pieces of surface that belong to no feature stand across a motion, (k,)."""
+    surface, cylinders = features.surface, features.cylinders
+    off = surface.plane_labels < 0
+    for anchor, direction, radius in zip(
+        cylinders.axes.anchors, cylinders.axes.directions, cylinders.radii_m, strict=True
+    ):
+        distances = np.linalg.norm(np.cross(surface.points - anchor, direction), axis=1) - radius
+        off &= np.abs(distances) > RADIUS_SHARE * radius + RADIUS_NOISES * features.noise_std_m
+    centre = surface.points.mean(axis=0) if len(surface.points) else np.zeros(3)
+    moved = np.cross(freedom[:3], surface.points - centre) + freedom[3:]
+    lengths = np.maximum(np.linalg.norm(moved, axis=1), 1e-9)
+    return np.asarray(off & (np.abs(np.einsum("ij,ij->i", surface.normals, moved)) > ACROSS_COSINE * lengths))
+
+
 def free_freedoms(features: ScanFeatures) -> Array:
     """Give the motions that change no line and no plane of the scan, (6, k): columns (rotation vector, translation).
 
@@ -44,12 +127,10 @@ def free_freedoms(features: ScanFeatures) -> Array:
     """
     lines, normals = features.lines.directions, features.planes.normals
     shifts = _null_directions(lines, normals)
-    if shifts.shape[1] == 0:
-        return np.empty((6, 0))
     columns = [np.concatenate([np.zeros(3), shift]) for shift in shifts.T]
     turns = _free_turns(lines, normals, features.lines.anchors)
     columns += [np.concatenate([turn, np.zeros(3)]) for turn in turns]
-    return np.array(columns).T
+    return np.array(columns).reshape(-1, 6).T
 
 
 def _null_directions(lines: Array, normals: Array) -> Array:
@@ -69,7 +150,7 @@ def _null_directions(lines: Array, normals: Array) -> Array:
 
 
 def _free_turns(lines: Array, normals: Array, anchors: Array) -> list[Array]:
-    """Find the axes about which a turn changes nothing: the common normal of planes, or the only line."""
+    """Find the axes about which a turn changes nothing: the common normal of planes, the only line, or both in one."""
     directions = np.vstack([lines, normals])
     if len(directions) == 0:
         return list(np.eye(3))

@@ -10,9 +10,14 @@ from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.arrays import Points
-from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError, TooFewFeaturesError
+from algorithms.features.mount_test import WHAT_TO_CHECK
+from algorithms.features.photo_counts import photos_without_lines
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.lines import LineSource
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration, match_features
+from algorithms.matching.degeneracy import features_in_words
 from algorithms.matching.directions import comes_first
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.surface_fit import surface_pose_covariance, surface_pose_near
@@ -31,6 +36,8 @@ WORST_HIDDEN_M = 0.02
 """So far may an error that stays undetected in one line or plane shift the pose (external reliability, MATH 4.3)."""
 MOST_SIGMA0 = 4.0
 """Residuals so many times what the noise explains are no unevenness of walls (up to 2): the model is wrong."""
+LEAST_PHOTO_LINES = 10
+"""Of so many lines of photos one at least should be found again in a station whose photos show the same."""
 LEAST_USED_SHARE = 0.5
 """Below this share of agreeing correspondences the pose is doubtful."""
 
@@ -53,8 +60,15 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
             free_directions=error.free_directions,
             advice=error.advice,
         )
+    except TooFewFeaturesError as error:
+        return replace(PairResult.without_pose(PairStatus.REJECTED, str(error)), advice=error.advice)
     except TooFewCorrespondencesError as error:
-        return PairResult.without_pose(PairStatus.REJECTED, f"no pose lays the scans on each other: {error}")
+        found = [
+            features_in_words(each, which) for each, which in ((problem.target, "target"), (problem.source, "source"))
+        ]
+        return PairResult.without_pose(
+            PairStatus.REJECTED, f"no pose lays the scans on each other: {error} ({'; '.join(found)})"
+        )
 
 
 def rigidity_of(problem: RegistrationProblem, pose: PoseEstimate, verdict: Verdict) -> Rigidity | None:
@@ -266,8 +280,10 @@ def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> l
         rounded = remark_on_rounding(features)
         if rounded is not None:
             remarks.append(f"{side}: {rounded}")
+        remarks += [f"{side}: {text}" for text in photos_without_lines(features)]
     if fine is None:
         return remarks
+    remarks += _photos_not_found_again(problem, fine)
     adjustment = fine.adjustment
     if adjustment.sigma0 is not None and adjustment.global_test.verdict is GlobalVerdict.TOO_LARGE:
         remarks.append(
@@ -275,6 +291,27 @@ def remarks_on(problem: RegistrationProblem, fine: FineRegistration | None) -> l
             "objects that moved); the standard deviations are enlarged accordingly"
         )
     return remarks + [mount.in_words() for mount in adjustment.mount_errors]
+
+
+def _photos_not_found_again(problem: RegistrationProblem, fine: FineRegistration) -> list[str]:
+    """Name the stations of whose photos' lines the other station shows none."""
+    remarks = []
+    sides = ((problem.target, problem.source, "target"), (problem.source, problem.target, "source"))
+    for column, (features, other, side) in enumerate(sides):
+        # what lies at a mount that is wrong lies nowhere in the other station, whose own photos may show the same edge
+        of_photos = np.flatnonzero(features.lines.sources == int(LineSource.PHOTO_EDGE))
+        found = np.intersect1d(of_photos, fine.lines[:, column])
+        if len(of_photos) >= LEAST_PHOTO_LINES and len(found) == 0 and _shows_photo_lines(other):
+            remarks.append(
+                f"{side}: of {len(of_photos)} lines of the photos none was found again in the other station: "
+                f"{WHAT_TO_CHECK}"
+            )
+    return remarks
+
+
+def _shows_photo_lines(features: ScanFeatures) -> bool:
+    """Say whether a station has lines of photos, which alone show the edges that photos of another show."""
+    return bool(np.any(features.lines.sources == int(LineSource.PHOTO_EDGE)))
 
 
 def _weak_remarks(adjustment: LineAdjustment) -> list[str]:

@@ -47,8 +47,9 @@ EXAMPLE = (
 OPTIONS = (
     "Inputs of the process `register`, all optional. `stations` is needed for photos sent beside the scans; it gives "
     f"files by the names under which they are sent, for example `{EXAMPLE}`. A station without `scan` is that of the "
-    "scan whose name it bears (S1, S2, … in the order of the form) or of the next scan; a photo without `file` is the "
-    "next photo. A station without `photos` has those that its E57 file stores with camera and pose (up to 200); an "
+    "scan whose name it bears (that of its file without the ending, with -1, -2, … where the file holds several scans; "
+    "or its number in the form, S1, S2, …) or of the next scan; a photo without `file` is the next photo. A station "
+    "without `photos` has those that its E57 file stores with camera and pose (up to 200); an "
     "empty list leaves them out. Scans not listed become stations of their own, after the listed ones; the first "
     "station gives the common frame. `unit` (mm, m, ft, us-ft) is that of all scans; the `scan` of a station may have "
     "a `unit` of its own. The options may also be a whole request for the execution of `register`: "
@@ -77,7 +78,7 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
                             "scan": {
                                 "type": "array",
                                 "items": {"type": "string", "contentMediaType": "application/octet-stream"},
-                                "description": "Scan files; every scan in them becomes a station: S1, S2, …",
+                                "description": "Scan files; every scan in them is a station named after its file.",
                             },
                             "photo": {
                                 "type": "array",

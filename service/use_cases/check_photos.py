@@ -8,6 +8,7 @@ from schemas.photos import CameraRequest, PhotoReference, StationPhoto
 from schemas.register_inputs import ScanReference
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import FileStore, Json, StoredFile
+from service.use_cases.check_cameras import camera_faults, place_faults
 from service.use_cases.identifiers import is_identifier
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to
 
@@ -62,6 +63,7 @@ def station_photo_faults(
         Pointer to the list of photos in the request.
     """
     seen: set[tuple[str, int]] = set()
+    bounds_m = _bounds_m(scan, files)
     for number, photo in enumerate(photos):
         here = where + pointer_to(number)
         if (photo.file, photo.index) in seen:
@@ -76,7 +78,14 @@ def station_photo_faults(
                 f"{here}/camera",
                 f"the interior orientation is missing: give it, the file does not carry it. {remark}".rstrip(),
             )
-        yield from _pose_faults(photo, document, scan, here)
+        yield from _pose_faults(photo, document, scan, bounds_m, here)
+
+
+def _bounds_m(scan: ScanReference, files: FileStore) -> Sequence[Sequence[float]] | None:
+    """Give the corners of a scan; None where they are not known."""
+    file = files.get(scan.file) if scan.file is not None and is_identifier(scan.file) else None
+    document = next((each for each in file.scans if each["index"] == scan.index), None) if file is not None else None
+    return None if document is None else document.get("bounds_m")
 
 
 def _found(photo: PhotoReference, files: FileStore, where: str) -> Json | FieldFault:
@@ -107,16 +116,28 @@ def _camera_faults(camera: CameraRequest, photo: Json, where: str) -> Iterable[F
     for side in wrong:
         detail = f"the photo has a {side} of {photo[side]} px; a camera is calibrated for one size of photo"
         yield FieldFault(f"{where}/{side}", detail)
-    if not wrong:
+    if len(wrong) == 2 and (camera.width, camera.height) == (photo["height"], photo["width"]):
+        detail = "width and height are exchanged: they count the columns and rows of the photo as it is stored"
+        yield FieldFault(where, detail)
+    impossible = list(camera_faults(camera, where))
+    yield from impossible
+    if not wrong and not impossible:
         try:
             camera_of(camera.model_dump())
         except InvalidInputError as fault:
             yield FieldFault(where, f"{fault.why} ({fault.advice})")
 
 
-def _pose_faults(photo: StationPhoto, document: Json | None, scan: ScanReference, where: str) -> Iterable[FieldFault]:
+def _pose_faults(
+    photo: StationPhoto,
+    document: Json | None,
+    scan: ScanReference,
+    bounds_m: Sequence[Sequence[float]] | None,
+    where: str,
+) -> Iterable[FieldFault]:
     chain = [name for name in ("mount", "cop", "cop_gon") if getattr(photo, name) is not None]
     if photo.scan_from_camera is not None:
+        yield from place_faults(photo.scan_from_camera, bounds_m, f"{where}/scan_from_camera")
         yield from (
             FieldFault(f"{where}/{name}", "give either scan_from_camera, or mount with cop or cop_gon")
             for name in chain

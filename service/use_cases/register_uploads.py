@@ -9,13 +9,18 @@ from typing import Any, Protocol
 
 from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import Job, StoredFile, Subscription
+from service.ports import Job, Json, StoredFile, Subscription
 from service.use_cases.describe_processes import offered_process
 from service.use_cases.scan_warnings import is_usable, left_out
 from service.use_cases.store_files import FileIntake, Upload
 from service.use_cases.submit_job import ANY_REQUEST, Execution, Origin, check_execution, submit_job
 from service.use_cases.upload_threads import undisturbed
-from service.use_cases.uploaded_stations import UploadedFile, stations_of_uploads
+from service.use_cases.uploaded_stations import (
+    UploadedFile,
+    names_of_scans,
+    numbered_name,
+    stations_of_uploads,
+)
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ async def register_uploads(
     now: datetime,
     origin: Origin = ANY_REQUEST,
 ) -> Job:
-    """Store the files, then start `register` with one station per scan, named S1, S2, … unless the options name them.
+    """Store the files, then start `register` with one station per scan, named after its file or by the options.
 
     Parameters
     ----------
@@ -103,15 +108,36 @@ def _execution(intake: FileIntake, files: Sequence[StoredFile], contents: FormCo
     inputs, unit = _without_unit(request["inputs"])
     listed = inputs.get("stations")
     try:
-        stations = stations_of_uploads(listed, scans, photos, [f"S{number}" for number in range(1, count + 1)])
+        names = names_of_scans(scans)
+        stations = stations_of_uploads(listed, scans, photos, names)
     except InvalidRequestError as error:
         raise InvalidRequestError(str(error), [_in_options(fault) for fault in error.faults]) from None
     for station in stations if unit is not None else ():
         if isinstance(station.get("scan"), dict):
             station["scan"].setdefault("unit", unit)
-    body = {**request, "inputs": {**inputs, "stations": stations}}
+    body = {**request, "inputs": {**_by_names(inputs, stations, names), "stations": stations}}
     with _pointing_into(contents, len(listed or [])):
         return check_execution(offered_process("register"), body, intake.files, intake.settings)
+
+
+def _by_names(inputs: dict[str, Any], stations: Sequence[Json], names: Sequence[str]) -> dict[str, Any]:
+    """Put names in the place of numbers (S1, S2, …) that no station is called, in what the options say of pairs.
+
+    A client that does not wish to work out names from those of its files numbers its scans.
+    """
+    called = {station.get("name") for station in stations if isinstance(station.get("name"), str)}
+    renamed = {
+        numbered_name(k): name for k, name in enumerate(names) if numbered_name(k) not in called and name in called
+    }
+    given = dict(inputs)
+    if isinstance(given.get("pairs"), list):
+        given["pairs"] = [
+            [renamed.get(end, end) if isinstance(end, str) else end for end in pair] if isinstance(pair, list) else pair
+            for pair in given["pairs"]
+        ]
+    if isinstance(given.get("reference"), dict):
+        given["reference"] = {renamed.get(name, name): pose for name, pose in given["reference"].items()}
+    return given
 
 
 def _request(contents: FormContents) -> dict[str, Any]:

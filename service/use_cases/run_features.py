@@ -67,7 +67,9 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     return {
         "features": key,
         "sha256": arguments["sha256"],
+        "filename": arguments["filename"],
         "photos": [photo["sha256"] for photo in arguments.get("photos", [])],
+        "photo_names": [photo["filename"] for photo in arguments.get("photos", [])],
         "counts": {
             "station": arguments["name"],
             "points": features.point_count,

@@ -76,44 +76,50 @@ def mount_document(test: MountTest) -> MountTestDocument:
     """Put the test of the cameras' mounts into words and figures, angles in gon."""
     gon = 200.0 / math.pi
     errors, stds = test.mount_errors, np.sqrt(np.einsum("qii->qi", test.error_covariances))
+    tested = test.degrees_of_freedom > 0
     return MountTestDocument(
-        statistic=test.statistic,
+        statistic=test.statistic if tested else None,
         degrees_of_freedom=test.degrees_of_freedom,
-        critical=test.critical,
-        passed=not test.contradicts,
+        critical=test.critical if tested else None,
+        passed=test.passed,
+        reason=test.untested_in_words(),
         text=test.in_words(),
         photos=[
             TestedMount(
                 photo=q,
                 lines=int(test.pair_counts[q]),
-                statistic=float(test.statistics[q]),
-                critical=float(test.criticals[q]),
-                rotation_gon=vector(errors[q, :3] * gon),
-                translation_m=vector(errors[q, 3:]),
-                rotation_std_gon=vector(stds[q, :3] * gon),
-                translation_std_m=vector(stds[q, 3:]),
+                degrees_of_freedom=int(degrees),
+                statistic=float(test.statistics[q]) if degrees else None,
+                critical=float(test.criticals[q]) if degrees else None,
+                passed=bool(test.statistics[q] <= test.criticals[q]) if degrees else None,
+                rotation_gon=vector(errors[q, :3] * gon) if degrees else None,
+                translation_m=vector(errors[q, 3:]) if degrees else None,
+                rotation_std_gon=vector(stds[q, :3] * gon) if degrees else None,
+                translation_std_m=vector(stds[q, 3:]) if degrees else None,
             )
-            for q in range(len(errors))
+            for q, degrees in enumerate(test.degrees_of_freedom_each)
         ],
     )
 
 
 def input_files(station: Json, extracted: Json) -> list[InputFile]:
     """List scan and photos of a station; `extracted` is the output of its features step."""
-    scan = station["scan"]
-    photos = zip(station.get("photos", []), extracted.get("photos", []), strict=True)
+    scan, name, photos = station["scan"], station["name"], station.get("photos", [])
+    hashes = extracted.get("photos", [])
+    called = extracted.get("photo_names", [None] * len(hashes))  # steps done by an older version know no names
     return [
         InputFile(
-            station=station["name"],
+            station=name,
             file=scan["file"],
+            name=extracted.get("filename"),
             index=scan["index"],
             sha256=extracted["sha256"],
             unit=scan.get("unit"),
             columns=scan.get("columns"),
         ),
         *(
-            InputFile(station=station["name"], kind="photo", file=photo["file"], index=photo["index"], sha256=sha256)
-            for photo, sha256 in photos
+            InputFile(station=name, kind="photo", file=photo["file"], name=own, index=photo["index"], sha256=sha256)
+            for photo, sha256, own in zip(photos, hashes, called, strict=True)
         ),
     ]
 

@@ -4,6 +4,7 @@ The stations are listed as in the inputs of `register`, but name files as they w
 and may leave out what the upload itself tells: names, scans in their order, photos that lie in the file of a scan.
 """
 
+import re
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -32,6 +33,39 @@ class UploadedFile:
     name: str
     scans: Sequence[Json]
     photos: Sequence[Json]
+
+
+def numbered_name(number: int) -> str:
+    """Give the name that stands for a scan by its number in the upload, from 0: S1 is the first."""
+    return f"S{number + 1}"
+
+
+def names_of_scans(files: Sequence[UploadedFile]) -> list[str]:
+    """Name every usable scan after its file, with its number where the file holds several; no name occurs twice.
+
+    Parameters
+    ----------
+    files
+        In the order of the upload.
+    """
+    names: list[str] = []
+    taken: set[str] = set()
+    for file in files:
+        for scan in filter(is_usable, file.scans):
+            stem = _station_name(PurePosixPath(file.name).stem)
+            wanted = stem if len(file.scans) == 1 else f"{stem}-{scan['index'] + 1}"
+            name, number = wanted, 2
+            while name in taken:
+                name, number = f"{wanted} ({number})", number + 1
+            taken.add(name)
+            names.append(name)
+    return names
+
+
+def _station_name(text: str) -> str:
+    """Replace what a station's name may not hold: so it can stand in tables, pages and names of files."""
+    cleaned = re.sub(r"[^\w .()+-]", "_", text)[:48]
+    return cleaned if re.match(r"\w", cleaned) else f"scan{cleaned}"
 
 
 def stations_of_uploads(
@@ -94,10 +128,13 @@ class _Search:
         files = {(file.id, scan["index"]): file for file in self.scan_files for scan in file.scans if is_usable(scan)}
         defaults = dict(zip(files, names, strict=True))
         given = [self._place_of(station.get("scan"), pointer_to("stations", k)) for k, station in enumerate(stations)]
-        by_name = {name: place for place, name in defaults.items() if place not in given}
+        # the number of a scan in the upload is a name too, while no file is called so
+        by_number = {numbered_name(k): place for k, place in enumerate(files) if place not in given}
+        by_name = by_number | {name: place for place, name in defaults.items() if place not in given}
         for k, station in enumerate(stations):
             if given[k] is None and _names_no_scan(station) and isinstance(station.get("name"), str):
-                given[k] = by_name.pop(station["name"], None)
+                given[k] = by_name.get(station["name"])
+                by_name = {name: place for name, place in by_name.items() if place != given[k]}
         free = [place for place in files if place not in given]
         for k, station in enumerate(stations):
             if given[k] is None and _names_no_scan(station):

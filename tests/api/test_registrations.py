@@ -1,6 +1,7 @@
 """Registration in one request."""
 
 import json
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -35,7 +36,7 @@ def test_two_scans_become_a_job_of_two_stations(client: Client, adapters: Adapte
     job = adapters.jobs.get(answer.json()["jobID"])
     assert job is not None
     assert job.process_id == "register"
-    assert [station["name"] for station in job.inputs["stations"]] == ["S1", "S2"]
+    assert [station["name"] for station in job.inputs["stations"]] == ["a", "b"]
     assert client.get(f"/files/{job.file_ids[1]}").json()["name"] == "b.xyz"
 
 
@@ -57,7 +58,45 @@ def test_options_may_stand_anywhere_and_be_wrapped(
     job = adapters.jobs.get(answer.json()["jobID"])
     assert job is not None
     assert job.inputs["method"]["method"] == "lines"
-    assert job.inputs["pairs"] == [["S2", "S1"]]
+    # numbers of scans, in the order of the form, stand for the names of their files
+    assert job.inputs["pairs"] == [["a", "b"] if first else ["b", "a"]]
+
+
+def names_of(client: Client, adapters: Adapters, files: list[Any]) -> list[str]:
+    answer = client.post("/registrations", files=files)
+    assert answer.status_code == 201, answer.text
+    job = adapters.jobs.get(answer.json()["jobID"])
+    assert job is not None
+    return [station["name"] for station in job.inputs["stations"]]
+
+
+def test_stations_are_named_after_their_files_and_never_twice(client: Client, adapters: Adapters) -> None:
+    files = [
+        ("scan", (name, b"1 2 3" if name.endswith("xyz") else b"scan scan"))
+        for name in ("yard.xyz", "yard.xyz", "both.e57")
+    ]
+    assert names_of(client, adapters, files) == ["yard", "yard (2)", "both-1", "both-2"]
+
+
+@pytest.mark.parametrize(
+    "hostile", ["=1+1.xyz", "@SUM(A1).xyz", "-2+3.xyz", "<b>x</b>.xyz", "..%2f..%2fx.xyz", 'a"b.xyz', "\u202egnp.xyz"]
+)
+def test_names_of_files_make_names_that_no_table_page_or_folder_mistakes(
+    client: Client, adapters: Adapters, hostile: str
+) -> None:
+    for name in names_of(client, adapters, [("scan", (hostile, b"1 2 3")), TWO[1]]):
+        assert re.fullmatch(r"\w[\w .()+-]*", name)
+
+
+def test_a_file_called_like_a_number_keeps_its_name(client: Client, adapters: Adapters) -> None:
+    form = [
+        ("scan", ("S2.xyz", b"1 2 3")),
+        ("scan", ("other.xyz", b"4 5 6")),
+        ("options", (None, json.dumps({"pairs": [["S2", "other"]]}))),
+    ]
+    job = adapters.jobs.get(client.post("/registrations", files=form).json()["jobID"])
+    assert job is not None
+    assert job.inputs["pairs"] == [["S2", "other"]]
 
 
 @pytest.mark.parametrize(

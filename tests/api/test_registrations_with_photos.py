@@ -55,22 +55,25 @@ def test_without_names_scans_and_photos_are_taken_in_their_order(client: Client,
     # the two photos of one camera may well have the same name
     photos = [("photo", ("1.jpg", b"photo"))] * 2
     found = registered(client, adapters, form_of(stations, [*photos, *TWO]))
-    assert [(station["name"], station["scan"][0]) for station in found] == [("S1", "a.xyz"), ("S2", "b.xyz")]
+    assert [(station["name"], station["scan"][0]) for station in found] == [("a", "a.xyz"), ("b", "b.xyz")]
     assert [station["photos"] for station in found] == [[("1.jpg", 0)]] * 2
 
 
 def test_scans_that_are_not_listed_are_stations_without_photos(client: Client, adapters: Adapters) -> None:
     stations = [{"scan": {"file": "b.xyz"}, "photos": [{"file": "a.jpg", **KNOWN}]}]
     assert registered(client, adapters, form_of(stations, [*TWO, PHOTOS[0]])) == [
-        {"name": "S2", "scan": ("b.xyz", 0), "photos": [("a.jpg", 0)]},
-        {"name": "S1", "scan": ("a.xyz", 0), "photos": []},
+        {"name": "b", "scan": ("b.xyz", 0), "photos": [("a.jpg", 0)]},
+        {"name": "a", "scan": ("a.xyz", 0), "photos": []},
     ]
 
 
-def test_a_station_may_be_told_by_the_name_that_its_scan_gets(client: Client, adapters: Adapters) -> None:
-    stations = [{"name": "S2", "photos": [{"file": "a.jpg", **KNOWN}]}, {"name": "yard"}]
+@pytest.mark.parametrize("name", ["b", "S2"])
+def test_a_station_may_be_told_by_the_name_or_the_number_of_its_scan(
+    client: Client, adapters: Adapters, name: str
+) -> None:
+    stations = [{"name": name, "photos": [{"file": "a.jpg", **KNOWN}]}, {"name": "yard"}]
     assert registered(client, adapters, form_of(stations, [*TWO, PHOTOS[0]])) == [
-        {"name": "S2", "scan": ("b.xyz", 0), "photos": [("a.jpg", 0)]},
+        {"name": name, "scan": ("b.xyz", 0), "photos": [("a.jpg", 0)]},
         {"name": "yard", "scan": ("a.xyz", 0), "photos": []},
     ]
 
@@ -130,7 +133,7 @@ FIRST = "/options/stations/0"
         ([{"scan": {"file": "a.xyz", "colour": 1}}], TWO, [f"{FIRST}/scan/colour"]),
         ([{"name": ""}], TWO, [f"{FIRST}/name"]),
         ([{"name": "S2"}] * 2, TWO, ["/options/stations/1/name"]),
-        ([{"name": "S2", "scan": {"file": "a.xyz"}}], TWO, ["/scan"]),
+        ([{"name": "b", "scan": {"file": "a.xyz"}}], TWO, ["/scan"]),
         (["S1"], TWO, ["/options/stations"]),
         ({}, TWO, ["/options/stations"]),
         (GOOD[:1], [*TWO, ("photo", ("a.jpg", b"1 2 3"))], ["/photo"]),

@@ -38,13 +38,17 @@ def result(
     return service.result(answer.json()["jobID"])
 
 
-def test_both_stations_are_registered_by_an_accepted_pair(result: Document) -> None:
+def test_both_stations_bear_the_names_of_their_files_and_are_registered_by_an_accepted_pair(
+    result: Document, house: Sequence[Path]
+) -> None:
     assert result["status"] == "registered"
     assert [(station["name"], station["status"]) for station in result["stations"]] == [
-        ("S1", "fixed"),
-        ("S2", "registered"),
+        (house[0].stem, "fixed"),
+        (house[1].stem, "registered"),
     ]
-    assert [(pair["target"], pair["source"], pair["status"]) for pair in result["pairs"]] == [("S1", "S2", "accepted")]
+    pairs = [(pair["target"], pair["source"], pair["status"]) for pair in result["pairs"]]
+    assert pairs == [(house[0].stem, house[1].stem, "accepted")]
+    assert [each["name"] for each in result["provenance"]["inputs"]] == [path.name for path in house]
 
 
 def test_the_pose_is_true_within_four_of_its_standard_deviations(result: Document) -> None:
@@ -74,8 +78,11 @@ def test_every_parameter_has_a_standard_deviation_and_the_covariance_is_one(resu
     assert np.sqrt(np.diag(covariance))[3:] == pytest.approx([pose["std"][name] for name in PARAMETERS[3:]], rel=1e-9)
 
 
-def test_every_download_that_the_result_lists_can_be_fetched(service: RunningService, result: Document) -> None:
-    assert {artifact["name"] for artifact in result["artifacts"]} >= {"poses.csv", "correspondences.csv", "S2.txt"}
+def test_every_download_that_the_result_lists_can_be_fetched(
+    service: RunningService, result: Document, house: Sequence[Path]
+) -> None:
+    names = {artifact["name"] for artifact in result["artifacts"]}
+    assert names >= {"poses.csv", "correspondences.csv", f"{house[1].stem}.txt"}
     for artifact in result["artifacts"]:
         answer = service.http.get(artifact["href"])
         assert (answer.status_code, len(answer.content)) == (200, artifact["bytes"]), artifact
