@@ -242,8 +242,8 @@ class FeatureCount(Document):
     photos: list[PhotoEdgeCount] = Field(default=[], description="What each photo of the station gave.")
     warnings: list[str] = Field(
         default=[],
-        description="What looked wrong with its scan, what was changed in reading it (such as the unit), isolated points "
-        "that were left out, and which scans of the same file were.",
+        description="What looked wrong with its scan, what was changed in reading it (such as the unit), isolated "
+        "points that were left out, and which scans of the same file were.",
     )
 
 

@@ -5,6 +5,8 @@ else: misfits of that wall are alike everywhere, whatever the size of neighbourh
 offset and tilts by rounding (`features.plane_rounding`) are carried to the pose by the derivatives of the estimate.
 """
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -87,7 +89,7 @@ def _common_variances(scan: ScanFeatures) -> Vector3:
 def least_spread(target: ScanFeatures, source: ScanFeatures) -> float:
     """Give what distances between corresponding walls scatter by at least, by the rounding of coordinates [m]."""
     own = [0.0 if scan.rounding is None else scan.rounding.shared_std_m for scan in (target, source)]
-    return float(np.hypot(*own))
+    return math.hypot(*own)
 
 
 def remark_on_rounding(scan: ScanFeatures) -> str | None:
