@@ -24,10 +24,10 @@ LEAST_GAINS = {DeformationKind.SCALE: 0.01, DeformationKind.STRAIN: 0.02, Deform
 """So much more surface, relative to what fits in the pose, must fit with the deformation: more freedom finds more by
 itself, and scanners bend their clouds a little."""
 CERTAIN, LARGE = 10.0, 0.002
-"""So many standard deviations tell a stretch that is larger than this, 2 mm in a metre, by themselves: a scanner's
-ranges err by a tenth of that at the very most."""
+"""So many standard deviations tell a stretch that is larger than this, 2 mm in a metre, where it explains a little
+surface: a scanner's ranges err by a tenth of that at the very most."""
 WORTH_A_LOOK = 0.005
-"""Strain and bend are looked at to the end where with few points so much more surface fits."""
+"""Where less more surface fits nothing is explained."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def _tells(found: Stretch | None, fit: DeformedFit) -> bool:
         return False
     size = abs(found.value)
     explains = size > SIGNIFICANT * found.std and fit.gain > LEAST_GAINS[fit.deformation.kind]
-    return explains or (size > CERTAIN * found.std and size > LARGE)
+    return explains or (size > CERTAIN * found.std and size > LARGE and fit.gain > WORTH_A_LOOK)
 
 
 def _scale_of(fit: DeformedFit) -> Stretch | None:
