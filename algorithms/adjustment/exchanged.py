@@ -39,7 +39,7 @@ def snooped_from_source(
     max_iterations: int,
     suspicious: Flags | None,
 ) -> tuple[SnoopingResult, Matrix]:
-    """Adjust and snoop (`adjust_and_snoop`) with target and source exchanged, and turn the result round.
+    """Adjust and snoop (`adjust_and_snoop`) with target and source exchanged, and turn the result round (MATH 4.5).
 
     Parameters
     ----------

@@ -103,8 +103,10 @@ def test_scans_that_cannot_be_used_are_no_stations() -> None:
     assert [station["scan"]["index"] for station in stations] == [0, 2]
 
 
-def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adapters: Adapters) -> None:
-    stations = stations_of([client.upload(scan), client.upload(scan)])
+def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adapters: Adapters, tmp_path: Path) -> None:
+    other = tmp_path / "other.xyz"
+    other.write_bytes(b"4 5 6")
+    stations = stations_of([client.upload(scan), client.upload(other)])
     job = client.execute("register", {"stations": stations})
     found = adapters.jobs.get(job)
     assert found is not None
