@@ -176,6 +176,9 @@ class RunningService:
     def post(self, path: str, **what: Any) -> httpx.Response:
         return self.http.post(path, **what)
 
+    def get(self, path: str) -> httpx.Response:
+        return self.http.get(path)
+
     def upload(self, path: Path) -> Document:
         answer = self.post("/files", files={"file": (path.name, path.read_bytes())})
         assert answer.status_code == 201, answer.text

@@ -33,7 +33,7 @@ Registered = Callable[..., tuple[list[Any], dict[str, Any]]]
 @pytest.fixture
 def registered(service: RunningService) -> Registered:
     def register(*clouds: np.ndarray) -> tuple[list[Any], dict[str, Any]]:
-        forms = [("scan", (f"{number}.ply", ply(cloud))) for number, cloud in enumerate(clouds)]
+        forms = [("scan", (f"S{number}.ply", ply(cloud))) for number, cloud in enumerate(clouds, start=1)]
         answer = service.post("/registrations", files=forms)
         assert answer.status_code == 201, answer.text
         result = service.result(answer.json()["jobID"])
@@ -67,6 +67,17 @@ def test_a_moved_copy_is_never_accepted_and_says_why(registered: Registered) -> 
     _, pair = registered(scan, MOTION.apply(scan)[::2])
     assert pair["status"] != "accepted"
     assert any("same measurement" in reason for reason in pair["reasons"])
+
+
+def test_a_rescaled_scan_is_never_accepted_and_its_scale_is_told(registered: Registered) -> None:
+    _, pair = registered(room(1), 1.01 * MOTION.apply(room(2)))
+    assert pair["status"] != "accepted"
+    assert any("1 %" in reason and "larger" in reason for reason in pair["reasons"])
+    scale = pair["model"]["scale"]
+    assert scale["significant"]
+    assert abs(scale["value"] - 0.01) < 4.0 * scale["std"] + 2e-4
+    std = pair["target_from_source"]["std"]
+    assert max(std["tx_m"], std["ty_m"], std["tz_m"]) > 1e-3
 
 
 def test_a_guessed_position_is_said_to_be_guessed(registered: Registered) -> None:
