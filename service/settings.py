@@ -29,8 +29,9 @@ class Settings(BaseSettings):
     the usual ``AWS_…`` variables), ``file:///directory``; empty: in `data_dir`."""
     cache_bytes: int = Field(default=50 * GIGABYTE, ge=0)
     """Most bytes of copies from an object store on this machine; those in use may exceed it."""
-    database_connections: int = Field(default=8, ge=2)
-    """Most connections of one process to PostgreSQL for metadata; the queue takes as many again at most."""
+    database_connections: int = Field(default=4, ge=2)
+    """Most connections of one process to PostgreSQL. An API process opens them at its start and keeps them; a worker
+    keeps two."""
     host: str = "127.0.0.1"
     """Address to bind to."""
     port: int = Field(default=8765, ge=0, le=65535)
@@ -131,6 +132,11 @@ class Settings(BaseSettings):
     def source_beginnings(self) -> tuple[str, ...]:
         """Give the beginnings of the addresses from which files may be fetched."""
         return tuple(text.strip() for text in self.allowed_sources.split(",") if text.strip())
+
+    @property
+    def embedded_database(self) -> bool:
+        """Tell whether the database is a file of this machine."""
+        return self.sqlalchemy_url.startswith("sqlite")
 
     @property
     def sqlalchemy_url(self) -> str:

@@ -17,7 +17,7 @@ import psutil
 import sqlalchemy as sa
 
 from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_tables import connect
+from service.adapters.database_tables import connect, job_steps
 from service.settings import Settings
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
 from tests.e2e.virtual_scans import first_from_second
@@ -177,19 +177,14 @@ class AttackedService:
         return [f"{job_id}: {fault}" for fault in found]
 
     def _recorded(self, job_id: str) -> Mapping[str, Sequence[float]]:
-        """Give the times (ms) at which the engine recorded the end of each step of a job."""
-        schema = None if self.server is None else "dbos"
-        outputs = sa.Table(
-            "operation_outputs", sa.MetaData(), schema=schema, autoload_with=self._database, resolve_fks=False
-        )
-        columns = (outputs.c.workflow_uuid, outputs.c.completed_at_epoch_ms)
-        query = sa.select(*columns).where(
-            outputs.c.workflow_uuid.startswith(f"{job_id}:"), outputs.c.function_name == "step"
+        """Give the times (ms) at which the end of each step of a job was recorded."""
+        query = sa.select(job_steps.c.stage, job_steps.c.position, job_steps.c.ended).where(
+            job_steps.c.job_id == job_id, job_steps.c.state == "done"
         )
         found: dict[str, list[float]] = {}
         with self._database.connect() as connection:
-            for workflow, completed in connection.execute(query):
-                found.setdefault(workflow.partition(":")[2], []).append(float(completed))
+            for stage, position, ended in connection.execute(query):
+                found.setdefault(f"{stage}:{position}", []).append(1e3 * ended)
         return found
 
     def attempts_of(self, job_id: str) -> int:

@@ -18,8 +18,9 @@ import sqlalchemy as sa
 
 from service.adapters.database import DatabaseJobStore
 from service.adapters.database_executors import DatabaseExecutors
+from service.adapters.database_queue import DatabaseQueue
+from service.adapters.database_steps import DatabaseSteps
 from service.adapters.database_tables import connect
-from service.engine import DbosQueue
 from service.launcher import prepare
 from service.ports import Job, JobStatus
 from service.settings import Settings
@@ -42,7 +43,7 @@ def wait_until(condition: Callable[[], bool], within_s: float = 30.0, every_s: f
 class Harness:
     settings: Settings
     engine: sa.Engine
-    queue: DbosQueue
+    queue: DatabaseQueue
     jobs: DatabaseJobStore
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
@@ -61,11 +62,6 @@ class Harness:
             "TIELINE_MAX_ATTEMPTS": str(self.settings.max_attempts),
             "TIELINE_STEP_TIMEOUT_S": str(self.settings.step_timeout_s),
         }
-
-    def table(self, name: str) -> sa.Table:
-        """Give a table of the queue engine."""
-        schema = None if self.engine.dialect.name == "sqlite" else "dbos"
-        return sa.Table(name, sa.MetaData(), schema=schema, autoload_with=self.engine, resolve_fks=False)
 
     def start_worker(self, slot: str = "0") -> subprocess.Popen[bytes]:
         log = (self.settings.data_dir / "worker.log").open("ab")
@@ -120,16 +116,14 @@ def harness(directory: Path, **values: object) -> Iterator[Harness]:
     settings = Settings(data_dir=directory, **values)  # type: ignore[arg-type]
     prepare(settings)
     engine = connect(settings)
-    executors = DatabaseExecutors(engine)
-    queue = DbosQueue(settings, executors)
-    made = Harness(settings, engine, queue, DatabaseJobStore(engine, queue.enqueue))
+    queue = DatabaseQueue(DatabaseExecutors(engine), DatabaseSteps(engine, settings.max_running_jobs))
+    made = Harness(settings, engine, queue, DatabaseJobStore(engine))
     try:
         yield made
     finally:
         for worker in made.workers:
             worker.send_signal(signal.SIGKILL)
             worker.wait()
-        queue.close()
         engine.dispose()
 
 

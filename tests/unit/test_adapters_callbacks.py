@@ -25,7 +25,7 @@ class Stores:
     """Jobs and callbacks on one database, with two workers that live."""
 
     def __init__(self, engine: sa.Engine) -> None:
-        self.jobs = DatabaseJobStore(engine, lambda *_: None)
+        self.jobs = DatabaseJobStore(engine)
         self.callbacks = DatabaseCallbacks(engine)
         self.executors = DatabaseExecutors(engine)
         for worker in ("w1", "w2"):

@@ -209,7 +209,7 @@ def test_migrating_twice_changes_nothing(tmp_path: Path, new_database: NewDataba
 
 
 def test_progress_is_the_weighted_mean_over_all_stages(engine: sa.Engine) -> None:
-    jobs = DatabaseJobStore(engine, lambda _connection, _job: None)
+    jobs = DatabaseJobStore(engine)
     jobs.create_and_enqueue(JOB)
     jobs.plan_stage("j1", 0, [1.0, 1.0], 4.0)
     jobs.report_step("j1", 0, 0, 1.0, "one of two", NOW)
@@ -221,7 +221,7 @@ def test_progress_is_the_weighted_mean_over_all_stages(engine: sa.Engine) -> Non
 
 
 def test_a_step_of_a_dismissed_job_does_not_begin(engine: sa.Engine) -> None:
-    jobs = DatabaseJobStore(engine, lambda _connection, _job: None)
+    jobs = DatabaseJobStore(engine)
     jobs.create_and_enqueue(JOB)
     jobs.dismiss("j1", NOW)
     assert not jobs.begin_step("j1", "features of S1", NOW)
@@ -265,7 +265,7 @@ def job_log(request: pytest.FixtureRequest, make_engine: MakeEngine) -> JobLog:
     if request.param == "memory":
         return MemoryJobLog()
     engine = make_engine(databases_of(request, request.param))
-    DatabaseJobStore(engine, lambda *_: None).create_and_enqueue(JOB)
+    DatabaseJobStore(engine).create_and_enqueue(JOB)
     return DatabaseJobLog(engine)
 
 
@@ -277,7 +277,7 @@ def test_the_last_lines_of_a_log_come_back_in_the_order_in_which_they_were_writt
 
 
 def test_the_log_goes_with_its_job_and_what_comes_later_is_lost(engine: sa.Engine) -> None:
-    jobs, log = DatabaseJobStore(engine, lambda *_: None), DatabaseJobLog(engine)
+    jobs, log = DatabaseJobStore(engine), DatabaseJobLog(engine)
     jobs.create_and_enqueue(JOB)
     log.write("j1", [LogLine(NOW, "info", "a")])
     jobs.dismiss("j1", NOW)

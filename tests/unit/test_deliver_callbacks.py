@@ -58,7 +58,7 @@ class Scene:
         migrate(settings)
         self.engine = connect(settings)
         DatabaseExecutors(self.engine).register("worker")
-        self.jobs = DatabaseJobStore(self.engine, lambda *_: None)
+        self.jobs = DatabaseJobStore(self.engine)
         self.log = DatabaseJobLog(self.engine)
         self.blobs, self.receivers = MemoryBlobStore(), Receivers()
         callbacks = DatabaseCallbacks(self.engine)
