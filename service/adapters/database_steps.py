@@ -231,11 +231,12 @@ class DatabaseSteps:
 
 def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
     """Give the projects of which something waits, and what each of them has."""
-    steps = sa.select(jobs.c.owner, sa.func.count()).select_from(STEPS_OF_JOBS).where(OURS).group_by(jobs.c.owner)
-    running = dict(connection.execute(steps.where(job_steps.c.state == RUNNING)).tuples().all())
+    columns = (jobs.c.owner, sa.func.count().label("number"))
+    steps = sa.select(*columns).select_from(STEPS_OF_JOBS).where(OURS).group_by(jobs.c.owner)
+    running = {row.owner: row.number for row in connection.execute(steps.where(job_steps.c.state == RUNNING))}
     waiting = set(connection.execute(steps.where(job_steps.c.state == WAITING)).scalars())
     fresh = set(connection.execute(sa.select(jobs.c.owner).where(UNPLANNED).distinct()).scalars())
-    begun = dict(connection.execute(sa.select(turns.c.owner, turns.c.begun)).tuples().all())
+    begun = {row.owner: row.begun for row in connection.execute(sa.select(turns))}
     return [ProjectShare(owner, running.get(owner, 0), begun.get(owner, 0.0)) for owner in waiting | fresh]
 
 

@@ -25,7 +25,7 @@ async def within_its_job(tools: Tools, job_id: str, work: Coroutine[Any, Any, No
     except DATABASE_ERRORS as error:
         log.warning("a job is left for the moment", job=job_id, error=words_of(error))
         return False
-    except Exception:  # noqa: BLE001 - the job boundary of a worker: every other error becomes a problem document
+    except Exception:
         log.exception("a job broke", job=job_id)
         problem = to_problem(QueueError("the workflow of this job broke; the log of the service has the details"))
         await patiently(tools.settings.step_timeout_s, tools.jobs.fail, job_id, problem, datetime.now(UTC))

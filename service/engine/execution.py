@@ -15,7 +15,7 @@ import structlog
 from service.engine.boundary import within_its_job
 from service.engine.computing import StepComputer
 from service.engine.leading import Leader
-from service.engine.patience import DATABASE_ERRORS, patiently, patiently_at_once, words_of
+from service.engine.patience import DATABASE_ERRORS, patiently_at_once, words_of
 from service.engine.reaper import HEARTBEAT_S, Reaper
 from service.engine.tools import Tools
 from service.ports import ClaimedStep, FreshJob

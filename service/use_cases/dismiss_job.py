@@ -9,7 +9,7 @@ from service.use_cases.find_job import find_job
 
 
 def dismiss_job(job_id: str, jobs: JobStore, blobs: BlobStore, now: datetime) -> Job:
-    """Dismiss a waiting job, or a running one, whose worker sees that within a second or two; remove a finished one with its result and artifacts.
+    """Dismiss a job, of which its worker takes notice within two seconds; remove a finished one with all it stored.
 
     Raises
     ------

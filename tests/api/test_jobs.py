@@ -184,7 +184,7 @@ def test_a_lost_result_is_the_fault_of_the_service(client: Client, job_of: Calla
 
 @pytest.mark.parametrize("status", [JobStatus.ACCEPTED, JobStatus.RUNNING])
 def test_dismissing_stops_a_job_and_keeps_its_status(
-    client: Client, adapters: Adapters, job_of: Callable[..., str], status: JobStatus
+    client: Client, job_of: Callable[..., str], status: JobStatus
 ) -> None:
     job = job_of(status)
     answer = client.delete(f"/jobs/{job}")
