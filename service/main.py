@@ -63,6 +63,7 @@ from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.forget_old import forget_old
 from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk
+from service.use_cases.upload_threads import step_back
 
 THREADS = 16
 """In which requests are answered. More would not answer more, only wait for each other and keep memory."""
@@ -73,6 +74,7 @@ def app_from_environment() -> FastAPI:
     """Build the web application that `tieline serve` runs; the database must have been prepared."""
     settings = Settings()
     database = connect(settings, reserve=True)
+    step_back(settings.niceness)
     readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)

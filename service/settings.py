@@ -47,6 +47,9 @@ class Settings(BaseSettings):
     reads its file on one core, the other computes."""
     threads: int = Field(default=0, ge=0)
     """Threads per computation; 0: all cores divided by the slots that are asked for."""
+    niceness: int = Field(default=5, ge=0, le=19)
+    """How far computations, and the writing of uploads, step back behind all else on this machine: 0, not at all, as
+    where a command starts the service for itself, to 19; each step costs a fifth of their share of a processor."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)

@@ -45,7 +45,7 @@ STOP_WITHIN_S = 6.0
 WARM_UP = WarmUp(
     "service.use_cases.warm_up:load_for_registration",
     "service.use_cases.warm_up:load_for_reports",
-    "service.use_cases.warm_up:practise",
+    "service.use_cases.kernels:practise_once",
 )
 
 

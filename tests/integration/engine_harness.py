@@ -59,6 +59,7 @@ class Harness:
             "TIELINE_DATABASE_URL": self.settings.database_url,
             "TIELINE_SLOTS": str(self.settings.slots),
             "TIELINE_STEP_MEMORY_BYTES": str(self.settings.step_memory_bytes),
+            "TIELINE_MAX_RUNNING_JOBS": str(self.settings.max_running_jobs),
             "TIELINE_MAX_ATTEMPTS": str(self.settings.max_attempts),
             "TIELINE_STEP_TIMEOUT_S": str(self.settings.step_timeout_s),
         }
