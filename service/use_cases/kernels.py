@@ -83,7 +83,8 @@ def kept_in() -> Path | None:
     from algorithms.matching import line_pairs_kernels
 
     with suppress(AttributeError, OSError):
-        folder = Path(line_pairs_kernels.alike_rows._cache.cache_path)  # noqa: SLF001 - told in no other way
+        kernel: Any = line_pairs_kernels.alike_rows
+        folder = Path(kernel._cache.cache_path)  # noqa: SLF001 - told in no other way
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "tieline-compiling.lock").touch()
         return folder
@@ -95,7 +96,7 @@ def counted_kernels(tell: Callable[[int], None]) -> Iterator[None]:
     """Tell how many kernels were compiled, one after the other."""
     from numba.core import event
 
-    class Count(event.Listener):  # type: ignore[misc] # numba has no types
+    class Count(event.Listener):
         number = 0
 
         def on_start(self, event: Any) -> None:

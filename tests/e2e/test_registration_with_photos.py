@@ -56,10 +56,10 @@ def from_command_line(
     """Let the command line register the same scans and photos."""
     folder = taken[0][0].parent
     (folder / "photos.json").write_text(json.dumps(options))
-    where = ("--photos", folder / "photos.json", "--url", service.url, "--output", folder / "result.json")
+    where = ("--photos", folder / "photos.json", "--url", service.url, "--output", folder / "kept")
     done = tieline("register", *house, *where)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done, json.loads((folder / "result.json").read_text())
+    return done, json.loads((folder / "kept" / "result.json").read_text())
 
 
 def test_the_pose_is_accepted_and_true_within_a_fiftieth_of_a_gon_and_five_millimetres(result: Document) -> None:
