@@ -25,7 +25,7 @@ from service.ports import (
     StepFigures,
     StepPlace,
 )
-from service.use_cases.turns import ProjectShare, WaitingPlace, before, in_turn
+from service.use_cases.turns import HELD_BACK_S, ProjectShare, WaitingPlace, before, in_turn
 
 ORDER_OF_STEPS = 1
 """Changed only when the order of steps in a plan changes; jobs that were planned in another one are begun again."""
@@ -199,13 +199,8 @@ class DatabaseSteps:
 
     def tell_waiting(self, now: datetime) -> None:
         """Mark jobs as waiting of which no step has been computed for some seconds."""
-        of_job = job_steps.c.job_id == jobs.c.id
-        runs = sa.exists().where(of_job, job_steps.c.state == RUNNING)
-        waits = sa.exists().where(of_job, job_steps.c.state == WAITING)
-        quiet = sa.and_(jobs.c.status == JobStatus.RUNNING.value, jobs.c.updated < now - QUIET)
-        values = {"status": JobStatus.ACCEPTED.value, "message": WAITS_MESSAGE, "updated": now}
         with self._engine.begin() as connection:
-            connection.execute(sa.update(jobs).where(quiet, waits, sa.not_(runs)).values(values))
+            _tell_waiting(connection, jobs.c.updated < now - QUIET, now)
 
     def begin_stale_again(self) -> Sequence[str]:
         """Forget the steps of jobs that were planned in another order of steps, unless a living worker computes one."""
@@ -242,18 +237,34 @@ def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
 
 def _first_step(connection: sa.Connection, owner: str) -> sa.RowMapping | None:
     """Find the waiting step of a project that comes first; in the order of `service.use_cases.turns`."""
+    since = clock(connection) - HELD_BACK_S
+    held_back = sa.case((sa.and_(job_steps.c.deaths > 0.0, job_steps.c.waiting_since > since), 1), else_=0)
     query = (
-        sa.select(job_steps, jobs.c.urgency, jobs.c.created)
+        sa.select(job_steps, jobs.c.urgency, jobs.c.created, held_back.label("held_back"))
         .select_from(STEPS_OF_JOBS)
         .where(job_steps.c.state == WAITING, OURS, jobs.c.owner == owner)
-        .order_by(jobs.c.urgency, job_steps.c.stage.desc(), jobs.c.created, jobs.c.id, job_steps.c.position)
+        .order_by(jobs.c.urgency, held_back, job_steps.c.stage.desc(), jobs.c.created, jobs.c.id, job_steps.c.position)
         .limit(1)
     )
     return connection.execute(query).mappings().one_or_none()
 
 
+def _tell_waiting(connection: sa.Connection, which: sa.ColumnElement[bool], now: datetime) -> None:
+    """Mark jobs as waiting of which steps wait and none is computed."""
+    of_job = job_steps.c.job_id == jobs.c.id
+    runs = sa.exists().where(of_job, job_steps.c.state == RUNNING)
+    waits = sa.exists().where(of_job, job_steps.c.state == WAITING)
+    idle = sa.and_(jobs.c.status == JobStatus.RUNNING.value, which, waits, sa.not_(runs))
+    # in an order, so that no two transactions wait for each other
+    found = list(connection.execute(sa.select(jobs.c.id).where(idle).order_by(jobs.c.id)).scalars())
+    for job_id in found:
+        values = {"status": JobStatus.ACCEPTED.value, "message": WAITS_MESSAGE, "updated": now}
+        connection.execute(sa.update(jobs).where(jobs.c.id == job_id, idle).values(values))
+
+
 def _place_in_line(step: sa.RowMapping) -> WaitingPlace:
-    return WaitingPlace(step["urgency"], step["stage"], step["created"], step["job_id"], step["position"])
+    held_back = bool(step["held_back"])
+    return WaitingPlace(step["urgency"], step["stage"], step["created"], step["job_id"], step["position"], held_back)
 
 
 def _claim(connection: sa.Connection, executor_id: str, step: sa.RowMapping, now: datetime) -> ClaimedStep | None:
@@ -277,6 +288,8 @@ def _claim(connection: sa.Connection, executor_id: str, step: sa.RowMapping, now
         return None
     if not connection.execute(sa.update(turns).where(turns.c.owner == job.owner).values(begun=moment)).rowcount:
         connection.execute(sa.insert(turns).values(owner=job.owner, begun=moment))
+    # the slot might have gone to another one whose step has just ended
+    _tell_waiting(connection, jobs.c.id != job.id, now)
     return ClaimedStep(place, step["name"], step["arguments"], step["label"], job.request_id, step["deaths"])
 
 

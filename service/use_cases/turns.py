@@ -3,12 +3,16 @@
 First comes the project that has the fewest steps running, and of several the one that was served longest ago: whatever
 one project sends, another's first step begins when the next computation ends. Within a project the urgent jobs come
 first; then later stages before earlier ones, so that what was begun is finished, and a job ends long before all have;
-then the older job.
+then the older job. A step that was interrupted by the end of its worker lets the others by for a while: it may be the
+cause, and if it is not, it should not be the one that the next interruption finds again.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+
+HELD_BACK_S = 60.0
+"""How long an interrupted step lets others by."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,8 @@ class WaitingPlace:
     """When the job was sent."""
     job_id: str
     index: int = 0
+    held_back: bool = False
+    """Its worker died not long ago."""
 
 
 def in_turn(shares: Iterable[ProjectShare]) -> Sequence[str]:
@@ -45,5 +51,5 @@ def before(one: WaitingPlace, other: WaitingPlace) -> bool:
     return _key(one) < _key(other)
 
 
-def _key(place: WaitingPlace) -> tuple[int, int, datetime, str, int]:
-    return place.urgency, -place.stage, place.created, place.job_id, place.index
+def _key(place: WaitingPlace) -> tuple[int, bool, int, datetime, str, int]:
+    return place.urgency, place.held_back, -place.stage, place.created, place.job_id, place.index

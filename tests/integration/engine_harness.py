@@ -76,6 +76,22 @@ class Harness:
         self.workers.append(worker)
         return worker
 
+    def start_launched_worker(self) -> subprocess.Popen[bytes]:
+        """Start a worker and the process that keeps it running, with which it dies."""
+        program = (
+            "import os, subprocess, sys; "
+            "subprocess.run([sys.executable, '-m', 'service.worker', *sys.argv[1:], '--parent', str(os.getpid())])"
+        )
+        with (self.settings.data_dir / "worker.log").open("ab") as log:
+            launcher = subprocess.Popen(
+                [sys.executable, "-c", program, *STEPS_AND_PLANS],
+                env=self.environment(),
+                stderr=log,
+                start_new_session=True,
+            )
+        self.workers.append(launcher)
+        return launcher
+
     def submit(self, *stages: list[dict[str, object]], **of_job: Any) -> str:
         named = [[{"trace": str(self.trace), **step} for step in stage] for stage in stages]
         job = Job(str(uuid4()), "listed", {"stages": named}, JobStatus.ACCEPTED, datetime.now(UTC), **of_job)

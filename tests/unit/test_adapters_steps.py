@@ -14,6 +14,7 @@ from service.adapters.database_steps import DatabaseSteps
 from service.adapters.database_tables import connect, job_steps
 from service.ports import ClaimedStep, FreshJob, Job, JobStatus, LostStep, StepCall, StepPlace
 from service.settings import Settings
+from service.use_cases.turns import HELD_BACK_S
 from tests.databases import NewDatabase
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -106,6 +107,32 @@ def test_a_job_of_which_no_step_runs_for_some_seconds_waits_again(stores: Stores
         seen.append(stores.job("j1").status)
     assert seen[2:] == [JobStatus.RUNNING, JobStatus.ACCEPTED]
     assert stores.job("j1").message == "waiting for a worker"
+
+
+def test_a_job_waits_again_when_the_place_of_its_step_is_given_to_another(stores: Stores) -> None:
+    stores.add("j1", 1.0, width=2)
+    first = stores.claim()
+    stores.add("older")
+    stores.finish(first)
+    between = stores.job("j1").status
+    stores.claim()
+    assert (between, stores.job("j1").status, stores.job("older").status) == (
+        *(JobStatus.RUNNING, JobStatus.ACCEPTED),
+        JobStatus.RUNNING,
+    )
+
+
+def test_an_interrupted_step_lets_the_others_by_for_a_while(stores: Stores) -> None:
+    for number in range(3):
+        stores.add(f"j{number}", number)
+    stores.claim("w1")
+    stores.executors.remove("w1")
+    stores.steps.put_back(stores.steps.left_behind().steps[0], 0.25, NOW)
+    first = stores.claim("w2")
+    with stores.engine.begin() as connection:
+        connection.execute(sa.update(job_steps).values(waiting_since=job_steps.c.waiting_since - HELD_BACK_S))
+    second = stores.claim("w2")
+    assert [first.place.job_id, second.place.job_id] == ["j1", "j0"]
 
 
 def test_later_stages_of_older_jobs_come_before_earlier_ones_of_younger_jobs(stores: Stores) -> None:
@@ -225,9 +252,11 @@ def test_a_step_of_which_a_worker_died_is_computed_alone(stores: Stores) -> None
     stores.claim("w1")
     stores.executors.remove("w1")
     stores.steps.put_back(stores.steps.left_behind().steps[0], 1.0, NOW)
+    other = stores.claim("w2", alone=False)
     beside_others = stores.take("w2", alone=False)
     step = stores.claim("w2", alone=True)
-    assert (beside_others, step.place.job_id, step.suspect) == (None, "j1", True)
+    assert (other.place.job_id, beside_others) == ("j2", None)
+    assert (step.place.job_id, step.suspect) == ("j1", True)
 
 
 def test_jobs_that_nobody_has_led_on_are_found(stores: Stores) -> None:

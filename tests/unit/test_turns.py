@@ -29,9 +29,17 @@ def test_of_projects_with_as_many_the_one_that_was_served_longest_ago_comes_firs
         replace(PLACE, stage=0, created=NOW - timedelta(days=1)),
         replace(PLACE, created=NOW + timedelta(seconds=1)),
         replace(PLACE, job_id="c", index=0),
+        replace(PLACE, stage=9, held_back=True),
         replace(PLACE, index=2),
     ],
-    ids=["less urgent", "an earlier stage", "of a younger job", "of another job", "a later one of the same stage"],
+    ids=[
+        "less urgent",
+        "an earlier stage",
+        "of a younger job",
+        "of another job",
+        "held back",
+        "further back",
+    ],
 )
 def test_within_a_project_a_step_comes_before_one_that_is(later: WaitingPlace) -> None:
     assert (before(PLACE, later), before(later, PLACE)) == (True, False)
