@@ -119,7 +119,7 @@ class Settings(BaseSettings):
     inspect_timeout_s: int = Field(default=300, ge=1)
     """Longest inspection of an uploaded file."""
     max_attempts: int = Field(default=3, ge=1)
-    """How often a job is taken up before it counts as poison and fails."""
+    """How many workers may die while they compute the same step before its job counts as poison and fails."""
 
     @property
     def computations(self) -> int:
