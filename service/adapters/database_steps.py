@@ -173,14 +173,15 @@ class DatabaseSteps:
 
     # what the dead leave
 
-    def left_behind(self) -> LeftBehind:
-        """Find what workers that are gone have left."""
+    def tidy(self, now: datetime) -> LeftBehind:
+        """Find what workers that are gone have left, and mark jobs as waiting of which no step has run for a while."""
         gone = job_steps.c.executor.not_in(sa.select(executors.c.id))
         columns = (job_steps.c.job_id, job_steps.c.stage, job_steps.c.position, job_steps.c.executor)
         lost = sa.select(*columns).select_from(STEPS_OF_JOBS).where(job_steps.c.state == RUNNING, UNFINISHED_JOB, gone)
         unfinished = sa.exists().where(job_steps.c.job_id == jobs.c.id, job_steps.c.state != DONE)
         stalled = sa.select(jobs.c.id).where(OURS, sa.not_(unfinished))
-        with self._reading.begin() as connection:
+        with self._engine.begin() as connection:
+            _tell_waiting(connection, jobs.c.updated < now - QUIET, now)
             steps = [LostStep(StepPlace(*row[:3]), row.executor) for row in connection.execute(lost)]
             return LeftBehind(steps, list(connection.execute(stalled).scalars()))
 
@@ -196,11 +197,6 @@ class DatabaseSteps:
             change_job(connection, lost.place.job_id, attempts=jobs.c.attempts + 1, updated=now)
             add_to_totals(connection, {("deaths", ""): 1.0})
             return float(connection.execute(sa.select(job_steps.c.deaths).where(_at(lost.place))).scalar_one())
-
-    def tell_waiting(self, now: datetime) -> None:
-        """Mark jobs as waiting of which no step has been computed for some seconds."""
-        with self._engine.begin() as connection:
-            _tell_waiting(connection, jobs.c.updated < now - QUIET, now)
 
     def begin_stale_again(self) -> Sequence[str]:
         """Forget the steps of jobs that were planned in another order of steps, unless a living worker computes one."""

@@ -45,10 +45,9 @@ class Reaper:
             return ()
         dead = executors.bury_dead(self._executor_id, by_heart=by_heart)
         together = {each.id for each in dead if each.whole_service}
-        left = steps.left_behind()
+        left = steps.tidy(_now())
         for lost in left.steps:
             self._put_back(lost, WITH_THE_WHOLE_SERVICE if lost.executor_id in together else 1.0)
-        steps.tell_waiting(_now())
         return left.jobs
 
     def begin_stale_again(self) -> None:

@@ -101,8 +101,8 @@ class StepQueue(Protocol):
     def hand_back(self, executor_id: str, kept: Collection[StepPlace] = ()) -> None:
         """Put back what a worker has and does not compute, or will not."""
 
-    def left_behind(self) -> LeftBehind:
-        """Find what workers that are gone have left."""
+    def tidy(self, now: datetime) -> LeftBehind:
+        """Find what workers that are gone have left, and mark jobs as waiting of which no step has run for a while."""
 
     def put_back(self, lost: LostStep, death: float, now: datetime) -> float:
         """Let another worker compute a step whose worker is gone; give how many have died of it by now.
@@ -116,9 +116,6 @@ class StepQueue(Protocol):
         now
             Time for the job's record.
         """
-
-    def tell_waiting(self, now: datetime) -> None:
-        """Mark jobs as waiting of which no step has been computed for some seconds."""
 
     def begin_stale_again(self) -> Sequence[str]:
         """Forget the steps of jobs that were planned in another order of steps, unless a living worker computes one."""

@@ -63,7 +63,7 @@ def _of_steps(figures: StepFigures) -> Iterator[Metric]:
     for name, total, says in SUMMARIES:
         summary = SummaryMetricFamily(name, says, labels=["step"])
         for step, number in sorted(figures.totals.get("steps", {}).items()):
-            summary.add_metric([step], number, figures.totals.get(total, {}).get(step, 0.0))
+            summary.add_metric([step], int(number), figures.totals.get(total, {}).get(step, 0.0))
         yield summary
     failures = CounterMetricFamily("tieline_job_failures", "Jobs that failed, by kind of problem.", labels=["kind"])
     for kind, number in sorted(figures.totals.get("job_failures", {}).items()):

@@ -97,13 +97,13 @@ def test_a_job_of_which_no_step_runs_for_some_seconds_waits_again(stores: Stores
     moments = [NOW + timedelta(seconds=seconds) for seconds in (1.0, 3.0)]
     seen = []
     for moment in moments:
-        stores.steps.tell_waiting(moment)
+        stores.steps.tidy(moment)
         seen.append(stores.job("j1").status)
     # its second step runs
     assert seen == [JobStatus.RUNNING] * 2
     stores.steps.hand_back("w2")
     for moment in moments:
-        stores.steps.tell_waiting(moment)
+        stores.steps.tidy(moment)
         seen.append(stores.job("j1").status)
     assert seen[2:] == [JobStatus.RUNNING, JobStatus.ACCEPTED]
     assert stores.job("j1").message == "waiting for a worker"
@@ -127,7 +127,7 @@ def test_an_interrupted_step_lets_the_others_by_for_a_while(stores: Stores) -> N
         stores.add(f"j{number}", number)
     stores.claim("w1")
     stores.executors.remove("w1")
-    stores.steps.put_back(stores.steps.left_behind().steps[0], 0.25, NOW)
+    stores.steps.put_back(stores.steps.tidy(NOW).steps[0], 0.25, NOW)
     first = stores.claim("w2")
     with stores.engine.begin() as connection:
         connection.execute(sa.update(job_steps).values(waiting_since=job_steps.c.waiting_since - HELD_BACK_S))
@@ -239,7 +239,7 @@ def test_only_the_steps_that_a_dead_worker_computed_count_its_death(stores: Stor
     stores.claim("w1")
     stores.claim("w2")
     stores.executors.remove("w1")
-    lost = stores.steps.left_behind().steps
+    lost = stores.steps.tidy(NOW).steps
     deaths = [stores.steps.put_back(each, 1.0, NOW) for each in lost]
     assert (lost, deaths) == ([LostStep(StepPlace("j0", 0, 0), "w1")], [1.0])
     assert [stores.job(f"j{number}").attempts for number in range(3)] == [2, 1, 0]
@@ -251,7 +251,7 @@ def test_a_step_of_which_a_worker_died_is_computed_alone(stores: Stores) -> None
     stores.add("j2", 1.0)
     stores.claim("w1")
     stores.executors.remove("w1")
-    stores.steps.put_back(stores.steps.left_behind().steps[0], 1.0, NOW)
+    stores.steps.put_back(stores.steps.tidy(NOW).steps[0], 1.0, NOW)
     other = stores.claim("w2", alone=False)
     beside_others = stores.take("w2", alone=False)
     step = stores.claim("w2", alone=True)
@@ -264,7 +264,7 @@ def test_jobs_that_nobody_has_led_on_are_found(stores: Stores) -> None:
         stores.add(job_id)
     stores.add("fresh", 9.0, stage=None)
     stores.finish(stores.claim())
-    assert list(stores.steps.left_behind().jobs) == ["j1"]
+    assert list(stores.steps.tidy(NOW).jobs) == ["j1"]
 
 
 def test_what_was_waited_for_and_computed_is_counted_and_outlives_the_job(stores: Stores) -> None:
