@@ -18,6 +18,8 @@ import psutil
 import psycopg
 import pytest
 
+from tests.patience import patience
+
 USER = "postgres"
 START_WITHIN_S = 30.0
 
@@ -58,7 +60,7 @@ class PostgresServer:
 
     def start(self) -> None:
         """Start it, and wait until it answers."""
-        deadline = time.monotonic() + START_WITHIN_S
+        deadline = time.monotonic() + START_WITHIN_S * patience()
         settings = {
             "listen_addresses": "127.0.0.1",
             "port": str(self._port),
@@ -125,7 +127,7 @@ class PostgresServer:
         """Stop it in order, but without waiting for its clients."""
         if self._process is not None:
             self._process.send_signal(signal.SIGINT)
-            self._process.wait(30)
+            self._process.wait(30.0 * patience())
             self._process = None
 
     def kill(self) -> None:

@@ -21,6 +21,7 @@ from service.adapters.database_tables import connect, job_steps
 from service.settings import Settings
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
 from tests.e2e.virtual_scans import first_from_second
+from tests.patience import patience
 from tests.postgres_server import PostgresServer, postgres_server
 
 STEPS = {"features of S1": "0:0", "features of S2": "0:1", "registering S2 to S1": "1:0", "writing the report": "2:0"}
@@ -48,10 +49,10 @@ class AttackedService:
     # clients, who ask again when the connection breaks
 
     def ask(self, method: str, path: str, **what: Any) -> httpx.Response:
-        deadline = time.monotonic() + ANSWER_WITHIN_S
+        deadline = time.monotonic() + ANSWER_WITHIN_S * patience()
         while True:
             with suppress(httpx.TransportError, RuntimeError):
-                answer = httpx.request(method, self.running.url + path, timeout=30.0, **what)
+                answer = httpx.request(method, self.running.url + path, timeout=30.0 * patience(), **what)
                 if answer.status_code != httpx.codes.SERVICE_UNAVAILABLE:
                     return answer
             assert time.monotonic() < deadline, f"{method} {path}: no answer\n{self.running.log[-3000:]}"
@@ -86,7 +87,7 @@ class AttackedService:
         """
         while True:
             job_id = self.register()
-            deadline = time.monotonic() + 120.0
+            deadline = time.monotonic() + 120.0 * patience()
             while (job := self.job(job_id))["status"] not in FINISHED:
                 if str(job["message"]).startswith(step) and self.running.computations() != []:
                     return job_id

@@ -24,6 +24,7 @@ from service.adapters.database_tables import connect
 from service.launcher import prepare
 from service.ports import Job, JobStatus
 from service.settings import Settings
+from tests.patience import patience
 
 HERE = Path(__file__).parent
 STEPS_AND_PLANS = ("--steps", "engine_steps:STEPS", "--plans", "engine_steps:PLANS")
@@ -34,7 +35,8 @@ def wait_until(condition: Callable[[], bool], within_s: float = 30.0, every_s: f
     begin = time.monotonic()
     while not condition():
         passed = time.monotonic() - begin
-        assert passed < within_s, f"not within {within_s} s"
+        limit_s = within_s * patience()
+        assert passed < limit_s, f"not within {limit_s:.0f} s"
         time.sleep(every_s)
     return time.monotonic() - begin
 
