@@ -11,8 +11,9 @@ from service.settings import Settings
 
 POOL_TIMEOUT_S = 10.0
 """How long a request waits for a free connection."""
-FRESH_S = 5.0
-"""A connection that was used within this time is used again without asking whether the server is still there."""
+FRESH_S, FRESH_FOR_WORKERS_S = 5.0, 60.0
+"""A connection that was used within this time is used again without asking whether the server is still there; workers
+try again what fails."""
 KEPT_BY_WORKERS = 2
 """Connections that a worker keeps; it opens more when it needs them, and closes those."""
 PATIENCE = {
@@ -287,7 +288,7 @@ def connect(settings: Settings, *, reserve: bool = False) -> sa.Engine:
             pool_use_lifo=True,
             connect_args=PATIENCE,
         )
-        _ask_after_a_pause(server)
+        _ask_after_a_pause(server, FRESH_S if reserve else FRESH_FOR_WORKERS_S)
         return server
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = sa.create_engine(url)
@@ -321,7 +322,7 @@ def reserve_connections(engine: sa.Engine) -> None:
                 opened.enter_context(engine.connect())
 
 
-def _ask_after_a_pause(engine: sa.Engine) -> None:
+def _ask_after_a_pause(engine: sa.Engine, fresh_s: float) -> None:
     """Ask a connection that nobody has used for a while whether its server is still there.
 
     To ask before each use would double the number of transactions.
@@ -334,7 +335,7 @@ def _ask_after_a_pause(engine: sa.Engine) -> None:
     @sa.event.listens_for(engine, "checkout")
     def _ask(connection: Any, record: Any, _proxy: Any) -> None:
         used = record.info.get("used")
-        if used is None or time.monotonic() - used < FRESH_S:
+        if used is None or time.monotonic() - used < fresh_s:
             return
         try:
             engine.dialect.do_ping(connection)

@@ -16,7 +16,7 @@ from service.engine.boundary import within_its_job
 from service.engine.computing import StepComputer
 from service.engine.leading import Leader
 from service.engine.patience import DATABASE_ERRORS, patiently_at_once, words_of
-from service.engine.reaper import HEARTBEAT_S, Reaper
+from service.engine.reaper import HEARTBEAT_S, REAPING_S, Reaper
 from service.engine.tools import Tools
 from service.ports import ClaimedStep, FreshJob
 
@@ -63,12 +63,12 @@ class Engine:
         """Enter this worker, put back what dead ones left, and begin to work; wait for a database that is away."""
         patience_s = float(self._tools.settings.step_timeout_s)
         patiently_at_once(patience_s, lambda: self._tools.executors.register(self.executor_id, self._launcher))
-        self._keep("heartbeat", self._beat)
+        self._keep("heartbeat", self._beat, HEARTBEAT_S)
         patiently_at_once(patience_s, self._reaper.begin_stale_again)
         patiently_at_once(patience_s, self._take_up)
         self._threads.append(threading.Thread(target=self._loop.run_until_complete, args=(self._work(),), name="work"))
         self._threads[-1].start()
-        self._keep("reaper", self._take_up)
+        self._keep("reaper", self._take_up, REAPING_S)
         log.info("worker started", executor=self.executor_id, slots=self._tools.settings.computations)
 
     def stop(self) -> None:
@@ -166,7 +166,7 @@ class Engine:
 
     # beside
 
-    def _keep(self, name: str, action: Callable[[], None]) -> None:
+    def _keep(self, name: str, action: Callable[[], None], every_s: float) -> None:
         """Repeat an action in a thread, now and then and when its bell rings, until stopped; a database that is away
         for a while does not end it.
         """
@@ -174,7 +174,7 @@ class Engine:
 
         def repeat() -> None:
             while True:
-                bell.wait(HEARTBEAT_S)
+                bell.wait(every_s)
                 if self._stopping.is_set():
                     return
                 bell.clear()

@@ -10,7 +10,7 @@ from service.engine.tools import Tools
 from service.errors import ComputationFailedError, to_problem
 from service.ports import LogLine, LostStep
 
-HEARTBEAT_S = 2.0
+HEARTBEAT_S, REAPING_S = 2.0, 3.0
 LEASE_S = 3 * HEARTBEAT_S
 WITH_THE_WHOLE_SERVICE = 0.25
 """What the death of a worker counts whose whole service ended with it: that is seldom the fault of what it computed,
@@ -61,7 +61,7 @@ class Reaper:
         they need time for it.
         """
         now = time.monotonic()
-        if now - self._seen > 2.0 * HEARTBEAT_S:
+        if now - self._seen > 2.0 * REAPING_S:
             self._steady_since = now
         return now - self._steady_since > 3.0 * HEARTBEAT_S
 
