@@ -31,5 +31,6 @@ def test_what_an_idle_service_asks_of_its_database(tmp_path: Path) -> None:
                 rate = (server.transactions(url) - before) / (time.monotonic() - began)
                 connections = server.connections()
             print(f"| {number} | {connections} | {rate:.1f} |")
-            assert rate <= 5.0 * number
+            # one process more than there are workers: the API is counted as well
+            assert rate <= 5.0 * number + 1.0
             assert connections <= 4 * (number + 1)
