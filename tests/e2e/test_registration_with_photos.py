@@ -15,6 +15,8 @@ from tests.e2e.running_service import Document, RunningService
 from tests.e2e.virtual_photos import take_photos
 from tests.e2e.virtual_scans import first_from_second
 
+pytestmark = pytest.mark.slow
+
 STD = {"rotation_gon": 0.01, "translation_m": 0.001}
 
 
