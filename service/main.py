@@ -26,7 +26,7 @@ from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_queue import DatabaseQueue
 from service.adapters.database_steps import DatabaseSteps
-from service.adapters.database_tables import connect, reserve_connections
+from service.adapters.database_tables import FRESH_S, connect, reserve_connections
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
@@ -73,7 +73,7 @@ log = structlog.get_logger()
 def app_from_environment() -> FastAPI:
     """Build the web application that `tieline serve` runs; the database must have been prepared."""
     settings = Settings()
-    database = connect(settings, reserve=True)
+    database = connect(settings, reserve=True, fresh_s=FRESH_S)
     step_back(settings.niceness)
     readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
     blobs = blob_store(settings)

@@ -20,7 +20,7 @@ from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_steps import DatabaseSteps
-from service.adapters.database_tables import connect
+from service.adapters.database_tables import FRESH_FOR_WORKERS_S, connect
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp
@@ -66,7 +66,7 @@ def main(
         signal.signal(number, lambda *_: stop.set())
     configure_log()
     remove_left_scratch(settings)
-    database = connect(settings)
+    database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
     executors = DatabaseExecutors(database)
     jobs = DatabaseJobStore(database)
     runner = ChildProcesses(settings, steps, WARM_UP if steps == DEFAULT_STEPS else NOTHING_WARM)

@@ -265,7 +265,7 @@ def lock_name(connection: sa.Connection, name: str) -> None:
         connection.execute(sa.select(sa.func.pg_advisory_xact_lock(sa.func.hashtextextended(name, 0))))
 
 
-def connect(settings: Settings, *, reserve: bool = False) -> sa.Engine:
+def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) -> sa.Engine:
     """Make the engine of the metadata database (embedded SQLite or PostgreSQL).
 
     Parameters
@@ -274,6 +274,8 @@ def connect(settings: Settings, *, reserve: bool = False) -> sa.Engine:
         Where it is, and how many connections there may be.
     reserve
         Keep all connections once they are open, so that nobody else takes them (see `reserve_connections`).
+    fresh_s
+        Within this time a connection is used again without asking whether the server is still there.
     """
     url = sa.make_url(settings.sqlalchemy_url)
     if url.get_backend_name() != "sqlite":
@@ -288,7 +290,7 @@ def connect(settings: Settings, *, reserve: bool = False) -> sa.Engine:
             pool_use_lifo=True,
             connect_args=PATIENCE,
         )
-        _ask_after_a_pause(server, FRESH_S if reserve else FRESH_FOR_WORKERS_S)
+        _ask_after_a_pause(server, fresh_s)
         return server
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = sa.create_engine(url)
