@@ -59,7 +59,7 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     False when the step failed.
     """
     settings = Settings(**request["settings"])
-    let_others_first()
+    let_others_first(settings.niceness)
     limit_resources(settings)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
     context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits, RemoteSources(settings))
@@ -119,7 +119,7 @@ def _be_a_nursery(options: argparse.Namespace) -> NoReturn:
         return run_step(steps, request, ReportPipe(reports))
 
     with socket.socket(fileno=options.channel) as channel:
-        Nursery(channel, compute, later, practice).serve()
+        Nursery(channel, compute, later, practice, Settings().niceness).serve()
     os._exit(0)
 
 

@@ -144,6 +144,34 @@ class ServiceClient:
                 return self._ask("GET", f"/jobs/{job_id}/results")
             time.sleep(min(max(SOONEST_S, PAUSE_SHARE * (time.monotonic() - began)), LATEST_S))
 
+    def artifacts(self, job_id: str) -> list[str]:
+        """List the names of a job's downloads.
+
+        Raises
+        ------
+        UnreachableError
+            The service does not answer.
+        """
+        return [str(each["name"]) for each in self._ask("GET", f"/jobs/{job_id}/artifacts")["artifacts"]]
+
+    def download(self, job_id: str, name: str, path: Path) -> None:
+        """Write one of a job's downloads to a file.
+
+        Raises
+        ------
+        UnreachableError
+            The service does not answer, or breaks off.
+        """
+        address = f"/jobs/{job_id}/artifacts/{quote(name, safe='')}"
+        try:
+            with self._http.stream("GET", address) as answer, path.open("wb") as file:
+                if answer.is_error:
+                    raise UnreachableError(self.url, _status_line(answer))
+                for piece in answer.iter_bytes(CHUNK):
+                    file.write(piece)
+        except httpx.HTTPError as error:
+            raise UnreachableError(self.url, str(error) or type(error).__name__) from error
+
     def dismiss(self, job_id: str) -> None:
         """Stop a job."""
         self._ask("DELETE", f"/jobs/{job_id}")

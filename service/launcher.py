@@ -22,7 +22,6 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
-from service import engine
 from service.adapters import database
 from service.adapters.child_process import remove_left_scratch
 from service.adapters.database_files import DatabaseFileStore
@@ -84,7 +83,7 @@ class Supervised:
 
 
 def prepare(settings: Settings) -> None:
-    """Bring the data up to date: the service's tables, the queue engine's, the files. Before any process starts.
+    """Bring the data up to date: the tables, the files. Before any process starts.
 
     Raises
     ------
@@ -93,7 +92,6 @@ def prepare(settings: Settings) -> None:
     """
     try:
         database.migrate(settings)
-        engine.prepare(settings)
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None

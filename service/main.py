@@ -24,7 +24,9 @@ from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_idempotency import DatabaseIdempotencyStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_keys import DatabaseKeyStore
-from service.adapters.database_tables import connect
+from service.adapters.database_queue import DatabaseQueue
+from service.adapters.database_steps import DatabaseSteps
+from service.adapters.database_tables import FRESH_S, connect, reserve_connections
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
@@ -33,7 +35,6 @@ from service.adapters.object_files import blob_store
 from service.adapters.remote_sources import RemoteSources
 from service.adapters.shared_uploads import upload_store_of
 from service.dependencies import AccessStores, Adapters
-from service.engine import DbosQueue
 from service.errors import ServiceError
 from service.ports import UploadStore
 from service.routes import (
@@ -62,6 +63,7 @@ from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.forget_old import forget_old
 from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk
+from service.use_cases.upload_threads import step_back
 
 THREADS = 16
 """In which requests are answered. More would not answer more, only wait for each other and keep memory."""
@@ -71,16 +73,16 @@ log = structlog.get_logger()
 def app_from_environment() -> FastAPI:
     """Build the web application that `tieline serve` runs; the database must have been prepared."""
     settings = Settings()
-    database = connect(settings)
-    queue = DbosQueue(settings, DatabaseExecutors(database))
+    database = connect(settings, reserve=True, fresh_s=FRESH_S)
+    step_back(settings.niceness)
     readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
-        jobs=DatabaseJobStore(database, queue.enqueue),
+        jobs=DatabaseJobStore(database),
         files=DatabaseFileStore(database),
         blobs=blobs,
-        queue=queue,
+        queue=DatabaseQueue(DatabaseExecutors(database), DatabaseSteps(database, settings.max_running_jobs)),
         steps=readers,
         log=DatabaseJobLog(database),
     )
@@ -90,13 +92,16 @@ def app_from_environment() -> FastAPI:
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
+        try:
+            await asyncio.to_thread(reserve_connections, database)
+        except SQLAlchemyError as error:
+            log.warning("the database has no connections to keep in reserve for requests", error=str(error))
         belongings = Belongings(adapters.files, adapters.jobs, upload_store)
         desk = UploadDesk(upload_store, files.file_intake(belongings, adapters, settings))
         cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings))
         yield
         cleaning.cancel()
         readers.close()
-        queue.close()
         database.dispose()
 
     return create_app(settings, adapters, closing, access, upload_store)

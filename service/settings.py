@@ -29,8 +29,9 @@ class Settings(BaseSettings):
     the usual ``AWS_…`` variables), ``file:///directory``; empty: in `data_dir`."""
     cache_bytes: int = Field(default=50 * GIGABYTE, ge=0)
     """Most bytes of copies from an object store on this machine; those in use may exceed it."""
-    database_connections: int = Field(default=8, ge=2)
-    """Most connections of one process to PostgreSQL for metadata; the queue takes as many again at most."""
+    database_connections: int = Field(default=4, ge=2)
+    """Most connections of one process to PostgreSQL. An API process opens them at its start and keeps them; a worker
+    keeps two."""
     host: str = "127.0.0.1"
     """Address to bind to."""
     port: int = Field(default=8765, ge=0, le=65535)
@@ -46,6 +47,9 @@ class Settings(BaseSettings):
     reads its file on one core, the other computes."""
     threads: int = Field(default=0, ge=0)
     """Threads per computation; 0: all cores divided by the slots that are asked for."""
+    niceness: int = Field(default=5, ge=0, le=19)
+    """How far computations, and the writing of uploads, step back behind all else on this machine: 0, not at all, as
+    where a command starts the service for itself, to 19; each step costs a fifth of their share of a processor."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
@@ -115,7 +119,7 @@ class Settings(BaseSettings):
     inspect_timeout_s: int = Field(default=300, ge=1)
     """Longest inspection of an uploaded file."""
     max_attempts: int = Field(default=3, ge=1)
-    """How often a job is taken up before it counts as poison and fails."""
+    """How many workers may die while they compute the same step before its job counts as poison and fails."""
 
     @property
     def computations(self) -> int:
@@ -131,6 +135,11 @@ class Settings(BaseSettings):
     def source_beginnings(self) -> tuple[str, ...]:
         """Give the beginnings of the addresses from which files may be fetched."""
         return tuple(text.strip() for text in self.allowed_sources.split(",") if text.strip())
+
+    @property
+    def embedded_database(self) -> bool:
+        """Tell whether the database is a file of this machine."""
+        return self.sqlalchemy_url.startswith("sqlite")
 
     @property
     def sqlalchemy_url(self) -> str:

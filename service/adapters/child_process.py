@@ -188,6 +188,7 @@ def environment(settings: Settings) -> Mapping[str, str]:
     return {
         **dict.fromkeys(THREAD_VARIABLES, str(settings.threads_per_computation)),
         **LIBRARY_VARIABLES,
+        "TIELINE_NICENESS": str(settings.niceness),
     }
 
 

@@ -21,6 +21,7 @@ from service.ports import (
     JobStatus,
     Json,
     LogLine,
+    StepFigures,
     StoredAmount,
     StoredFile,
     UnfinishedJobs,
@@ -28,6 +29,8 @@ from service.ports import (
     admit_any_file,
     narrowed,
 )
+
+NO_STEPS = StepFigures(0, 0, 0.0, {})
 
 
 class MemoryJobStore:
@@ -343,16 +346,16 @@ class MemoryBlobStore:
 
 
 class MemoryQueue:
-    """Remember what was cancelled."""
+    """Tell what the test asked for."""
 
-    def __init__(self, workers: int = 1) -> None:
-        self.cancelled: list[str] = []
+    def __init__(self, workers: int = 1, figures: StepFigures = NO_STEPS) -> None:
         self._workers = workers
-
-    def cancel(self, job_id: str) -> None:
-        """Note the wish."""
-        self.cancelled.append(job_id)
+        self._figures = figures
 
     def live_workers(self) -> int:
-        """Give the number the test asked for."""
+        """Give the number of workers."""
         return self._workers
+
+    def figures(self) -> StepFigures:
+        """Give the figures."""
+        return self._figures

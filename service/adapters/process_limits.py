@@ -13,8 +13,6 @@ from typing import Any
 from service.settings import Settings
 
 DEFAULT_STEPS = "service.use_cases.steps:STEPS"
-NICENESS = 10
-"""Of computations: a tenth of the share of a process that answers requests, when both want a processor."""
 
 
 def die_with_parent(parent: int) -> None:
@@ -48,25 +46,25 @@ def this_host() -> str:
     return "/".join(parts)
 
 
-def let_others_first() -> None:
+def let_others_first(niceness: int) -> None:
     """Lower the priority of this process and all it starts: requests are answered at once while it computes.
 
     Linux shares processors among sessions before it looks at the processes in them, unless control groups divide them;
     then only the second counts. As a batch process it never takes a processor from one that answers when it wakes up.
+
+    Parameters
+    ----------
+    niceness
+        0 changes nothing.
     """
-    os.setpriority(os.PRIO_PROCESS, 0, max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
+    if niceness == 0:
+        return
+    os.setpriority(os.PRIO_PROCESS, 0, max(niceness, os.getpriority(os.PRIO_PROCESS, 0)))
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     # refused where another process was given a priority within the last tenth of a second, and to some containers
     with contextlib.suppress(OSError):
-        Path("/proc/self/autogroup").write_text(str(NICENESS))
-
-
-def leave_processors_to_others() -> None:
-    """Compute only while nobody else wants a processor."""
-    let_others_first()
-    if sys.platform == "linux":
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        Path("/proc/self/autogroup").write_text(str(niceness))
 
 
 def limit_resources(settings: Settings) -> None:

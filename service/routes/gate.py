@@ -10,12 +10,12 @@ from fastapi import Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import ServiceError, StorageError
+from service.errors import ServiceError
 from service.ports import AuditEntry, AuditLog
 from service.refusals import ForbiddenError, KeysNotInUseError, UnauthenticatedError
 from service.routes.access_rules import SAFE, is_public, needs_keys_in_use, scopes_for
 from service.routes.correlation import request_id_of
-from service.routes.problems import error_response
+from service.routes.problems import away, error_response
 from service.settings import Settings
 from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
 from service.use_cases.limit_rates import Rate
@@ -65,7 +65,7 @@ class Gate:
         try:
             visit.access = await self._admitted(visit)
         except (ServiceError, SQLAlchemyError) as error:
-            known = error if isinstance(error, ServiceError) else StorageError("the database does not answer")
+            known = error if isinstance(error, ServiceError) else away(error, visit.path)
             answer = error_response(known, visit.request)
             await self._note(visit, answer.status_code)
             await answer(scope, receive, send)

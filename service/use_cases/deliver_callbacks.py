@@ -34,7 +34,7 @@ from service.use_cases.callback_signatures import signed_headers
 from service.use_cases.describe_job import status_info
 from service.use_cases.find_job import wanted_outputs
 
-POLLING_S = 1.0
+POLLING_S = 2.0
 MOST_AT_ONCE = 16
 MOST_PER_HOST = 4
 """A receiver that does not answer holds up these, not all others."""
