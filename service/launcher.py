@@ -241,10 +241,14 @@ def _run_api(descriptor: int, app: str) -> None:
     sys.setswitchinterval(THREAD_SWITCH_S)
     allow_many_files()
     settings = Settings()
+    # the web server itself would believe whatever comes from this machine
+    proxies = settings.trusted_proxies or os.environ.get("FORWARDED_ALLOW_IPS", "")
     uvicorn.run(
         app,
         factory=True,
         fd=descriptor,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=proxies,
         http=ImpatientConnection.with_limits(settings.header_timeout_s, settings.body_timeout_s),
         log_config=None,
         access_log=False,

@@ -52,6 +52,18 @@ class KeysNotInUseError(ServiceError):
         )
 
 
+class ForeignRequestError(ServiceError):
+    """Say why a request is not taken for one of this machine's user."""
+
+    status, title = 403, "Not from this machine"
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"{reason}; as long as this service needs no keys it answers only who sits at its machine. `tieline keys "
+            "create NAME` makes a key, and from then on it answers whoever has one"
+        )
+
+
 class OpenToAllError(ServiceError):
     """Say that a service would be open to everybody."""
 

@@ -37,6 +37,9 @@ class Settings(BaseSettings):
     """Port to bind to."""
     public_url: str = ""
     """Base of all links when the service stands behind a proxy; empty: as the request says."""
+    trusted_proxies: str = ""
+    """Addresses and networks of proxies, separated by commas, that are believed who asks (`X-Forwarded-For`) and how
+    (`X-Forwarded-Proto`); empty: those in `FORWARDED_ALLOW_IPS`, and without it none."""
     api_processes: int = Field(default=1, ge=1)
     """API processes that `tieline serve` starts."""
     workers: int = Field(default=1, ge=0)

@@ -16,6 +16,7 @@ from service.refusals import ForbiddenError, KeysNotInUseError, UnauthenticatedE
 from service.routes.access_rules import SAFE, is_public, needs_keys_in_use, scopes_for
 from service.routes.correlation import request_id_of
 from service.routes.problems import error_response
+from service.routes.trusted_requests import TrustedRequests
 from service.settings import Settings
 from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
 from service.use_cases.limit_rates import Rate
@@ -24,6 +25,8 @@ REFUSALS = frozenset({401, 403, 429})
 MOST_REFUSALS_KEPT = 60
 """In a minute, for each address and key: the log has all, the audit log is not filled by who hammers at the door."""
 LONGEST_PATH = 1000
+ALIVE = "/healthz"
+"""Whoever asks whether the process lives is told so at once."""
 log = structlog.get_logger()
 
 
@@ -53,6 +56,7 @@ class Gate:
         self._app = app
         self._gatekeeper = doorway.gatekeeper
         self._audit = doorway.audit
+        self._trusted = TrustedRequests(doorway.settings)
         self._rate = Rate("requests with this key", doorway.settings.max_requests_per_minute)
         self._kept_refusals = Rate("refusals that are kept", MOST_REFUSALS_KEPT)
 
@@ -90,6 +94,10 @@ class Gate:
 
     async def _admitted(self, visit: "_Visit") -> Access:
         method, path = visit.request.method, visit.path
+        if path == ALIVE and method in SAFE:
+            return NOBODY
+        if not await self._needs_keys(public=is_public(method, path)):
+            self._trusted.require(visit.request.scope)
         if is_public(method, path):
             return NOBODY
         access = await self._gatekeeper.access(visit.request.headers.get("authorization"), visit.remote)
@@ -103,6 +111,15 @@ class Gate:
         if access.scopes.isdisjoint(wanted):
             raise ForbiddenError(wanted[0].value)
         return access
+
+    async def _needs_keys(self, *, public: bool) -> bool:
+        """Tell whether nobody may come in without a key; what describes the service is told without its database."""
+        try:
+            return await self._gatekeeper.needs_keys()
+        except SQLAlchemyError:
+            if public:
+                return self._gatekeeper.needed_keys
+            raise
 
     async def _note(self, visit: "_Visit", status: int) -> None:
         """Note a change or a refusal before it is answered."""

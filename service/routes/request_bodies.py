@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
+SENT_FOR_ANY_PAGE = frozenset({"text/plain", "application/x-www-form-urlencoded"})
+"""Types of bodies, besides `multipart/…`, that browsers send to other origins for any page (Fetch, 2.2.2)."""
 MOST_PARTS = 5000
 """Of one form: 500 stations with ten photos each."""
 LARGEST_FRAME = 64_000
@@ -51,13 +53,18 @@ def body_of(request: Request) -> AsyncIterator[bytes]:
 
 
 async def read_json_body(request: Request) -> bytes:
-    """Read a JSON body; its Content-Type does not matter, many clients send none.
+    """Read a JSON body; many clients say nothing of its type.
 
     Raises
     ------
+    UnsupportedMediaTypeError
+        It is called something that a page of any origin may let a browser send, without asking first.
     FileTooLargeError
         It is longer than a request may be.
     """
+    kind = media_type(request)
+    if kind in SENT_FOR_ANY_PAGE or kind.startswith("multipart/"):
+        raise UnsupportedMediaTypeError(f"{kind} is not taken here; send JSON as application/json")
     length = declared_length(request)
     if length is not None and length > MAX_JSON_BYTES:
         raise FileTooLargeError("the request body", length, MAX_JSON_BYTES)

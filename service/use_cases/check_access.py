@@ -91,6 +91,11 @@ class Gatekeeper:
                 self._needed = await asyncio.to_thread(self._keys.known)
         return bool(self._needed)
 
+    @property
+    def needed_keys(self) -> bool:
+        """Whether keys were needed when that was last known."""
+        return bool(self._needed)
+
     async def access(self, authorization: str | None, remote: str) -> Access:
         """Tell who asks.
 
