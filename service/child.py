@@ -21,11 +21,12 @@ from typing import Any, NoReturn, cast
 
 from service.adapters.nursery import Nursery
 from service.adapters.object_files import blob_store
-from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, let_others_first, limit_resources
+from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, go_first, let_others_first, limit_resources
 from service.adapters.remote_sources import RemoteSources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
+from service.use_cases.machine_shares import machine_shares
 
 REPORT_INTERVAL_S = 0.1
 Steps = Mapping[str, Callable[[StepContext, Json], Json]]
@@ -60,15 +61,18 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     """
     settings = Settings(**request["settings"])
     let_others_first()
-    limit_resources(settings)
+    go_first()
+    arguments = request["arguments"]
+    memory_bytes = machine_shares(settings).memory_of(request["step"], int(arguments.get("bytes", 0)))
+    limit_resources(settings, memory_bytes)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
     context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits, RemoteSources(settings))
     try:
-        result = steps[request["step"]](context, request["arguments"])
+        result = steps[request["step"]](context, arguments)
         pipe.send({"result": result})
     except MemoryError:
         traceback.print_exc()
-        limit = settings.step_memory_bytes / GIGABYTE
+        limit = memory_bytes / GIGABYTE
         error = ComputationFailedError(f"the computation needs more than the {limit:.3g} GB of memory it may use")
         pipe.send({"problem": to_problem(error)})
         return False

@@ -111,10 +111,12 @@ async def _uploads(request: Request) -> UploadStore:
 
 
 async def _belongings(
-    adapters: Annotated[Adapters, Depends(_adapters)], uploads: Annotated[UploadStore, Depends(_uploads)]
+    request: Request,
+    adapters: Annotated[Adapters, Depends(_adapters)],
+    uploads: Annotated[UploadStore, Depends(_uploads)],
 ) -> Belongings:
     """Give what who asks has stored."""
-    return Belongings(adapters.files, adapters.jobs, uploads)
+    return Belongings(adapters.files, adapters.jobs, uploads, request.state.access.owner)
 
 
 async def _access_stores(request: Request) -> AccessStores:

@@ -91,6 +91,20 @@ class TooOftenError(ServiceError):
         return {"Retry-After": str(self.retry_after_s)}
 
 
+class BusyError(ServiceError):
+    """Say that a request has waited long enough for its turn."""
+
+    status, title = 503, "Busy"
+
+    def __init__(self, what: str, waited_s: float, retry_after_s: int) -> None:
+        self.retry_after_s = retry_after_s
+        super().__init__(f"{what} has waited {waited_s:.3g} s for its turn; try again later")
+
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to try again."""
+        return {"Retry-After": str(self.retry_after_s)}
+
+
 class QuotaFullError(ServiceError):
     """Say that a project has stored as much as it may."""
 

@@ -114,9 +114,16 @@ class Settings(BaseSettings):
     step_timeout_s: int = Field(default=3600, ge=1)
     """Longest run of one computation."""
     step_memory_bytes: int = Field(default=16 * GIGABYTE, ge=GIGABYTE)
-    """Address space of one computation above what the libraries reserve."""
+    """Most memory of one computation above what the libraries need; less where the machine, or the control group, has
+    less: four fifths of its memory are divided among all computations and inspections that may run side by side."""
     inspect_timeout_s: int = Field(default=300, ge=1)
     """Longest inspection of an uploaded file."""
+    inspect_wait_s: int = Field(default=300, ge=1)
+    """How long an upload waits for its inspection, one of its project and some of all being under way, before it is
+    refused (503)."""
+    inspections: int = Field(default=0, ge=0)
+    """Inspections side by side on this machine, one of which is left to other projects where there are several; 0: one
+    a core, and two at least, while each has a gigabyte of memory."""
     max_attempts: int = Field(default=3, ge=1)
     """How often a job is taken up before it counts as poison and fails."""
 

@@ -16,6 +16,9 @@ DEFAULT_STEPS = "service.use_cases.steps:STEPS"
 NICENESS = 10
 """Of computations: a tenth of the share of a process that answers requests, when both want a processor."""
 
+FIRST_TO_GO = 900
+"""Of 1000: what computes can be begun again, what answers or keeps data cannot."""
+
 
 def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when its parent ends, and end now if that has happened already."""
@@ -69,14 +72,20 @@ def leave_processors_to_others() -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def limit_resources(settings: Settings) -> None:
+def go_first() -> None:
+    """Let the kernel end this process before all others when the machine's memory is used up."""
+    with contextlib.suppress(OSError):  # some containers do not let it be changed
+        Path("/proc/self/oom_score_adj").write_text(str(FIRST_TO_GO))
+
+
+def limit_resources(settings: Settings, memory_bytes: int | None = None) -> None:
     """Limit memory, computing time, file size and core dumps of this process.
 
     Memory is limited as data (`RLIMIT_DATA`: heap and private writable maps), not as address space: open3d and numba
     reserve tens of gigabytes of address space that they never touch.
     """
     used = _data_bytes()
-    _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
+    _limit(resource.RLIMIT_DATA, used + (memory_bytes or settings.step_memory_bytes))
     # the hard limit later, so that it ends by SIGXCPU, which says why, and not by SIGKILL
     _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (settings.threads_per_computation + 1), grace=10)
     _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)

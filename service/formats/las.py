@@ -9,7 +9,7 @@ import numpy as np
 
 from algorithms.arrays import Array
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
-from service.formats.finishing import check_count, colors_8bit
+from service.formats.finishing import check_count, check_packing, colors_8bit
 from service.formats.laz_chunks import check_chunk_table, check_layers
 
 POINTS_AT_ONCE = 1_000_000
@@ -53,6 +53,7 @@ class LasReader:
                     check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
                 smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
                 check_count(file, count, smallest, limits, place)
+                check_packing(file, count, place)
                 pieces, place = [], "point 0"
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE):
                     pieces.append(_Piece.of(chunk))

@@ -20,6 +20,7 @@ from service.dependencies import (
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
 from service.ports import Subscription
 from service.routes.files import file_intake
+from service.routes.leaving_clients import marked, unless_client_leaves
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.processes import CALLBACKS, created_job
 from service.routes.request_bodies import (
@@ -121,7 +122,9 @@ async def register(
     intake = file_intake(belongings, adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
     now = datetime.now(UTC)
-    job = await register_uploads(intake, form.files(), form.contents, subscribe, now, origin)
+    read = asyncio.Event()
+    work = register_uploads(intake, marked(form.files(), read), form.contents, subscribe, now, origin)
+    job = await unless_client_leaves(request, work, read)
     return created_job(job, url)
 
 

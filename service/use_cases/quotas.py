@@ -16,10 +16,12 @@ class Belongings:
     files: FileStore
     jobs: JobStore
     uploads: UploadStore
+    owner: str = ""
+    """Project whose these are; empty: the default project, or all."""
 
     def of(self, owner: str) -> "Belongings":
         """Give those of one project."""
-        return Belongings(self.files.of(owner), self.jobs.of(owner), self.uploads.of(owner))
+        return Belongings(self.files.of(owner), self.jobs.of(owner), self.uploads.of(owner), owner)
 
     def besides_files(self) -> int:
         """Sum up the bytes of results, and those that uploads on their way will have."""
