@@ -1,5 +1,6 @@
 """`tieline keys`: make, revoke and list the keys of a service, on the machine that has its database."""
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ MOST_LISTED = 10_000
 @contextmanager
 def opened_keys(settings: Settings) -> Iterator[DatabaseKeyStore]:
     """Give the keys of the service that has these settings, whether it runs or not."""
+    os.umask(0o077)
     migrate(settings)
     database = connect(settings)
     try:

@@ -37,6 +37,7 @@ from service.refusals import OpenToAllError
 from service.settings import Settings
 from service.use_cases.adopt_files import adopt_files
 from service.use_cases.content_keys import INCOMING
+from service.use_cases.service_proof import LOCK, new_secret
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
@@ -83,6 +84,16 @@ class Supervised:
             log.info("process started", name=self.name, pid=self.process.pid)
 
 
+def keep_private(settings: Settings) -> None:
+    """Let nobody else on this machine read what this process and those that it starts write."""
+    os.umask(0o077)
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        settings.data_dir.chmod(0o700)
+    except PermissionError:  # of another user, who lets this one write there
+        log.warning("others may read the data directory", directory=str(settings.data_dir))
+
+
 def prepare(settings: Settings) -> None:
     """Bring the data up to date: the service's tables, the queue engine's, the files. Before any process starts.
 
@@ -91,6 +102,7 @@ def prepare(settings: Settings) -> None:
     StorageError
         The database cannot be reached.
     """
+    keep_private(settings)
     try:
         database.migrate(settings)
         engine.prepare(settings)
@@ -121,7 +133,7 @@ def serve(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     configure_log()
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    keep_private(settings)
     with _only_one(settings), _listening_in_safety(settings) as listener:
         _remove_partial(settings)
         url = f"http://{settings.host}:{listener.getsockname()[1]}"
@@ -141,11 +153,15 @@ def serve(
 @contextmanager
 def _only_one(settings: Settings) -> Iterator[None]:
     """Keep a second service off the same data directory."""
-    with (settings.data_dir / "service.lock").open("w") as lock:
+    with (settings.data_dir / LOCK).open("ab") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StorageError(f"another service uses the data directory {settings.data_dir.resolve()}") from None
+        os.fchmod(lock.fileno(), 0o600)
+        lock.truncate(0)
+        lock.write(new_secret())
+        lock.flush()
         yield
 
 

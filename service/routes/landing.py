@@ -1,14 +1,18 @@
 """The landing page and what the service conforms to."""
 
+import asyncio
+
 from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
 from schemas.landing import Conformance, LandingPage
 from schemas.links import Link
-from service.dependencies import BaseUrl, BaseUrlDependency
+from service.dependencies import BaseUrl, BaseUrlDependency, SettingsDependency
 from service.routes import openapi_30
 from service.routes.accepted_types import prefers_html
 from service.routes.readable_router import ReadableRouter
+from service.settings import Settings
+from service.use_cases.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
 from service.web.landing_page import landing_html
 
 OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
@@ -30,13 +34,23 @@ router = ReadableRouter(tags=["service"])
     response_model=LandingPage,
     responses={200: {"content": {"text/html": {"schema": {"type": "string"}}}}},
 )
-async def landing(request: Request, url: BaseUrlDependency) -> Response:
+async def landing(request: Request, url: BaseUrlDependency, settings: SettingsDependency) -> Response:
     """Link to everything else; a page for browsers."""
     page = _page(url, request.app.version)
-    headers = {"Vary": "Accept"}
+    headers = {"Vary": "Accept", **await _proof(request, settings)}
     if prefers_html(request.headers.get("accept", "")):
         return HTMLResponse(landing_html(page), headers=headers)
     return JSONResponse(page.model_dump(mode="json"), headers=headers)
+
+
+async def _proof(request: Request, settings: Settings) -> dict[str, str]:
+    """Answer a challenge by which a program of the service's own user wants to know whom it talks to."""
+    challenge = request.headers.get(CHALLENGE_HEADER, "")
+    if CHALLENGE.fullmatch(challenge) is None:
+        return {}
+    secret = await asyncio.to_thread(secret_of, settings.data_dir)
+    port = (request.scope.get("server") or ("", None))[1]
+    return {} if secret is None else {PROOF_HEADER: proof_of(secret, challenge, port)}
 
 
 @router.get("/conformance", summary="Conformance classes")

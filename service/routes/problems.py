@@ -13,7 +13,7 @@ from starlette.requests import ClientDisconnect
 
 from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
-from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, to_problem
+from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
 from service.routes.accepted_types import accepts_plain_json_only
 from service.routes.correlation import request_id_of
 from service.use_cases.validate_request import pointer_to
@@ -49,7 +49,7 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
     """Answer with a problem document, as plain JSON for clients that accept nothing else."""
     plain = accepts_plain_json_only(request.headers.get("accept", ""))
     return JSONResponse(
-        {**problem, "instance": problem.get("instance", request.scope["path"])},
+        bounded({**problem, "instance": problem.get("instance", request.scope["path"])}),
         status_code=problem["status"],
         headers=headers,
         media_type="application/json" if plain else PROBLEM_JSON,

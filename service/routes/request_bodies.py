@@ -1,5 +1,6 @@
 """Read request bodies: JSON within a limit, forms part by part in constant memory."""
 
+import asyncio
 import re
 from collections import deque
 from collections.abc import AsyncIterator
@@ -15,7 +16,7 @@ from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, U
 from service.settings import Settings
 from service.use_cases.file_names import clean_filename
 from service.use_cases.patient_reading import timely
-from service.use_cases.validate_request import pointer_to
+from service.use_cases.validate_request import parse_json, pointer_to
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -69,6 +70,17 @@ async def read_json_body(request: Request) -> bytes:
     if length is not None and length > MAX_JSON_BYTES:
         raise FileTooLargeError("the request body", length, MAX_JSON_BYTES)
     return await read_within("the request body", body_of(request), MAX_JSON_BYTES)
+
+
+async def read_json(request: Request) -> Any:
+    """Read and parse a JSON body; others are answered meanwhile.
+
+    Raises
+    ------
+    UnsupportedMediaTypeError, FileTooLargeError, InvalidRequestError
+        As `read_json_body` and `parse_json` say.
+    """
+    return await asyncio.to_thread(parse_json, await read_json_body(request))
 
 
 async def read_within(what: str, chunks: AsyncIterator[bytes], limit: int) -> bytes:

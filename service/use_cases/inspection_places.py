@@ -19,8 +19,8 @@ from weakref import WeakKeyDictionary
 from service.refusals import BusyError
 from service.settings import Settings
 from service.use_cases.machine_shares import machine_shares
+from service.use_cases.service_proof import LOCK
 
-LOCKS = "service.lock"
 GATE = 0
 """Byte that is locked by who collects places; the places are those that follow it."""
 ROOM_OF_PROJECT = 1 << 16
@@ -57,7 +57,7 @@ async def inspection_place(
     wait_s = settings.inspect_wait_s if wait_s is None else wait_s
     deadline = time.monotonic() + wait_s
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    path = settings.data_dir.resolve() / LOCKS
+    path = settings.data_dir.resolve() / LOCK
     of_project = (1 + int.from_bytes(hashlib.sha256(owner.encode()).digest()[:5], "big")) * ROOM_OF_PROJECT
     async with AsyncExitStack() as held:
         try:

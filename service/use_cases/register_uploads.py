@@ -61,7 +61,7 @@ async def register_uploads(
     """
     files = await intake.store(uploads, now)
     try:
-        form = contents()
+        form = await asyncio.to_thread(contents)
         execution = await asyncio.to_thread(_execution, intake, files, form)
         subscription = None
         if execution.subscriber is not None:
