@@ -169,6 +169,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
 def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
     """Bind when it is known that not everybody is let in."""
     prepare(settings)
+    database.let_shrink(settings)
     tables = connect(settings)
     try:
         if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():

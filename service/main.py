@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from typing import Any
 
@@ -17,7 +17,7 @@ from fastapi.openapi.utils import get_openapi
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.adapters.child_process import ChildProcesses
-from service.adapters.database import DatabaseJobStore
+from service.adapters.database import DatabaseJobStore, give_space_back
 from service.adapters.database_audit import DatabaseAuditLog
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
@@ -92,7 +92,9 @@ def app_from_environment() -> FastAPI:
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         belongings = Belongings(adapters.files, adapters.jobs, upload_store)
         desk = UploadDesk(upload_store, files.file_intake(belongings, adapters, settings))
-        cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings))
+        cleaning = asyncio.create_task(
+            _clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings, partial(give_space_back, database))
+        )
         yield
         cleaning.cancel()
         readers.close()
@@ -102,14 +104,18 @@ def app_from_environment() -> FastAPI:
     return create_app(settings, adapters, closing, access, upload_store)
 
 
-async def _clean_up_regularly(cleaner: Cleaner, access: AccessStores, settings: Settings) -> None:
+async def _clean_up_regularly(
+    cleaner: Cleaner, access: AccessStores, settings: Settings, give_space_back: Callable[[], None]
+) -> None:
     """Clean up from time to time, each process at its own; what fails is tried again the next time."""
     while True:
         await asyncio.sleep(settings.clean_up_interval_s * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
         try:
             now = datetime.now(UTC)
             done = await cleaner.clean_up(now)
-            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, settings.audit_days, now)
+            days = settings.audit_days, now, settings.audit_refused_days
+            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, *days)
+            await asyncio.to_thread(give_space_back)
         except (ServiceError, SQLAlchemyError, OSError) as error:
             log.warning("cleaning up failed", error=str(error))
             continue

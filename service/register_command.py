@@ -91,8 +91,9 @@ def chosen_service(url: str | None, console: Console) -> Iterator[str]:
         own = client.proves(secret_of(settings.data_dir))
         if not own and client.is_tieline():
             raise InvalidRequestError(
-                f"at {usual} something answers that does not prove to be your service: anybody may have taken its place. "
-                f"--url {usual} sends your scans there all the same; TIELINE_DATA_DIR says where your service has its data"
+                f"at {usual} something answers that does not prove to be your service: anybody may have taken its "
+                f"place. --url {usual} sends your scans there all the same; TIELINE_DATA_DIR says where your service "
+                "has its data"
             )
     if own:
         console.print(f"using the service at {usual}", style="dim")

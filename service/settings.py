@@ -70,6 +70,11 @@ class Settings(BaseSettings):
     max_project_bytes: int = Field(default=1000 * GIGABYTE, ge=1)
     """Most bytes that one project may store: files, uploads on their way, results and downloads of jobs; content that
     is stored once for several files counts for each. A project with more begins no upload and no job."""
+    max_project_uploads: int = Field(default=1000, ge=1)
+    """Most resumable uploads of one project that are begun, or were refused and are not removed yet."""
+    max_project_records_bytes: int = Field(default=2 * GIGABYTE, ge=1)
+    """Most bytes of one project in the database: inputs of jobs, kept answers to repeated requests, and 300 for each of
+    its entries in the audit log."""
     auth: Literal["auto", "required", "off"] = "auto"
     """Whether requests need a key: `auto`, as soon as one was made (and then for ever, also when all are revoked);
     `required`, always; `off`, never, on any address."""
@@ -79,6 +84,8 @@ class Settings(BaseSettings):
     """Most keys from one address that an API process has not seen lately, wrong ones among them."""
     audit_days: int = Field(default=400, ge=1)
     """How long it is kept who changed what."""
+    audit_refused_days: int = Field(default=7, ge=1)
+    """How long it is kept who was turned away."""
     min_free_bytes: int = Field(default=GIGABYTE, ge=0)
     """Uploads are refused (507) when less would remain free on the disk."""
     allowed_sources: str = ""

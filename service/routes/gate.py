@@ -19,9 +19,9 @@ from service.routes.problems import error_response
 from service.routes.trusted_requests import TrustedRequests
 from service.settings import Settings
 from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
+from service.use_cases.forget_old import REFUSALS
 from service.use_cases.limit_rates import Rate
 
-REFUSALS = frozenset({401, 403, 429})
 MOST_REFUSALS_KEPT = 60
 """In a minute, for each address and key: the log has all, the audit log is not filled by who hammers at the door."""
 LONGEST_PATH = 1000
