@@ -51,12 +51,15 @@ from service.routes import (
     uploads,
 )
 from service.routes.access_description import describe_access
+from service.routes.answer_headers import AnswerHeaders
 from service.routes.correlation import RequestIds
+from service.routes.described_once import DescribedOnce
 from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
 from service.use_cases.check_access import Gatekeeper
+from service.use_cases.check_readiness import ReadinessWatch, check_readiness
 from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.forget_old import forget_old
@@ -144,11 +147,21 @@ def create_app(
         Resumable uploads; None: in the data directory.
     """
     stores = access or AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
-    app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"), lifespan=lifespan)
+    app = FastAPI(
+        title=landing.TITLE,
+        description=landing.DESCRIPTION,
+        version=version("tieline"),
+        lifespan=lifespan,
+        docs_url=None,  # the framework's pages load their viewers from other hosts
+        redoc_url=None,
+    )
     app.state.settings = settings
     app.state.adapters = adapters
     app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
     app.state.access_stores = stores
+    app.state.readiness = ReadinessWatch(
+        partial(check_readiness, adapters.jobs, adapters.blobs, adapters.queue), look_again_s=1.0
+    )
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
@@ -170,9 +183,11 @@ def create_app(
         app.include_router(resource.router)
     install_error_handlers(app)
     app.state.gatekeeper = Gatekeeper(stores.keys, settings)
+    app.add_middleware(DescribedOnce)
     app.add_middleware(RepeatedRequests, answers=stores.answers)
     app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, stores.audit, settings))
     metrics.count_requests(app)
+    app.add_middleware(AnswerHeaders)
     app.add_middleware(RequestIds)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app

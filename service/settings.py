@@ -80,8 +80,12 @@ class Settings(BaseSettings):
     `required`, always; `off`, never, on any address."""
     max_requests_per_minute: int = Field(default=6000, ge=1)
     """Most requests with one key, counted by each API process for itself."""
+    max_address_requests_per_minute: int = Field(default=6000, ge=1)
+    """Most requests from one address (of IPv6: from one /64) to what needs no key, once keys are needed for the rest;
+    counted by each API process for itself."""
     max_key_checks_per_minute: int = Field(default=60, ge=1)
-    """Most keys from one address that an API process has not seen lately, wrong ones among them."""
+    """Most wrong keys from one address (of IPv6: from one /64) that an API process looks at, counted for each key that
+    exists by itself: who has another one is not locked out."""
     audit_days: int = Field(default=400, ge=1)
     """How long it is kept who changed what."""
     audit_refused_days: int = Field(default=7, ge=1)

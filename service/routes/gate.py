@@ -20,7 +20,7 @@ from service.routes.trusted_requests import TrustedRequests
 from service.settings import Settings
 from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
 from service.use_cases.forget_old import REFUSALS
-from service.use_cases.limit_rates import Rate
+from service.use_cases.limit_rates import Rate, network_of
 
 MOST_REFUSALS_KEPT = 60
 """In a minute, for each address and key: the log has all, the audit log is not filled by who hammers at the door."""
@@ -58,6 +58,9 @@ class Gate:
         self._audit = doorway.audit
         self._trusted = TrustedRequests(doorway.settings)
         self._rate = Rate("requests with this key", doorway.settings.max_requests_per_minute)
+        self._address_rate = Rate(
+            "requests from this address without a key", doorway.settings.max_address_requests_per_minute
+        )
         self._kept_refusals = Rate("refusals that are kept", MOST_REFUSALS_KEPT)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -96,9 +99,12 @@ class Gate:
         method, path = visit.request.method, visit.path
         if path == ALIVE and method in SAFE:
             return NOBODY
-        if not await self._needs_keys(public=is_public(method, path)):
+        public = is_public(method, path)
+        if not await self._needs_keys(public=public):
             self._trusted.require(visit.request.scope)
-        if is_public(method, path):
+        elif public:
+            self._address_rate.require(network_of(visit.remote))
+        if public:
             return NOBODY
         access = await self._gatekeeper.access(visit.request.headers.get("authorization"), visit.remote)
         visit.access = access

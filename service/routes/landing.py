@@ -13,6 +13,7 @@ from service.routes.accepted_types import prefers_html
 from service.routes.readable_router import ReadableRouter
 from service.settings import Settings
 from service.use_cases.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
+from service.web.interface_page import interface_html
 from service.web.landing_page import landing_html
 
 OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
@@ -53,6 +54,14 @@ async def _proof(request: Request, settings: Settings) -> dict[str, str]:
     return {} if secret is None else {PROOF_HEADER: proof_of(secret, challenge, port)}
 
 
+@router.get("/docs", include_in_schema=False)
+@router.get("/docs/oauth2-redirect", include_in_schema=False)
+@router.get("/redoc", include_in_schema=False)
+def documentation(request: Request) -> HTMLResponse:
+    """Describe the interface for people."""
+    return HTMLResponse(interface_html(request.app.openapi()))
+
+
 @router.get("/conformance", summary="Conformance classes")
 async def conformance() -> Conformance:
     """List the conformance classes of OGC API - Processes 1.0 that the service declares."""
@@ -78,7 +87,7 @@ def _page(url: BaseUrl, version: str) -> LandingPage:
                 type="application/vnd.oai.openapi+json;version=3.1",
                 title="OpenAPI 3.1 description",
             ),
-            Link(href=url("/docs"), rel="service-doc", type="text/html", title="Interactive documentation"),
+            Link(href=url("/docs"), rel="service-doc", type="text/html", title="Documentation"),
             Link(href=url("/conformance"), rel=OGC + "conformance", title="Conformance classes"),
             Link(href=url("/processes"), rel=OGC + "processes", title="Processes"),
             Link(href=url("/jobs"), rel=OGC + "job-list", title="Jobs"),

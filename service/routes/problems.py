@@ -15,6 +15,7 @@ from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
 from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
 from service.routes.accepted_types import accepts_plain_json_only
+from service.routes.answer_headers import ALWAYS, NOTHING, OWN
 from service.routes.correlation import request_id_of
 from service.use_cases.validate_request import pointer_to
 
@@ -51,7 +52,8 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
     return JSONResponse(
         bounded({**problem, "instance": problem.get("instance", request.scope["path"])}),
         status_code=problem["status"],
-        headers=headers,
+        # also where nothing else adds them: unexpected errors are answered outside of what guards all others
+        headers={**ALWAYS, "Content-Security-Policy": NOTHING, "Cache-Control": OWN, **(headers or {})},
         media_type="application/json" if plain else PROBLEM_JSON,
     )
 
