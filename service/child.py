@@ -13,20 +13,29 @@ import logging
 import os
 import socket
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
+from service.adapters.confinement import confine
 from service.adapters.nursery import Nursery
 from service.adapters.object_files import blob_store
-from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, go_first, let_others_first, limit_resources
+from service.adapters.process_limits import (
+    DEFAULT_STEPS,
+    die_with_parent,
+    go_first,
+    is_harmless,
+    let_others_first,
+    limit_resources,
+)
 from service.adapters.remote_sources import RemoteSources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
-from service.use_cases.machine_shares import machine_shares
+from service.use_cases.machine_shares import INSPECT, machine_shares
 
 REPORT_INTERVAL_S = 0.1
 Steps = Mapping[str, Callable[[StepContext, Json], Json]]
@@ -66,8 +75,11 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     memory_bytes = machine_shares(settings).memory_of(request["step"], int(arguments.get("bytes", 0)))
     limit_resources(settings, memory_bytes)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
-    context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits, RemoteSources(settings))
+    scratch = Path(request["scratch"])
+    context = StepContext(blob_store(settings, scratch), pipe, limits, RemoteSources(settings))
     try:
+        if request["step"] == INSPECT and settings.confine_readers:
+            _confine_to(context.blobs.local_path(arguments["key"]), scratch, settings)
         result = steps[request["step"]](context, arguments)
         pipe.send({"result": result})
     except MemoryError:
@@ -81,6 +93,14 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
         pipe.send({"problem": to_problem(error)})
         return False
     return True
+
+
+def _confine_to(file: Path, scratch: Path, settings: Settings) -> None:
+    """Leave this process what reading a file needs."""
+    for name in [name for name in os.environ if not is_harmless(name)]:
+        del os.environ[name]
+    tempfile.tempdir = str(scratch)
+    confine(file, scratch, settings.data_dir)
 
 
 def load(reference: str) -> Any:

@@ -17,6 +17,7 @@ from fastapi.openapi.utils import get_openapi
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.adapters.child_process import ChildProcesses
+from service.adapters.confinement import available
 from service.adapters.database import DatabaseJobStore, give_space_back
 from service.adapters.database_audit import DatabaseAuditLog
 from service.adapters.database_executors import DatabaseExecutors
@@ -76,7 +77,7 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings)
     queue = DbosQueue(settings, DatabaseExecutors(database))
-    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
+    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"), reads_only=True)
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
@@ -92,6 +93,7 @@ def app_from_environment() -> FastAPI:
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
+        log.info("what reads uploaded files is confined", by=_confinement(settings))
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         belongings = Belongings(adapters.files, adapters.jobs, upload_store)
         desk = UploadDesk(upload_store, files.file_intake(belongings, adapters, settings))
@@ -160,7 +162,8 @@ def create_app(
     app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
     app.state.access_stores = stores
     app.state.readiness = ReadinessWatch(
-        partial(check_readiness, adapters.jobs, adapters.blobs, adapters.queue), look_again_s=1.0
+        partial(check_readiness, adapters.jobs, adapters.blobs, adapters.queue, _confinement(settings)),
+        look_again_s=1.0,
     )
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
@@ -191,6 +194,11 @@ def create_app(
     app.add_middleware(RequestIds)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
+
+
+def _confinement(settings: Settings) -> str:
+    """Say how what reads uploaded files is confined."""
+    return available().text if settings.confine_readers else "off: TIELINE_CONFINE_READERS=false"
 
 
 def _openapi(app: FastAPI) -> dict[str, Any]:

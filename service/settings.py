@@ -51,6 +51,9 @@ class Settings(BaseSettings):
     """Threads per computation; 0: all cores divided by the slots that are asked for."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
+    confine_readers: bool = True
+    """Let the process that reads an uploaded file see that file and the libraries only, and no network, where the
+    kernel can do it (Linux: Landlock, seccomp)."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
     """Largest upload."""
     max_points: int = Field(default=200_000_000, ge=1)

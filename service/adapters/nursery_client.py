@@ -74,7 +74,7 @@ class NurseryClient:
     warm_up
         What to load.
     environment
-        What must be known before libraries are loaded.
+        All of it: among others what must be known before libraries are loaded.
     """
 
     def __init__(self, steps: str, warm_up: WarmUp, environment: Mapping[str, str]) -> None:
@@ -148,7 +148,7 @@ class NurseryClient:
                 stdin=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
-                env={**os.environ, **self._environment},
+                env=dict(self._environment),
             )
         self._channel = ours
         self._stop = weakref.finalize(self, _stop, process, ours)

@@ -16,8 +16,37 @@ DEFAULT_STEPS = "service.use_cases.steps:STEPS"
 NICENESS = 10
 """Of computations: a tenth of the share of a process that answers requests, when both want a processor."""
 
+HARMLESS = (
+    "PATH",
+    "HOME",
+    "LANG",
+    "LC_",
+    "TZ",
+    "TMPDIR",
+    "PYTHON",
+    "VIRTUAL_ENV",
+    "LD_",
+    "NUMBA_",
+    "OMP_",
+    "OPENBLAS_",
+)
+HARMLESS += ("MKL_", "VECLIB_", "MALLOC_", "XDG_CACHE_HOME", "COLUMNS", "TERM")
+"""Beginnings of the names of variables that hold no secrets and that a computation may need."""
+SECRETS = ("TIELINE_", "PG", "AWS_", "AZURE_", "GOOGLE_")
+"""Of those that hold credentials, or settings that are handed over otherwise."""
+SECRET_WORDS = ("SECRET", "PASSWORD", "PASSWD", "TOKEN", "CREDENTIAL", "PRIVATE", "API_KEY")
 FIRST_TO_GO = 900
 """Of 1000: what computes can be begun again, what answers or keeps data cannot."""
+
+
+def is_harmless(name: str) -> bool:
+    """Tell whether a variable of the environment holds no secret."""
+    return name.startswith(HARMLESS)
+
+
+def is_secret(name: str) -> bool:
+    """Tell whether a variable of the environment may hold what no computation is to know."""
+    return name.startswith(SECRETS) or any(word in name.upper() for word in SECRET_WORDS)
 
 
 def die_with_parent(parent: int) -> None:

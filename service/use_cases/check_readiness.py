@@ -43,13 +43,15 @@ class ReadinessWatch:
         return self._found
 
 
-def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue) -> Readiness:
-    """Try the database and the storage, and count the workers."""
+def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement: str = "") -> Readiness:
+    """Try the database and the storage, and count the workers; tell how what reads uploaded files is confined."""
     checks = {
         "database": _checked(lambda: _database(jobs)),
         "storage": _checked(lambda: _storage(blobs)),
         "workers": _checked(lambda: _workers(queue)),
     }
+    if confinement:
+        checks["confinement"] = Check(ok=True, detail=confinement)
     ready = all(check.ok for check in checks.values())
     return Readiness(status="ready" if ready else "not-ready", checks=checks)
 
