@@ -40,7 +40,16 @@ FORBIDDEN = {
     "setgid": (106, 144),
 }  # fmt: skip
 """What reading a file never needs, with its numbers on x86-64 and on AArch64."""
-SYSTEM = ("/usr", "/lib", "/lib64", "/bin", "/etc/ld.so.cache", "/etc/localtime", "/sys/devices/system", "/dev/null")
+SYSTEM: tuple[str, ...] = (
+    "/usr",
+    "/lib",
+    "/lib64",
+    "/bin",
+    "/etc/ld.so.cache",
+    "/etc/localtime",
+    "/sys/devices/system",
+    "/dev/null",
+)
 SYSTEM += ("/dev/zero", "/dev/urandom", "/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat")
 
 

@@ -16,7 +16,7 @@ DEFAULT_STEPS = "service.use_cases.steps:STEPS"
 NICENESS = 10
 """Of computations: a tenth of the share of a process that answers requests, when both want a processor."""
 
-HARMLESS = (
+HARMLESS: tuple[str, ...] = (
     "PATH",
     "HOME",
     "LANG",

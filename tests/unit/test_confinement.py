@@ -86,8 +86,8 @@ def test_a_computation_knows_credentials_only_of_the_object_store_that_it_uses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str, known: list[str]
 ) -> None:
     for name in SECRETS:
-        monkeypatch.setenv(name, "a secret")
-    made = ChildProcesses(Settings(data_dir=tmp_path, storage_url=storage))
+        monkeypatch.setenv(name, "a secret of sixteen bytes")
+    made = ChildProcesses(Settings(data_dir=tmp_path, database_url="", storage_url=storage))
     assert [name for name in SECRETS if name in made._environment] == known
 
 
