@@ -87,6 +87,8 @@ def test_containers_may_do_no_more_than_they_must(name: str) -> None:
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["pids_limit"] > 0
+    assert re.fullmatch(r"(\$\{\w+:-)?\d+[mg]\}?", service["mem_limit"])
     if name not in OURS:
         assert re.match(r"(?!0:|root)\w", service["user"])
 
