@@ -92,6 +92,7 @@ def keep_private(settings: Settings) -> None:
         settings.data_dir.chmod(0o700)
     except PermissionError:  # of another user, who lets this one write there
         log.warning("others may read the data directory", directory=str(settings.data_dir))
+    (settings.data_dir / LOCK).touch(mode=0o600)
 
 
 def prepare(settings: Settings) -> None:

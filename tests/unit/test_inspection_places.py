@@ -11,6 +11,7 @@ from service.refusals import BusyError
 from service.settings import GIGABYTE, Settings
 from service.use_cases.inspection_places import inspection_place
 from service.use_cases.machine_shares import INSPECT, machine_memory_bytes, machine_shares
+from service.use_cases.service_proof import LOCK
 
 
 class Crowd:
@@ -37,7 +38,9 @@ class Crowd:
 
 
 @pytest.fixture
-def settings(tmp_path: Path) -> Settings:
+def settings(tmp_path: Path, request: pytest.FixtureRequest) -> Settings:
+    if getattr(request, "param", "a service") == "a service":
+        (tmp_path / LOCK).touch()
     return Settings(data_dir=tmp_path, inspections=3)
 
 
@@ -51,6 +54,7 @@ async def _crowded(settings: Settings, visitors: list[tuple[str, int]], inside: 
     return crowd
 
 
+@pytest.mark.parametrize("settings", ["a service", "nothing"], indirect=True)
 def test_no_more_than_the_machine_has_places_for_are_inspected(settings: Settings) -> None:
     crowd = asyncio.run(_crowded(settings, [(f"project {k}", 1000) for k in range(9)], 3))
     assert crowd.most == 3
