@@ -84,10 +84,15 @@ class ChildProcesses:
     ) -> None:
         self._settings = settings
         self._steps = steps
-        self._environment = {**_kept_environment(settings, reads_only=reads_only), **environment(settings)}
+        self._reads_only = reads_only
         self._nursery = NurseryClient(steps, warm_up, self._environment)
         self._scratch = settings.data_dir.resolve() / "scratch"
         self._scratch.mkdir(parents=True, exist_ok=True)
+
+    def _environment(self) -> Mapping[str, str]:
+        """Give the variables of a process that is about to start."""
+        kept = _kept_environment(self._settings, reads_only=self._reads_only)
+        return {**kept, **environment(self._settings)}
 
     def warm_up(self) -> None:
         """Load libraries already now."""
@@ -172,7 +177,7 @@ class ChildProcesses:
             stderr=output,
             start_new_session=True,
             pass_fds=(reports,),
-            env=self._environment,
+            env=self._environment(),
         )
         return _ColdProcess(process)
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import IO
@@ -74,10 +74,10 @@ class NurseryClient:
     warm_up
         What to load.
     environment
-        All of it: among others what must be known before libraries are loaded.
+        Gives all of it: among others what must be known before libraries are loaded.
     """
 
-    def __init__(self, steps: str, warm_up: WarmUp, environment: Mapping[str, str]) -> None:
+    def __init__(self, steps: str, warm_up: WarmUp, environment: Callable[[], Mapping[str, str]]) -> None:
         self._steps, self._warm_up, self._environment = steps, warm_up, environment
         self._lock = threading.Lock()
         self._channel: socket.socket | None = None
@@ -148,7 +148,7 @@ class NurseryClient:
                 stdin=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
-                env=dict(self._environment),
+                env=dict(self._environment()),
             )
         self._channel = ours
         self._stop = weakref.finalize(self, _stop, process, ours)

@@ -16,6 +16,7 @@ MOST_CONTAINERS, MOST_SEPARATORS = 200_000, 1_000_000
 """Arrays and objects, commas and colons of a whole document: 500 stations with ten photos each, and all their pairs."""
 DEEPEST = 32
 """Arrays and objects within each other."""
+TOO_DEEP = f"arrays and objects are nested more than {DEEPEST} deep"
 BEYOND = "this is no valid JSON: a number is beyond what float64 can hold"
 MOST_FAULTS = 1000
 """More are counted and not listed: each takes a hundred times the room of what is wrong."""
@@ -40,7 +41,8 @@ def parse_json(body: bytes, pointer: str = "") -> Any:
         what = "the body is empty; a JSON object is expected" if not body.strip() else f"this is no valid JSON: {error}"
         raise InvalidRequestError(what, [FieldFault(pointer, what)]) from None
     if (what := _unusable(document)) is not None:
-        raise InvalidRequestError(what, [FieldFault(pointer, what)])
+        place = pointer_to(*_deepest(document)) if what == TOO_DEEP else ""
+        raise InvalidRequestError(what, [FieldFault(pointer + place, what)])
     return document
 
 
@@ -73,7 +75,19 @@ def _unusable(document: Any) -> str | None:
         if not below:
             return None
         level = below
-    return f"arrays and objects are nested more than {DEEPEST} deep"
+    return TOO_DEEP
+
+
+def _deepest(document: Any) -> Sequence[str | int]:
+    """Give the way to the first value that lies too deep."""
+    left: list[tuple[Any, tuple[str | int, ...]]] = [(document, ())]
+    while left:
+        members, way = left.pop()
+        if len(way) >= DEEPEST:
+            return way
+        named = members.items() if isinstance(members, dict) else enumerate(members)
+        left += [(value, (*way, name)) for name, value in named if _has_members(value)]
+    return ()
 
 
 def validated(model: type[ModelT], document: Any, root: str = "") -> ModelT:

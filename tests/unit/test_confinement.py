@@ -88,7 +88,7 @@ def test_a_computation_knows_credentials_only_of_the_object_store_that_it_uses(
     for name in SECRETS:
         monkeypatch.setenv(name, "a secret of sixteen bytes")
     made = ChildProcesses(Settings(data_dir=tmp_path, database_url="", storage_url=storage))
-    assert [name for name in SECRETS if name in made._environment] == known
+    assert [name for name in SECRETS if name in made._environment()] == known
 
 
 def test_what_is_on_is_said() -> None:
