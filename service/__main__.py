@@ -222,6 +222,18 @@ def list_keys(data_dir: DataDirectory = None) -> None:
     _manage(lambda: show_keys(_settings(data_dir=data_dir), Console()))
 
 
+@keys.command()
+def callback(
+    receiver: Annotated[str, typer.Argument(help="Address of the receiver, such as https://hooks.example.org.")],
+    project: Annotated[str, typer.Option(help="Whose jobs it is told about.")] = "default",
+    process: Annotated[str, typer.Option(help="Of which process.")] = "register",
+) -> None:
+    """Print the secret by which a receiver knows what it is told of a process (needs TIELINE_CALLBACK_SECRET)."""
+    from service.keys_command import callback_secret
+
+    _manage(lambda: print(callback_secret(_settings(), receiver, project, process)))
+
+
 def _manage(work: Callable[[], None]) -> None:
     """Do something about keys on the machine that has the database."""
     from sqlalchemy.exc import SQLAlchemyError

@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from service.client import RefusedError, ServiceClient, UnreachableError
+from service.use_cases.service_proof import secret_of
 
 START_WITHIN_S = 600.0
 """As long as its process lives: on a machine that is busy with other things it may take minutes."""
@@ -42,7 +43,7 @@ def embedded_service() -> Iterator[str]:
                 start_new_session=True,
             )
         try:
-            _wait_until_ready(url, process, log)
+            _wait_until_ready(url, process, log, Path(folder) / "data")
             yield url
         except RefusedError as error:
             if error.status >= 500:  # the log goes with the folder
@@ -59,10 +60,11 @@ def _free_port() -> int:
         return port
 
 
-def _wait_until_ready(url: str, process: "subprocess.Popen[bytes]", log: Path) -> None:
+def _wait_until_ready(url: str, process: "subprocess.Popen[bytes]", log: Path, data: Path) -> None:
+    """Wait until what answers is the service that was started, and not who took its port before it could."""
     deadline = time.monotonic() + START_WITHIN_S
     with ServiceClient(url) as client:
-        while not client.ready():
+        while not (client.ready() and client.proves(secret_of(data))):
             if process.poll() is not None or time.monotonic() > deadline:
                 raise UnreachableError(url, f"the embedded service did not start. The end of its log:\n{_end_of(log)}")
             time.sleep(0.2)

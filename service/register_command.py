@@ -15,11 +15,13 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TaskProgressColum
 from schemas.text_columns import TEXT_ENDINGS
 from service.client import ServiceClient
 from service.embedded import embedded_service
+from service.errors import InvalidRequestError
 from service.register_request import RequestOptions, read_request
 from service.result_tables import print_result
 from service.settings import Settings
 from service.use_cases.read_photo_list import PhotoList
 from service.use_cases.scan_warnings import is_usable
+from service.use_cases.service_proof import secret_of
 from service.use_cases.uploaded_stations import UploadedFile, names_of_scans, stations_of_uploads
 
 Document = dict[str, Any]
@@ -101,15 +103,27 @@ def keep_results(client: ServiceClient, job_id: str, result: Document, output: P
 
 @contextmanager
 def chosen_service(url: str | None, console: Console) -> Iterator[str]:
-    """Give the address asked for, the one where a service answers anyway, or an embedded service's."""
+    """Give the address asked for, that of this user's service if it runs, or an embedded service's.
+
+    Raises
+    ------
+    InvalidRequestError
+        Something answers as if it were a service, and does not prove to be this user's.
+    """
     settings = Settings()
     usual = f"http://{settings.host}:{settings.port}"
     if url is not None:
         yield url
         return
     with ServiceClient(usual) as client:
-        found = client.is_tieline()
-    if found:
+        own = client.proves(secret_of(settings.data_dir))
+        if not own and client.is_tieline():
+            raise InvalidRequestError(
+                f"at {usual} something answers that does not prove to be your service: anybody may have taken its "
+                f"place. --url {usual} sends your scans there all the same; TIELINE_DATA_DIR says where your service "
+                "has its data"
+            )
+    if own:
         console.print(f"using the service at {usual}", style="dim")
         yield usual
         return

@@ -1,5 +1,6 @@
 """Jobs in the metadata database (SQLite or PostgreSQL)."""
 
+import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from datetime import datetime
@@ -17,6 +18,10 @@ from service.ports import Job, JobFilter, JobState, JobStatus, Json, UnfinishedJ
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
+INCREMENTAL = 2
+"""Of SQLite's ways to give space back: when asked."""
+PAGES_AT_ONCE = 25_000
+"""100 MB, in which no other process can write."""
 COLUMNS = tuple(each.name for each in fields(Job) if each.name not in {"file_ids", "status", "fetches"})
 # clients ask for single jobs again and again: putting a statement together takes longer than executing it
 JOB = sa.select(jobs).where(jobs.c.id == sa.bindparam("id"))
@@ -44,6 +49,37 @@ def migrate(settings: Settings) -> None:
             alembic.command.upgrade(configuration, "head")
     finally:
         engine.dispose()
+
+
+def let_shrink(settings: Settings) -> None:
+    """Let the file of an embedded database give back what is deleted; once, while nobody else uses it."""
+    engine = connect(settings)
+    try:
+        if engine.dialect.name == "sqlite":
+            connection = engine.raw_connection()
+            try:
+                cursor = connection.cursor()
+                if cursor.execute("PRAGMA auto_vacuum").fetchone()[0] != INCREMENTAL:
+                    cursor.execute(f"PRAGMA auto_vacuum={INCREMENTAL}")
+                    cursor.execute("VACUUM")
+            finally:
+                connection.close()
+    finally:
+        engine.dispose()
+
+
+def give_space_back(engine: sa.Engine) -> None:
+    """Let the embedded database's files become as small as what they hold; servers see to that themselves."""
+    if engine.dialect.name != "sqlite":
+        return
+    connection = engine.raw_connection()
+    try:
+        cursor = connection.cursor()
+        # as a script, because a statement would stop after each page
+        cursor.executescript(f"PRAGMA incremental_vacuum({PAGES_AT_ONCE})")
+        cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    finally:
+        connection.close()
 
 
 def _reading(engine: sa.Engine) -> Any:
@@ -80,6 +116,7 @@ class DatabaseJobStore:
         row = asdict(job)
         row.pop("file_ids")
         row["status"] = job.status.value
+        row["input_bytes"] = len(json.dumps(job.inputs))
         with self._engine.begin() as connection:
             lock_name(connection, f"jobs of {job.owner}")
             admit(_unfinished(connection, job.owner))
@@ -152,6 +189,11 @@ class DatabaseJobStore:
         """Sum up what was noted."""
         with _reading(self._engine) as connection:
             return int(connection.execute(sa.select(sa.func.sum(jobs.c.result_bytes)).where(self._mine)).scalar() or 0)
+
+    def inputs_bytes(self) -> int:
+        """Sum up the inputs of all jobs as they are kept."""
+        with _reading(self._engine) as connection:
+            return int(connection.execute(sa.select(sa.func.sum(jobs.c.input_bytes)).where(self._mine)).scalar() or 0)
 
     def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
         """List jobs that ended before a moment and of whose results nothing was noted."""

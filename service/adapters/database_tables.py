@@ -75,9 +75,11 @@ jobs = sa.Table(
     # by which order of steps it was begun; 0: it was not
     sa.Column("planned", sa.Integer, nullable=False, server_default="0"),
     sa.Index("ix_jobs_planned_status", "planned", "status", "owner", "urgency", "created"),
+    sa.Column("input_bytes", sa.BigInteger, nullable=False, server_default="0"),
     sa.Index("ix_jobs_owner_created", "owner", "created"),
     sa.Index("ix_jobs_owner_result_bytes", "owner", "result_bytes"),
     sa.Index("ix_jobs_result_bytes", "result_bytes"),
+    sa.Index("ix_jobs_owner_input_bytes", "owner", "input_bytes"),
 )
 
 job_files = sa.Table(
@@ -177,7 +179,7 @@ audit = sa.Table(
     sa.Column("id", sa.BigInteger().with_variant(sa.Integer, "sqlite"), primary_key=True, autoincrement=True),
     sa.Column("time", UtcDateTime, nullable=False, index=True),
     sa.Column("key_id", sa.String(32), nullable=False),
-    sa.Column("project", sa.String(64), nullable=False),
+    sa.Column("project", sa.String(64), nullable=False, index=True),
     sa.Column("remote", sa.String(64), nullable=False),
     sa.Column("method", sa.String(16), nullable=False),
     sa.Column("path", sa.Text, nullable=False),
@@ -299,7 +301,8 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) 
     def _configure(connection: Any, _record: Any) -> None:
         # transactions are begun explicitly below; pysqlite would begin them late and deadlock writers
         connection.isolation_level = None
-        for pragma in ("busy_timeout=30000", "journal_mode=WAL", "foreign_keys=ON"):
+        # the first: it is for files that are still empty
+        for pragma in ("auto_vacuum=INCREMENTAL", "busy_timeout=30000", "journal_mode=WAL", "foreign_keys=ON"):
             connection.execute(f"PRAGMA {pragma}").close()
 
     @sa.event.listens_for(engine, "begin")

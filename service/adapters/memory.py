@@ -1,6 +1,7 @@
 """Jobs, files, blobs and a queue in memory, for tests."""
 
 import hashlib
+import json
 import shutil
 import tempfile
 import threading
@@ -132,6 +133,11 @@ class MemoryJobStore:
         """Sum up what was noted."""
         with self._lock:
             return sum(size for job_id, size in self._results.items() if self.get(job_id) is not None)
+
+    def inputs_bytes(self) -> int:
+        """Sum up the inputs of all jobs as they are kept."""
+        with self._lock:
+            return sum(len(json.dumps(job.inputs)) for job in self._jobs.values() if self._owner in {None, job.owner})
 
     def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
         """List jobs that ended before a moment and of whose results nothing was noted."""

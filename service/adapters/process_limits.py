@@ -14,6 +14,38 @@ from service.settings import Settings
 
 DEFAULT_STEPS = "service.use_cases.steps:STEPS"
 
+HARMLESS: tuple[str, ...] = (
+    "PATH",
+    "HOME",
+    "LANG",
+    "LC_",
+    "TZ",
+    "TMPDIR",
+    "PYTHON",
+    "VIRTUAL_ENV",
+    "LD_",
+    "NUMBA_",
+    "OMP_",
+    "OPENBLAS_",
+)
+HARMLESS += ("MKL_", "VECLIB_", "MALLOC_", "XDG_CACHE_HOME", "COLUMNS", "TERM")
+"""Beginnings of the names of variables that hold no secrets and that a computation may need."""
+SECRETS = ("TIELINE_", "PG", "AWS_", "AZURE_", "GOOGLE_")
+"""Of those that hold credentials, or settings that are handed over otherwise."""
+SECRET_WORDS = ("SECRET", "PASSWORD", "PASSWD", "TOKEN", "CREDENTIAL", "PRIVATE", "API_KEY")
+FIRST_TO_GO = 900
+"""Of 1000: what computes can be begun again, what answers or keeps data cannot."""
+
+
+def is_harmless(name: str) -> bool:
+    """Tell whether a variable of the environment holds no secret."""
+    return name.startswith(HARMLESS)
+
+
+def is_secret(name: str) -> bool:
+    """Tell whether a variable of the environment may hold what no computation is to know."""
+    return name.startswith(SECRETS) or any(word in name.upper() for word in SECRET_WORDS)
+
 
 def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when its parent ends, and end now if that has happened already."""
@@ -67,14 +99,20 @@ def let_others_first(niceness: int) -> None:
         Path("/proc/self/autogroup").write_text(str(niceness))
 
 
-def limit_resources(settings: Settings) -> None:
+def go_first() -> None:
+    """Let the kernel end this process before all others when the machine's memory is used up."""
+    with contextlib.suppress(OSError):  # some containers do not let it be changed
+        Path("/proc/self/oom_score_adj").write_text(str(FIRST_TO_GO))
+
+
+def limit_resources(settings: Settings, memory_bytes: int | None = None) -> None:
     """Limit memory, computing time, file size and core dumps of this process.
 
     Memory is limited as data (`RLIMIT_DATA`: heap and private writable maps), not as address space: open3d and numba
     reserve tens of gigabytes of address space that they never touch.
     """
     used = _data_bytes()
-    _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
+    _limit(resource.RLIMIT_DATA, used + (memory_bytes or settings.step_memory_bytes))
     # the hard limit later, so that it ends by SIGXCPU, which says why, and not by SIGKILL
     _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (settings.threads_per_computation + 1), grace=10)
     _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)

@@ -14,8 +14,9 @@ from starlette.requests import ClientDisconnect
 
 from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
-from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, to_problem
+from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
 from service.routes.accepted_types import accepts_plain_json_only
+from service.routes.answer_headers import ALWAYS, NOTHING, OWN
 from service.routes.correlation import request_id_of
 from service.use_cases.validate_request import pointer_to
 
@@ -51,9 +52,10 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
     """Answer with a problem document, as plain JSON for clients that accept nothing else."""
     plain = accepts_plain_json_only(request.headers.get("accept", ""))
     return JSONResponse(
-        {**problem, "instance": problem.get("instance", request.scope["path"])},
+        bounded({**problem, "instance": problem.get("instance", request.scope["path"])}),
         status_code=problem["status"],
-        headers=headers,
+        # also where nothing else adds them: unexpected errors are answered outside of what guards all others
+        headers={**ALWAYS, "Content-Security-Policy": NOTHING, "Cache-Control": OWN, **(headers or {})},
         media_type="application/json" if plain else PROBLEM_JSON,
     )
 

@@ -12,6 +12,7 @@ from fastapi import Request, Response
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.dependencies import belongings_of
 from service.errors import FieldFault, InvalidRequestError, ServiceError
 from service.ports import Answer, Claim, IdempotencyStore
 from service.routes.problems import away, error_response
@@ -52,6 +53,8 @@ class RepeatedRequests:
             return
         try:
             this = Repeatable(self._answers, request.state.access.owner, _key(request), new_identifier())
+            settings = cast("Settings", request.app.state.settings)
+            await asyncio.to_thread(belongings_of(request).require_record, settings, 0)
             claim = await this.claim(datetime.now(UTC))
             attempt = _Attempt(this, claim, request, receive, send)
             answer = await (attempt.begin() if claim.answer is None else _again(request, this, claim))
