@@ -8,9 +8,11 @@ import pytest
 
 from service.adapters.child_process import ChildProcesses
 from service.adapters.confinement import available
+from service.adapters.process_limits import DEFAULT_STEPS
 from service.settings import Settings
 from service.use_cases.content_keys import incoming_key
 from tests.confined_steps import SECRETS
+from tests.unit.test_formats_units import COMPOUND, POINTS, las
 
 STEPS = "tests.confined_steps:STEPS"
 IDENTIFIER = "0123456789abcdef0123456789abcdef"
@@ -93,3 +95,16 @@ def test_a_computation_knows_credentials_only_of_the_object_store_that_it_uses(
 
 def test_what_is_on_is_said() -> None:
     assert "Landlock" in available().text
+
+
+def test_the_unit_of_a_reference_system_is_found_by_a_reader_that_sees_its_file_only(tmp_path: Path) -> None:
+    key = incoming_key(IDENTIFIER)
+    (tmp_path / "blobs" / key).parent.mkdir(parents=True)
+    written = las(tmp_path / "a.las", POINTS, COMPOUND).rename(tmp_path / "blobs" / key)
+    runner = ChildProcesses(Settings(data_dir=tmp_path), DEFAULT_STEPS, reads_only=True)
+    arguments = {"key": key, "filename": "a.las", "bytes": written.stat().st_size, "columns": ""}
+    try:
+        found = asyncio.run(runner.run("inspect-file", arguments, timeout_s=120.0))
+    finally:
+        runner.close()
+    assert found["scans"][0]["unit"] == "us-ft, height m"
