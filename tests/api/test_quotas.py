@@ -111,7 +111,7 @@ def test_uploads_under_way_count(settings: Settings, adapters: Adapters) -> None
 def test_uploads_under_way_count_for_what_comes_otherwise_and_not_twice(settings: Settings, adapters: Adapters) -> None:
     alice = made(settings, adapters, max_project_bytes=12).client("alice")
     begun = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).headers["location"]
-    alice.upload()
+    alice.upload(content=b"4 5 6\n")
     assert alice.post("/files", files={"file": ("b.xyz", b"1")}).status_code == 413
     headers = {**TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
     assert alice.request("PATCH", begun, headers=headers, content=b"1 2 3\n").status_code == 204

@@ -78,6 +78,13 @@ def scan(tmp_path: Path) -> Path:
     return path
 
 
+def uploaded_twice(client: ServiceClient, scan: Path) -> list[dict[str, Any]]:
+    """Upload a file and another one of the same name."""
+    first = client.upload(scan)
+    scan.write_bytes(b"4 5 6\n")
+    return [first, client.upload(scan)]
+
+
 def test_the_client_knows_a_tieline_service(client: ServiceClient) -> None:
     assert client.is_tieline()
     assert client.ready()
@@ -105,7 +112,7 @@ def test_scans_that_cannot_be_used_are_no_stations() -> None:
 
 
 def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adapters: Adapters) -> None:
-    stations = stations_of([client.upload(scan), client.upload(scan)])
+    stations = stations_of(uploaded_twice(client, scan))
     job = client.execute("register", {"stations": stations})
     found = adapters.jobs.get(job)
     assert found is not None
@@ -116,7 +123,7 @@ def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adap
 @pytest.fixture
 def job(client: ServiceClient, scan: Path, adapters: Adapters) -> str:
     """Run a job that has left two downloads."""
-    made = client.execute("register", {"stations": stations_of([client.upload(scan), client.upload(scan)])})
+    made = client.execute("register", {"stations": stations_of(uploaded_twice(client, scan))})
     for name in ("report.html", "lines.dxf"):
         adapters.blobs.write_bytes(f"jobs/{made}/artifacts/{name}", name.encode())
     found = adapters.jobs.get(made)

@@ -21,7 +21,7 @@ def _size(settings: Settings) -> int:
 
 def _filled_and_emptied(settings: Settings) -> tuple[int, int]:
     engine = connect(settings)
-    store = DatabaseJobStore(engine, lambda _connection, _job: None)
+    store = DatabaseJobStore(engine)
     for number in range(10):
         job = Job(
             id=f"{number:032x}",
