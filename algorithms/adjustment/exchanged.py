@@ -39,9 +39,7 @@ def snooped_from_source(
     max_iterations: int,
     suspicious: Flags | None,
 ) -> tuple[SnoopingResult, Matrix]:
-    """Adjust and snoop (`adjust_and_snoop`) with target and source exchanged, and turn the result round.
-
-    The pose and its covariance are turned round by MATH 1.4, the tests are those of MATH 4.2 to 4.5.
+    """Adjust and snoop (`adjust_and_snoop`) with target and source exchanged, and turn the result round (MATH 4.5).
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def decided_with_priors(
         return found
     reason = (
         f"the pose that the scans prefer (score {found.score:.2f}) contradicts what was said of "
-        f"{priors.source.name} and {priors.target.name}; the best one that agrees with it scores {left.score:.2f}"
+        f"{_names(priors)}; the best one that agrees with it scores {left.score:.2f}"
     )
     return replace(
         found,
@@ -97,6 +97,11 @@ def decided_with_priors(
     )
 
 
+def _names(priors: PairPriors) -> str:
+    """Name both stations in an order that does not depend on which is the target."""
+    return " and ".join(sorted((priors.source.name, priors.target.name)))
+
+
 def _left_out(priors: PairPriors) -> str:
     known = [
         what
@@ -105,7 +110,7 @@ def _left_out(priors: PairPriors) -> str:
     ]
     return (
         f"the scans alone leave several poses possible; those that contradict {' or '.join(known)} of "
-        f"{priors.source.name} and {priors.target.name} were left out"
+        f"{_names(priors)} were left out"
     )
 
 

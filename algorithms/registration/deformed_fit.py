@@ -21,8 +21,8 @@ STEPS = 4
 """Steps with each gate."""
 MOST_LAST_STEPS = 15
 """Most steps with the last gate."""
-GATE_SPREADS, GATE_NOISES, LEAST_GATE_M = 6.0, 6.0, 0.02
-"""The last gate: so many standard deviations of the gaps, and of the noise, and never less than 2 cm."""
+GATE_NOISES, LEAST_GATE_M = 6.0, 0.02
+"""The last gate: so many standard deviations of the noise, and never less than 2 cm."""
 DOUBTFUL_SHARE = 0.3
 """A gap of this share of a gate counts a quarter (Geman and McClure)."""
 TUKEY, MAD_TO_STD, LEAST_SPREAD_M = 4.685, 1.4826, 1e-4
@@ -32,7 +32,7 @@ LEAST_TESTIMONY = 1e-3
 SETTLED_SPREADS = 0.005
 FEW_POINTS = 4_000
 """So many points of each scan find the deformation; all of them tell how well it is known."""
-LEAST_GAPS = 200
+LEAST_GAPS = 100
 MAX_ANGLE_RAD = 0.35
 FITS_SPREADS = 3.0
 """Surface fits within so many standard deviations of the gaps."""
@@ -209,7 +209,7 @@ def fit_deformed(
                 break
         if last:
             break
-        gate = max(narrow, min(0.5 * gate, max(GATE_SPREADS * system.spread_m, narrow)))
+        gate = max(narrow, 0.5 * gate)
     gaps = _measure(target, source, found, bent, centre, gate, most)
     system = _System.of(gaps, bent, centre, None)
     fits_m = FITS_SPREADS * system.spread_m

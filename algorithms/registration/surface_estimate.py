@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Labels, Matrix3, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Labels, Matrix3, Scalars, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
@@ -158,7 +158,8 @@ def _planes_of(gaps: SurfaceGaps, target: ScanFeatures, source: ScanFeatures) ->
     """Give the plane that corresponding surface belongs to, those of the source numbered on; -1 for none."""
     labels = target.surface.plane_labels[target.index.numbers[gaps.of_target]]
     others = source.surface.plane_labels[source.index.numbers[gaps.of_source]]
-    return np.where(labels >= 0, labels, np.where(others >= 0, others + len(target.planes), -1))
+    joined = np.where(labels >= 0, labels, np.where(others >= 0, others + len(target.planes), -1))
+    return joined.astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +268,7 @@ def _motions(normal_matrix: Array, spread: Matrix3) -> Array:
 def _with_covariance(
     fit: _Fit,
     by_rounding: Array,
-    walls: Labels,
+    walls: Indices,
     pose: RigidTransform,
     options: SurfaceOptions,
     rounds: int,

@@ -9,7 +9,7 @@ the same variance, which the misfits of the pieces tell once the freedom that th
 import numpy as np
 from scipy import linalg
 
-from algorithms.arrays import Array, Labels, Points, Scalars
+from algorithms.arrays import Array, Indices, Labels, Points, Scalars
 from algorithms.registration.neighbourhood_covariance import influence_matrix
 
 WALL_PIECE_M = 8.0
@@ -19,7 +19,7 @@ LEAST_FREEDOM = 1e-3
 """Where the fit leaves the pieces less of their errors than this, it tells nothing of them."""
 
 
-def wall_pieces(labels: Labels, positions: Points) -> Labels:
+def wall_pieces(labels: Labels, positions: Points) -> Indices:
     """Give the number of the piece of a wall, same plane and same cube, that each point belongs to.
 
     Parameters
@@ -33,7 +33,7 @@ def wall_pieces(labels: Labels, positions: Points) -> Labels:
     return np.asarray(np.unique(np.column_stack([labels, cells]), axis=0, return_inverse=True)[1].ravel())
 
 
-def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: Labels, *, slopes: Scalars) -> Array:
+def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: Indices, *, slopes: Scalars) -> Array:
     """Estimate the covariance (k, k) of x in gaps = design x + misfit, one error in common for each piece of a wall.
 
     With N of `influence_matrix` and, of piece g, W_g = Σ_g w, M_g = Σ_g w a and S_g = Σ_g s a, the mean misfit is

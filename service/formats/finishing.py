@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Flags, Points, Vector3
-from algorithms.scans.content import content_of
+from algorithms.scans.content_sums import content_of
 from algorithms.scans.scale_plausibility import scan_warnings
 from algorithms.scans.scan import Scan, ScanGrid
 from service.errors import FileTooLargeError

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from itertools import combinations
 
+from algorithms.scans.content import ScanContent, same_content
 from schemas.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import FileStore, Json, StoredFile
@@ -113,9 +114,6 @@ def _same_scan(first: tuple[str, Json], second: tuple[str, Json]) -> bool:
     own, other = (found.get("content") for _, found in (first, second))
     if own is None or other is None:  # files of earlier times are without
         return False
-    # it needs numpy, without which the web process starts
-    from algorithms.scans.content import ScanContent, same_content
-
     return same_content(ScanContent.from_json(own), ScanContent.from_json(other))
 
 

@@ -56,7 +56,7 @@ def test_neighbourhoods_of_a_scan_are_numbered_however_far_apart_they_are() -> N
     """A product of three sides in cells is no number of 64 bits when a side is ten thousand kilometres."""
     positions = np.array([[-5e6, -5e6, -5e6], [5e6, 5e6, 5e6], [-5e6, -5e6, -5e6 + 0.1], [0.0, 0.0, 0.0]])
     design, weights, gaps = np.ones((4, 6)), np.ones(4), np.arange(4.0)
-    places, sums = _summed(design, weights, gaps, positions, np.tile([0.0, 0.0, 1.0], (4, 1)), 0.5)
+    places, sums = _summed(design, weights, weights, gaps, positions, np.tile([0.0, 0.0, 1.0], (4, 1)), 0.5)
     np.testing.assert_array_equal(places, [[-1e7] * 3, [0] * 3, [1e7] * 3])
     np.testing.assert_allclose(sums.right[:, 0], [2.0, 3.0, 1.0])
 

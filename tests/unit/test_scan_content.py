@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from algorithms.scans.content import ScanContent, content_of, same_content
+from algorithms.scans.content import ScanContent, same_content
+from algorithms.scans.content_sums import content_of
 from service.formats import inspect_file
 from tests.unit.test_far_points import ROOM
 

@@ -189,7 +189,7 @@ def one_parameter(groups: int, in_group: int, rng: np.random.Generator) -> tuple
     normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
     found = neighbourhood_covariance(
         np.ones((len(places), 1)), np.ones(len(places)), gaps - mean, positions, normals,
-        bread=1.0, edge_m=0.5, shifts=np.ones((1, 1)),
+        slopes=np.ones(len(places)), edge_m=0.5, shifts=np.ones((1, 1)),
     )  # fmt: skip
     return float(mean), float(found.variances[0])
 
@@ -215,7 +215,7 @@ def test_misfits_that_are_alike_over_eight_metres_count_as_one() -> None:
         ones = np.ones((len(places), 1))
         found = neighbourhood_covariance(
             ones, ones[:, 0], gaps - gaps.mean(), positions, np.tile([0.0, 0.0, 1.0], (len(places), 1)),
-            bread=1.0, edge_m=0.5, shifts=np.ones((1, 1)),
+            slopes=ones[:, 0], edge_m=0.5, shifts=np.ones((1, 1)),
         )  # fmt: skip
         stated.append(float(found.variances[0]))
         means.append(gaps.mean())
