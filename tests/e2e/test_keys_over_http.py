@@ -101,7 +101,7 @@ def test_a_job_is_followed_from_its_request_to_its_computation(guarded: RunningS
 
 def test_the_command_line_client_brings_its_key(guarded: RunningService, alice: str, tmp_path: Path) -> None:
     scan = tmp_path / "a.xyz"
-    scan.write_text("1 2 3\n4 5 6\n7 8 10\n9 1 2\n")
+    scan.write_text("1.5 2.25 3.125\n4.5 0.25 6.125\n2.5 8.25 1.125\n9.5 1.25 2.875\n")
     with ServiceClient(guarded.url, key=alice) as client:
         assert client.upload(scan)["name"] == "a.xyz"
     with ServiceClient(guarded.url) as client, pytest.raises(RefusedError) as refused:
