@@ -82,7 +82,9 @@ JSON, FORMED, RAW = (
 
 
 def posted(path: str, kind: str, body: bytes = b"", more: str = "") -> bytes:
-    head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {kind}\r\nContent-Length: 1000000000\r\n{more}\r\n"
+    head = (
+        f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {kind}\r\nContent-Length: 1000000000\r\n{more}\r\n"
+    )
     return head.encode() + body
 
 
