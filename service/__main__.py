@@ -3,6 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -107,10 +108,40 @@ def register(
         str | None,
         typer.Option(help="Unit of the coordinates: mm, m, ft or us-ft; left out: as the files declare, else metres."),
     ] = None,
+    method: Annotated[
+        str | None, typer.Option(help="auto, lines, planes, icp-plane, lines-compat, lines-alshawa or icl.")
+    ] = None,
+    pairs: Annotated[
+        str | None,
+        typer.Option(help="Which pairs of stations to try, as target:source, separated by commas, or `auto`."),
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON file with known poses by station, to compare with: 4x4 matrices, or objects with `matrix`.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    options: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON file with any inputs of the request, as `POST /processes/register/execution` takes them; of "
+            "`stations` what differs from the scans' own. Options given here come first.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
     url: Annotated[
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
     ] = None,
-    output: Annotated[Path | None, typer.Option(help="Write the whole result document there (JSON).")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for all that comes out: result.json, report, poses, lines … (a file for the result alone "
+            "where the name ends in .json); without it, tieline-<time> here."
+        ),
+    ] = None,
     key: Annotated[
         str | None,
         typer.Option(
@@ -121,14 +152,22 @@ def register(
     ] = None,
 ) -> None:
     """Register two or more scans; the first gives the common frame."""
-    from service.register_command import register_files
+    from service.register_command import default_output, register_files
+    from service.register_request import RequestOptions
 
-    console = Console()
-    stated = {"levelled_std_gon": levelled_std_gon, "point_std_m": point_std_m}
-    known = {name: value for name, value in stated.items() if value is not None}
-    _finish(
-        lambda: register_files(scans, photos, url, output, console, known=known, columns=columns, unit=unit, key=key)
+    said = RequestOptions(
+        photos=photos,
+        options=options,
+        method=method,
+        pairs=pairs,
+        reference=reference,
+        levelled_std_gon=levelled_std_gon,
+        point_std_m=point_std_m,
+        columns=columns,
+        unit=unit,
     )
+    folder = output or default_output(datetime.now())  # noqa: DTZ005 - the user's own clock
+    _finish(lambda: register_files(scans, said, url, folder, Console(), key=key))
 
 
 @app.command(epilog=EXIT_CODES)
@@ -183,6 +222,18 @@ def list_keys(data_dir: DataDirectory = None) -> None:
     _manage(lambda: show_keys(_settings(data_dir=data_dir), Console()))
 
 
+@keys.command()
+def callback(
+    receiver: Annotated[str, typer.Argument(help="Address of the receiver, such as https://hooks.example.org.")],
+    project: Annotated[str, typer.Option(help="Whose jobs it is told about.")] = "default",
+    process: Annotated[str, typer.Option(help="Of which process.")] = "register",
+) -> None:
+    """Print the secret by which a receiver knows what it is told of a process (needs TIELINE_CALLBACK_SECRET)."""
+    from service.keys_command import callback_secret
+
+    _manage(lambda: print(callback_secret(_settings(), receiver, project, process)))
+
+
 def _manage(work: Callable[[], None]) -> None:
     """Do something about keys on the machine that has the database."""
     from sqlalchemy.exc import SQLAlchemyError
@@ -209,6 +260,8 @@ def _finish(work: Callable[[], bool]) -> None:
         _fail(str(RefusedError(to_problem(error))), BAD_INPUT)
     except UnreachableError as error:
         _fail(str(error), SERVICE_FAULT)
+    except OSError as error:
+        _fail(f"the results cannot be written: {error}", SERVICE_FAULT)
     raise typer.Exit(code)
 
 

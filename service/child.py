@@ -13,19 +13,29 @@ import logging
 import os
 import socket
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
+from service.adapters.confinement import confine
 from service.adapters.nursery import Nursery
 from service.adapters.object_files import blob_store
-from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent, let_others_first, limit_resources
+from service.adapters.process_limits import (
+    DEFAULT_STEPS,
+    die_with_parent,
+    go_first,
+    is_harmless,
+    let_others_first,
+    limit_resources,
+)
 from service.adapters.remote_sources import RemoteSources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
+from service.use_cases.machine_shares import INSPECT, machine_shares
 
 REPORT_INTERVAL_S = 0.1
 Steps = Mapping[str, Callable[[StepContext, Json], Json]]
@@ -59,16 +69,22 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     False when the step failed.
     """
     settings = Settings(**request["settings"])
-    let_others_first()
-    limit_resources(settings)
+    let_others_first(settings.niceness)
+    go_first()
+    arguments = request["arguments"]
+    memory_bytes = machine_shares(settings).memory_of(request["step"], int(arguments.get("bytes", 0)))
+    limit_resources(settings, memory_bytes)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
-    context = StepContext(blob_store(settings, Path(request["scratch"])), pipe, limits, RemoteSources(settings))
+    scratch = Path(request["scratch"])
+    context = StepContext(blob_store(settings, scratch), pipe, limits, RemoteSources(settings))
     try:
-        result = steps[request["step"]](context, request["arguments"])
+        if request["step"] == INSPECT and settings.confine_readers:
+            _confine_to(context.blobs.local_path(arguments["key"]), scratch, settings)
+        result = steps[request["step"]](context, arguments)
         pipe.send({"result": result})
     except MemoryError:
         traceback.print_exc()
-        limit = settings.step_memory_bytes / GIGABYTE
+        limit = memory_bytes / GIGABYTE
         error = ComputationFailedError(f"the computation needs more than the {limit:.3g} GB of memory it may use")
         pipe.send({"problem": to_problem(error)})
         return False
@@ -77,6 +93,14 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
         pipe.send({"problem": to_problem(error)})
         return False
     return True
+
+
+def _confine_to(file: Path, scratch: Path, settings: Settings) -> None:
+    """Leave this process what reading a file needs."""
+    for name in [name for name in os.environ if not is_harmless(name)]:
+        del os.environ[name]
+    tempfile.tempdir = str(scratch)
+    confine(file, scratch, settings.data_dir)
 
 
 def load(reference: str) -> Any:
@@ -95,6 +119,7 @@ def main() -> None:
     parser.add_argument("--warm-up", default="", help="module:function by which a nursery loads libraries")
     parser.add_argument("--later", default="", help="module:function by which it loads more while the first step runs")
     parser.add_argument("--practice", default="", help="module:function by which it loads compiled kernels in the end")
+    parser.add_argument("--niceness", type=int, default=0, help="how far a nursery steps back while it compiles")
     options = parser.parse_args()
     die_with_parent(options.parent)
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
@@ -119,7 +144,7 @@ def _be_a_nursery(options: argparse.Namespace) -> NoReturn:
         return run_step(steps, request, ReportPipe(reports))
 
     with socket.socket(fileno=options.channel) as channel:
-        Nursery(channel, compute, later, practice).serve()
+        Nursery(channel, compute, later, practice, options.niceness).serve()
     os._exit(0)
 
 

@@ -1,5 +1,6 @@
 """Talk to a running service, as any other client would: over HTTP."""
 
+import hmac
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,9 +11,11 @@ from urllib.parse import quote
 import httpx
 
 from service.errors import Problem
+from service.use_cases.service_proof import CHALLENGE_HEADER, PROOF_HEADER, new_challenge, proof_of
 from service.use_cases.stated_columns import HEADER
 
 CHUNK = 1 << 20
+USUAL_PORTS = {"http": 80, "https": 443}
 SOONEST_S, LATEST_S, PAUSE_SHARE = 0.1, 1.0, 0.03
 """Pauses between two looks at a job: a share of how long it has taken so far, within bounds."""
 Document = dict[str, Any]
@@ -69,6 +72,18 @@ class ServiceClient:
             return answer.status_code == 200 and answer.json().get("title") == "Tieline"
         except (httpx.HTTPError, ValueError, AttributeError):
             return False
+
+    def proves(self, secret: bytes | None) -> bool:
+        """Tell whether who answers knows a secret that only a service of this user can know; it is not sent itself."""
+        if secret is None:
+            return False
+        challenge = new_challenge()
+        port = self._http.base_url.port or USUAL_PORTS.get(self._http.base_url.scheme)
+        try:
+            answer = self._http.get("/", timeout=5.0, headers={CHALLENGE_HEADER: challenge, "Authorization": ""})
+        except httpx.HTTPError:
+            return False
+        return hmac.compare_digest(answer.headers.get(PROOF_HEADER, ""), proof_of(secret, challenge, port))
 
     def ready(self) -> bool:
         """Tell whether the service can take and run jobs now."""
@@ -143,6 +158,34 @@ class ServiceClient:
             if job["status"] not in {"accepted", "running"}:
                 return self._ask("GET", f"/jobs/{job_id}/results")
             time.sleep(min(max(SOONEST_S, PAUSE_SHARE * (time.monotonic() - began)), LATEST_S))
+
+    def artifacts(self, job_id: str) -> list[str]:
+        """List the names of a job's downloads.
+
+        Raises
+        ------
+        UnreachableError
+            The service does not answer.
+        """
+        return [str(each["name"]) for each in self._ask("GET", f"/jobs/{job_id}/artifacts")["artifacts"]]
+
+    def download(self, job_id: str, name: str, path: Path) -> None:
+        """Write one of a job's downloads to a file.
+
+        Raises
+        ------
+        UnreachableError
+            The service does not answer, or breaks off.
+        """
+        address = f"/jobs/{job_id}/artifacts/{quote(name, safe='')}"
+        try:
+            with self._http.stream("GET", address) as answer, path.open("wb") as file:
+                if answer.is_error:
+                    raise UnreachableError(self.url, _status_line(answer))
+                for piece in answer.iter_bytes(CHUNK):
+                    file.write(piece)
+        except httpx.HTTPError as error:
+            raise UnreachableError(self.url, str(error) or type(error).__name__) from error
 
     def dismiss(self, job_id: str) -> None:
         """Stop a job."""

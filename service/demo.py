@@ -12,7 +12,7 @@ from rich.console import Console
 
 from service.client import ServiceClient
 from service.embedded import embedded_service
-from service.register_command import run_job, stations_of, upload_files
+from service.register_command import start_job, stations_of, upload_files, wait_for_job
 from service.result_tables import DECIMALS, PARAMETERS, number, parameter_table
 
 Document = dict[str, Any]
@@ -54,7 +54,7 @@ def run_demo(console: Console, scans: Path | None = None) -> bool:
         for file in files:
             console.print(f"{file['name']}: {file['scans'][0]['points']:,} points")
         stations = stations_of(files)
-        result = run_job(client, "register", {"stations": stations}, console)
+        result = wait_for_job(client, start_job(client, "register", {"stations": stations}, console), console)
     print_comparison(console, result, truth)
     console.print(f"{time.perf_counter() - started:.0f} s in all", style="dim")
     return bool(result["status"] == "registered")

@@ -111,10 +111,24 @@ async def _uploads(request: Request) -> UploadStore:
 
 
 async def _belongings(
-    adapters: Annotated[Adapters, Depends(_adapters)], uploads: Annotated[UploadStore, Depends(_uploads)]
+    request: Request,
+    adapters: Annotated[Adapters, Depends(_adapters)],
+    uploads: Annotated[UploadStore, Depends(_uploads)],
 ) -> Belongings:
     """Give what who asks has stored."""
-    return Belongings(adapters.files, adapters.jobs, uploads)
+    return _bound(request, adapters, uploads)
+
+
+def belongings_of(request: Request) -> Belongings:
+    """Give what who asks has stored; a request that did not pass the gate fails here."""
+    uploads = cast("UploadStore", request.app.state.uploads).of(request.state.access.owner)
+    return _bound(request, adapters_of(request), uploads)
+
+
+def _bound(request: Request, adapters: Adapters, uploads: UploadStore) -> Belongings:
+    stores = cast("AccessStores", request.app.state.access_stores)
+    owner = request.state.access.owner
+    return Belongings(adapters.files, adapters.jobs, uploads, owner, stores.answers, stores.audit)
 
 
 async def _access_stores(request: Request) -> AccessStores:

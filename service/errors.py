@@ -16,6 +16,9 @@ from algorithms.errors import (
 
 OGC = "http://www.opengis.net/def/exceptions/ogcapi-processes-1/1.0/"
 Problem = dict[str, Any]
+LONGEST_TEXT, LONGEST_ENTRY, LONGEST_LIST = 4000, 1000, 200_000
+"""Characters of one text of a problem document, of one in its list of faults, and of the whole list: clients may have
+sent what they say."""
 
 
 class ServiceError(Exception):
@@ -302,6 +305,23 @@ STATUS_BY_ALGORITHM_ERROR: Mapping[type[AlgorithmError], tuple[int, str]] = {
 }
 
 
+def bounded(problem: Problem) -> Problem:
+    """Give a problem document that is not longer than people, and the logs of clients, can bear."""
+    short = {name: _shortened(value, LONGEST_TEXT) for name, value in problem.items()}
+    errors, room = [], LONGEST_LIST
+    for fault in problem.get("errors") or ():
+        entry = {name: _shortened(value, LONGEST_ENTRY) for name, value in fault.items()}
+        room -= sum(len(str(value)) for value in entry.values())
+        if room < 0:
+            break
+        errors.append(entry)
+    return {**short, "errors": errors} if errors else short
+
+
+def _shortened(value: Any, most: int) -> Any:
+    return f"{value[:most]}…" if isinstance(value, str) and len(value) > most else value
+
+
 def to_problem(error: Exception, instance: str | None = None) -> Problem:
     """Turn an error into the body of an ``application/problem+json`` answer.
 
@@ -327,4 +347,4 @@ def to_problem(error: Exception, instance: str | None = None) -> Problem:
         }
     if instance is not None:
         problem["instance"] = instance
-    return problem
+    return bounded(problem)

@@ -1,5 +1,6 @@
 """`tieline keys`: make, revoke and list the keys of a service, on the machine that has its database."""
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from service.errors import FieldFault, InvalidRequestError
 from service.ports import Key
 from service.refusals import NoSuchKeyError
 from service.settings import Settings
+from service.use_cases.callback_signatures import UNSIGNED, derived_secret
+from service.use_cases.describe_processes import OFFERED_PROCESSES
 from service.use_cases.manage_keys import create_key, revoke_key, shown_project
 
 DAYS = re.compile(r"([1-9][0-9]{0,4})d")
@@ -23,12 +26,32 @@ MOST_LISTED = 10_000
 @contextmanager
 def opened_keys(settings: Settings) -> Iterator[DatabaseKeyStore]:
     """Give the keys of the service that has these settings, whether it runs or not."""
+    os.umask(0o077)
     migrate(settings)
     database = connect(settings)
     try:
         yield DatabaseKeyStore(database)
     finally:
         database.dispose()
+
+
+def callback_secret(settings: Settings, receiver: str, project: str, process_id: str) -> str:
+    """Give the secret that signs what a receiver is told of a project's jobs.
+
+    Raises
+    ------
+    InvalidRequestError
+        The service signs nothing, or not this.
+    """
+    if not settings.callback_secret:
+        raise InvalidRequestError(
+            "TIELINE_CALLBACK_SECRET is not set: the service signs nothing in its operator's name"
+        )
+    if process_id in UNSIGNED or process_id not in OFFERED_PROCESSES:
+        raise InvalidRequestError(f"results of '{process_id}' are not signed in the operator's name")
+    if not re.match(r"https?://[^/]", receiver):
+        raise InvalidRequestError(f"'{receiver}' is no address of a receiver: https://host or https://host:port")
+    return derived_secret(settings.callback_secret, project, receiver, process_id)
 
 
 def make_key(

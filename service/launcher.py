@@ -22,7 +22,6 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
-from service import engine
 from service.adapters import database
 from service.adapters.child_process import remove_left_scratch
 from service.adapters.database_files import DatabaseFileStore
@@ -37,6 +36,7 @@ from service.refusals import OpenToAllError
 from service.settings import Settings
 from service.use_cases.adopt_files import adopt_files
 from service.use_cases.content_keys import INCOMING
+from service.use_cases.service_proof import LOCK, new_secret
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
@@ -83,17 +83,28 @@ class Supervised:
             log.info("process started", name=self.name, pid=self.process.pid)
 
 
+def keep_private(settings: Settings) -> None:
+    """Let nobody else on this machine read what this process and those that it starts write."""
+    os.umask(0o077)
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        settings.data_dir.chmod(0o700)
+    except PermissionError:  # of another user, who lets this one write there
+        log.warning("others may read the data directory", directory=str(settings.data_dir))
+    (settings.data_dir / LOCK).touch(mode=0o600)
+
+
 def prepare(settings: Settings) -> None:
-    """Bring the data up to date: the service's tables, the queue engine's, the files. Before any process starts.
+    """Bring the data up to date: the tables, the files. Before any process starts.
 
     Raises
     ------
     StorageError
         The database cannot be reached.
     """
+    keep_private(settings)
     try:
         database.migrate(settings)
-        engine.prepare(settings)
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
@@ -121,7 +132,7 @@ def serve(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     configure_log()
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    keep_private(settings)
     with _only_one(settings), _listening_in_safety(settings) as listener:
         _remove_partial(settings)
         url = f"http://{settings.host}:{listener.getsockname()[1]}"
@@ -141,11 +152,15 @@ def serve(
 @contextmanager
 def _only_one(settings: Settings) -> Iterator[None]:
     """Keep a second service off the same data directory."""
-    with (settings.data_dir / "service.lock").open("w") as lock:
+    with (settings.data_dir / LOCK).open("ab") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StorageError(f"another service uses the data directory {settings.data_dir.resolve()}") from None
+        os.fchmod(lock.fileno(), 0o600)
+        lock.truncate(0)
+        lock.write(new_secret())
+        lock.flush()
         yield
 
 
@@ -153,6 +168,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
 def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
     """Bind when it is known that not everybody is let in."""
     prepare(settings)
+    database.let_shrink(settings)
     tables = connect(settings)
     try:
         if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():
@@ -241,10 +257,14 @@ def _run_api(descriptor: int, app: str) -> None:
     sys.setswitchinterval(THREAD_SWITCH_S)
     allow_many_files()
     settings = Settings()
+    # the web server itself would believe whatever comes from this machine
+    proxies = settings.trusted_proxies or os.environ.get("FORWARDED_ALLOW_IPS", "")
     uvicorn.run(
         app,
         factory=True,
         fd=descriptor,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=proxies,
         http=ImpatientConnection.with_limits(settings.header_timeout_s, settings.body_timeout_s),
         log_config=None,
         access_log=False,

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from typing import Any
 
@@ -17,14 +17,17 @@ from fastapi.openapi.utils import get_openapi
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.adapters.child_process import ChildProcesses
-from service.adapters.database import DatabaseJobStore
+from service.adapters.confinement import available
+from service.adapters.database import DatabaseJobStore, give_space_back
 from service.adapters.database_audit import DatabaseAuditLog
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_idempotency import DatabaseIdempotencyStore
 from service.adapters.database_job_log import DatabaseJobLog
 from service.adapters.database_keys import DatabaseKeyStore
-from service.adapters.database_tables import connect
+from service.adapters.database_queue import DatabaseQueue
+from service.adapters.database_steps import DatabaseSteps
+from service.adapters.database_tables import FRESH_S, connect, reserve_connections
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.local_uploads import LocalUploads
 from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
@@ -33,7 +36,6 @@ from service.adapters.object_files import blob_store
 from service.adapters.remote_sources import RemoteSources
 from service.adapters.shared_uploads import upload_store_of
 from service.dependencies import AccessStores, Adapters
-from service.engine import DbosQueue
 from service.errors import ServiceError
 from service.ports import UploadStore
 from service.routes import (
@@ -51,17 +53,21 @@ from service.routes import (
     uploads,
 )
 from service.routes.access_description import describe_access
+from service.routes.answer_headers import AnswerHeaders
 from service.routes.correlation import RequestIds
+from service.routes.described_once import DescribedOnce
 from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
 from service.use_cases.check_access import Gatekeeper
+from service.use_cases.check_readiness import ReadinessWatch, check_readiness
 from service.use_cases.clean_up import Cleaner
 from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.forget_old import forget_old
 from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk
+from service.use_cases.upload_threads import step_back
 
 THREADS = 16
 """In which requests are answered. More would not answer more, only wait for each other and keep memory."""
@@ -71,16 +77,16 @@ log = structlog.get_logger()
 def app_from_environment() -> FastAPI:
     """Build the web application that `tieline serve` runs; the database must have been prepared."""
     settings = Settings()
-    database = connect(settings)
-    queue = DbosQueue(settings, DatabaseExecutors(database))
-    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
+    database = connect(settings, reserve=True, fresh_s=FRESH_S)
+    step_back(settings.niceness)
+    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"), reads_only=True)
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
-        jobs=DatabaseJobStore(database, queue.enqueue),
+        jobs=DatabaseJobStore(database),
         files=DatabaseFileStore(database),
         blobs=blobs,
-        queue=queue,
+        queue=DatabaseQueue(DatabaseExecutors(database), DatabaseSteps(database, settings.max_running_jobs)),
         steps=readers,
         log=DatabaseJobLog(database),
     )
@@ -89,27 +95,37 @@ def app_from_environment() -> FastAPI:
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
+        log.info("what reads uploaded files is confined", by=_confinement(settings))
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
+        try:
+            await asyncio.to_thread(reserve_connections, database)
+        except SQLAlchemyError as error:
+            log.warning("the database has no connections to keep in reserve for requests", error=str(error))
         belongings = Belongings(adapters.files, adapters.jobs, upload_store)
         desk = UploadDesk(upload_store, files.file_intake(belongings, adapters, settings))
-        cleaning = asyncio.create_task(_clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings))
+        cleaning = asyncio.create_task(
+            _clean_up_regularly(Cleaner(desk, adapters.jobs), access, settings, partial(give_space_back, database))
+        )
         yield
         cleaning.cancel()
         readers.close()
-        queue.close()
         database.dispose()
 
     return create_app(settings, adapters, closing, access, upload_store)
 
 
-async def _clean_up_regularly(cleaner: Cleaner, access: AccessStores, settings: Settings) -> None:
+async def _clean_up_regularly(
+    cleaner: Cleaner, access: AccessStores, settings: Settings, give_space_back: Callable[[], None]
+) -> None:
     """Clean up from time to time, each process at its own; what fails is tried again the next time."""
     while True:
         await asyncio.sleep(settings.clean_up_interval_s * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
         try:
             now = datetime.now(UTC)
             done = await cleaner.clean_up(now)
-            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, settings.audit_days, now)
+            days = settings.audit_days, now, settings.audit_refused_days
+            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, *days)
+            await asyncio.to_thread(give_space_back)
         except (ServiceError, SQLAlchemyError, OSError) as error:
             log.warning("cleaning up failed", error=str(error))
             continue
@@ -138,11 +154,22 @@ def create_app(
         Resumable uploads; None: in the data directory.
     """
     stores = access or AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
-    app = FastAPI(title=landing.TITLE, description=landing.DESCRIPTION, version=version("tieline"), lifespan=lifespan)
+    app = FastAPI(
+        title=landing.TITLE,
+        description=landing.DESCRIPTION,
+        version=version("tieline"),
+        lifespan=lifespan,
+        docs_url=None,  # the framework's pages load their viewers from other hosts
+        redoc_url=None,
+    )
     app.state.settings = settings
     app.state.adapters = adapters
     app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
     app.state.access_stores = stores
+    app.state.readiness = ReadinessWatch(
+        partial(check_readiness, adapters.jobs, adapters.blobs, adapters.queue, _confinement(settings)),
+        look_again_s=1.0,
+    )
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
@@ -164,12 +191,19 @@ def create_app(
         app.include_router(resource.router)
     install_error_handlers(app)
     app.state.gatekeeper = Gatekeeper(stores.keys, settings)
+    app.add_middleware(DescribedOnce)
     app.add_middleware(RepeatedRequests, answers=stores.answers)
     app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, stores.audit, settings))
     metrics.count_requests(app)
+    app.add_middleware(AnswerHeaders)
     app.add_middleware(RequestIds)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
+
+
+def _confinement(settings: Settings) -> str:
+    """Say how what reads uploaded files is confined."""
+    return available().text if settings.confine_readers else "off: TIELINE_CONFINE_READERS=false"
 
 
 def _openapi(app: FastAPI) -> dict[str, Any]:

@@ -52,6 +52,18 @@ class KeysNotInUseError(ServiceError):
         )
 
 
+class ForeignRequestError(ServiceError):
+    """Say why a request is not taken for one of this machine's user."""
+
+    status, title = 403, "Not from this machine"
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"{reason}; as long as this service needs no keys it answers only who sits at its machine. `tieline keys "
+            "create NAME` makes a key, and from then on it answers whoever has one"
+        )
+
+
 class OpenToAllError(ServiceError):
     """Say that a service would be open to everybody."""
 
@@ -76,6 +88,20 @@ class TooOftenError(ServiceError):
 
     def headers(self) -> Mapping[str, str]:
         """Tell when to go on."""
+        return {"Retry-After": str(self.retry_after_s)}
+
+
+class BusyError(ServiceError):
+    """Say that a request has waited long enough for its turn."""
+
+    status, title = 503, "Busy"
+
+    def __init__(self, what: str, waited_s: float, retry_after_s: int) -> None:
+        self.retry_after_s = retry_after_s
+        super().__init__(f"{what} has waited {waited_s:.3g} s for its turn; try again later")
+
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to try again."""
         return {"Retry-After": str(self.retry_after_s)}
 
 

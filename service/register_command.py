@@ -1,8 +1,10 @@
 """Register scan files from the command line, through a running service or an embedded one."""
 
 import json
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,86 +15,115 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TaskProgressColum
 from schemas.text_columns import TEXT_ENDINGS
 from service.client import ServiceClient
 from service.embedded import embedded_service
+from service.errors import InvalidRequestError
+from service.register_request import RequestOptions, read_request
 from service.result_tables import print_result
 from service.settings import Settings
-from service.use_cases.read_photo_list import PhotoList, read_photo_list
+from service.use_cases.read_photo_list import PhotoList
 from service.use_cases.scan_warnings import is_usable
+from service.use_cases.service_proof import secret_of
 from service.use_cases.uploaded_stations import UploadedFile, names_of_scans, stations_of_uploads
 
 Document = dict[str, Any]
+LINE_INTERVAL_S = 5.0
 
 
 def register_files(
     paths: Sequence[Path],
-    photos: Path | None,
+    said: RequestOptions,
     url: str | None,
-    output: Path | None,
+    output: Path,
     console: Console,
     *,
-    known: Document | None = None,
-    columns: str | None = None,
-    unit: str | None = None,
     key: str | None = None,
 ) -> bool:
-    """Upload, register, print the parameters; tell whether all stations were registered.
+    """Upload, register, keep all that comes out, print the parameters; tell whether all stations were registered.
 
     Parameters
     ----------
     paths
         Scan files.
-    photos
-        JSON file with inputs of `register` whose stations name photos; None for scans alone.
+    said
+        What else was said of the job.
     url
         Address of a running service.
     output
-        Where to write the result document.
+        Folder for the result document and all downloads; a name that ends in ``.json`` is that of a file for the
+        document alone.
     console
         Where to print.
-    known
-        What holds for every station of which the JSON file does not say otherwise, such as ``levelled_std_gon``.
-    columns
-        What the columns of those scan files are that are text tables.
-    unit
-        In which unit the coordinates of all scans are of which the JSON file does not say it.
     key
         For a running service that wants one.
 
     Raises
     ------
     InvalidRequestError
-        The photos cannot be assigned to stations.
+        The options make no sense, or photos cannot be assigned to stations.
     RefusedError
         A file or the whole job was refused.
     UnreachableError
         No service answers.
+    OSError
+        The results cannot be written.
     """
-    listed = PhotoList({}, []) if photos is None else read_photo_list(photos, paths)
+    listed = read_request(said, paths)
     with chosen_service(url, console) as address, ServiceClient(address, key=key) as client:
-        files = upload_files(client, paths, console, columns) + upload_files(client, listed.paths, console)
+        files = upload_files(client, paths, console, said.columns) + upload_files(client, listed.paths, console)
         for file in files[: len(paths)]:
             for warning in file.get("warnings") or []:
                 console.print(f"{file['name']}: {warning}", style="yellow", markup=False)
         stations = stations_with_photos(listed, files[: len(paths)], files[len(paths) :])
-        said = {} if unit is None else {"unit": unit}
-        stations = [{**(known or {}), **station, "scan": {**said, **station["scan"]}} for station in stations]
-        result = run_job(client, "register", {**listed.inputs, "stations": stations}, console)
-    if output is not None:
-        output.write_text(json.dumps(result, indent=1), encoding="utf-8")
+        stations = [said.completed(station) for station in stations]
+        job_id = start_job(client, "register", {**listed.inputs, "stations": stations}, console)
+        result = wait_for_job(client, job_id, console)
+        keep_results(client, job_id, result, output)
     print_result(console, result)
+    console.print(f"results: {output}")
     return bool(result["status"] == "registered")
+
+
+def default_output(now: datetime) -> Path:
+    """Name the folder in which results are kept where nothing is said."""
+    return Path(f"tieline-{now:%Y%m%d-%H%M%S}")
+
+
+def keep_results(client: ServiceClient, job_id: str, result: Document, output: Path) -> None:
+    """Write the result document, and all that the job offers besides, before the service goes."""
+    text = json.dumps(result, indent=1)
+    if output.suffix.lower() == ".json":
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(text, encoding="utf-8")
+        return
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "result.json").write_text(text, encoding="utf-8")
+    for name in client.artifacts(job_id):
+        # names come from the service, which may be another one
+        client.download(job_id, name, output / Path(name).name)
 
 
 @contextmanager
 def chosen_service(url: str | None, console: Console) -> Iterator[str]:
-    """Give the address asked for, the one where a service answers anyway, or an embedded service's."""
+    """Give the address asked for, that of this user's service if it runs, or an embedded service's.
+
+    Raises
+    ------
+    InvalidRequestError
+        Something answers as if it were a service, and does not prove to be this user's.
+    """
     settings = Settings()
     usual = f"http://{settings.host}:{settings.port}"
     if url is not None:
         yield url
         return
     with ServiceClient(usual) as client:
-        found = client.is_tieline()
-    if found:
+        own = client.proves(secret_of(settings.data_dir))
+        if not own and client.is_tieline():
+            raise InvalidRequestError(
+                f"at {usual} something answers that does not prove to be your service: anybody may have taken its "
+                f"place. --url {usual} sends your scans there all the same; TIELINE_DATA_DIR says where your service "
+                "has its data"
+            )
+    if own:
         console.print(f"using the service at {usual}", style="dim")
         yield usual
         return
@@ -117,12 +148,21 @@ def upload_files(
     return files
 
 
-def run_job(client: ServiceClient, process_id: str, inputs: Document, console: Console) -> Document:
-    """Start a job and wait for its result with a bar; a break from the keyboard dismisses it."""
+def start_job(client: ServiceClient, process_id: str, inputs: Document, console: Console) -> str:
+    """Start a job, tell its address, give its id."""
     job_id = client.execute(process_id, inputs)
     console.print(f"{client.url}/jobs/{job_id}", style="dim")
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    return job_id
+
+
+def wait_for_job(client: ServiceClient, job_id: str, console: Console) -> Document:
+    """Wait for the result of a job with a bar, or line by line where nothing moves; a break from the keyboard
+    dismisses it.
+    """
     try:
+        if not console.is_terminal:
+            return client.wait(job_id, _Lines(console).tell)
+        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console) as bars:
             bar = bars.add_task("waiting", total=100)
             return client.wait(
@@ -131,6 +171,21 @@ def run_job(client: ServiceClient, process_id: str, inputs: Document, console: C
     except KeyboardInterrupt:
         client.dismiss(job_id)
         raise
+
+
+class _Lines:
+    """Print what a job does as lines: each step when it begins, and what is said of it now and then."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._step, self._message, self._next = "", "", 0.0
+
+    def tell(self, percent: int, message: str) -> None:
+        """Print a line if there is news."""
+        step, now = message.partition(":")[0], time.monotonic()
+        if message != self._message and (step != self._step or now >= self._next):
+            self._console.print(f"{percent:3d} % {message}", markup=False, highlight=False)
+            self._step, self._message, self._next = step, message, now + LINE_INTERVAL_S
 
 
 def stations_with_photos(listed: PhotoList, scans: Sequence[Document], photos: Sequence[Document]) -> list[Document]:

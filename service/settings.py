@@ -29,14 +29,18 @@ class Settings(BaseSettings):
     the usual ``AWS_…`` variables), ``file:///directory``; empty: in `data_dir`."""
     cache_bytes: int = Field(default=50 * GIGABYTE, ge=0)
     """Most bytes of copies from an object store on this machine; those in use may exceed it."""
-    database_connections: int = Field(default=8, ge=2)
-    """Most connections of one process to PostgreSQL for metadata; the queue takes as many again at most."""
+    database_connections: int = Field(default=4, ge=2)
+    """Most connections of one process to PostgreSQL. An API process opens them at its start and keeps them; a worker
+    keeps two."""
     host: str = "127.0.0.1"
     """Address to bind to."""
     port: int = Field(default=8765, ge=0, le=65535)
     """Port to bind to."""
     public_url: str = ""
     """Base of all links when the service stands behind a proxy; empty: as the request says."""
+    trusted_proxies: str = ""
+    """Addresses and networks of proxies, separated by commas, that are believed who asks (`X-Forwarded-For`) and how
+    (`X-Forwarded-Proto`); empty: those in `FORWARDED_ALLOW_IPS`, and without it none."""
     api_processes: int = Field(default=1, ge=1)
     """API processes that `tieline serve` starts."""
     workers: int = Field(default=1, ge=0)
@@ -46,8 +50,14 @@ class Settings(BaseSettings):
     reads its file on one core, the other computes."""
     threads: int = Field(default=0, ge=0)
     """Threads per computation; 0: all cores divided by the slots that are asked for."""
+    niceness: int = Field(default=5, ge=0, le=19)
+    """How far computations, and the writing of uploads, step back behind all else on this machine: 0, not at all, as
+    where a command starts the service for itself, to 19; each step costs a fifth of their share of a processor."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
+    confine_readers: bool = True
+    """Let the process that reads an uploaded file see that file and the libraries only, and no network, where the
+    kernel can do it (Linux: Landlock, seccomp)."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
     """Largest upload."""
     max_points: int = Field(default=200_000_000, ge=1)
@@ -67,15 +77,26 @@ class Settings(BaseSettings):
     max_project_bytes: int = Field(default=1000 * GIGABYTE, ge=1)
     """Most bytes that one project may store: files, uploads on their way, results and downloads of jobs; content that
     is stored once for several files counts for each. A project with more begins no upload and no job."""
+    max_project_uploads: int = Field(default=1000, ge=1)
+    """Most resumable uploads of one project that are begun, or were refused and are not removed yet."""
+    max_project_records_bytes: int = Field(default=2 * GIGABYTE, ge=1)
+    """Most bytes of one project in the database: inputs of jobs, kept answers to repeated requests, and 300 for each of
+    its entries in the audit log."""
     auth: Literal["auto", "required", "off"] = "auto"
     """Whether requests need a key: `auto`, as soon as one was made (and then for ever, also when all are revoked);
     `required`, always; `off`, never, on any address."""
     max_requests_per_minute: int = Field(default=6000, ge=1)
     """Most requests with one key, counted by each API process for itself."""
+    max_address_requests_per_minute: int = Field(default=6000, ge=1)
+    """Most requests from one address (of IPv6: from one /64) to what needs no key, once keys are needed for the rest;
+    counted by each API process for itself."""
     max_key_checks_per_minute: int = Field(default=60, ge=1)
-    """Most keys from one address that an API process has not seen lately, wrong ones among them."""
+    """Most wrong keys from one address (of IPv6: from one /64) that an API process looks at, counted for each key that
+    exists by itself: who has another one is not locked out."""
     audit_days: int = Field(default=400, ge=1)
     """How long it is kept who changed what."""
+    audit_refused_days: int = Field(default=7, ge=1)
+    """How long it is kept who was turned away."""
     min_free_bytes: int = Field(default=GIGABYTE, ge=0)
     """Uploads are refused (507) when less would remain free on the disk."""
     allowed_sources: str = ""
@@ -85,8 +106,9 @@ class Settings(BaseSettings):
     allow_private_sources: bool = False
     """Allow these addresses to be those of private networks and of this machine."""
     callback_secret: Literal[""] | CallbackSecret = Field(default="", repr=False)
-    """Signs callbacks (Standard Webhooks): `whsec_` and a key in base64, or any text of 16 characters or more; empty:
-    only those whose subscriber brought a secret are signed."""
+    """From which the secrets are derived that sign callbacks, one for each project, receiver and process (`tieline keys
+    callback` tells them): `whsec_` and a key in base64, or any text of 16 characters or more; empty: only those whose
+    subscriber brought a secret are signed."""
     allow_private_callbacks: bool = False
     """Allow callbacks to addresses of private networks and of this machine."""
     callback_ports: str = Field(default="80,443,8080,8443", pattern=r"^\s*(\d{1,5}\s*(,\s*\d{1,5}\s*)*)?$")
@@ -111,11 +133,18 @@ class Settings(BaseSettings):
     step_timeout_s: int = Field(default=3600, ge=1)
     """Longest run of one computation."""
     step_memory_bytes: int = Field(default=16 * GIGABYTE, ge=GIGABYTE)
-    """Address space of one computation above what the libraries reserve."""
+    """Most memory of one computation above what the libraries need; less where the machine, or the control group, has
+    less: four fifths of its memory are divided among all computations and inspections that may run side by side."""
     inspect_timeout_s: int = Field(default=300, ge=1)
     """Longest inspection of an uploaded file."""
+    inspect_wait_s: int = Field(default=300, ge=1)
+    """How long an upload waits for its inspection, one of its project and some of all being under way, before it is
+    refused (503)."""
+    inspections: int = Field(default=0, ge=0)
+    """Inspections side by side on this machine, one of which is left to other projects where there are several; 0: one
+    a core, and two at least, while each has a gigabyte of memory."""
     max_attempts: int = Field(default=3, ge=1)
-    """How often a job is taken up before it counts as poison and fails."""
+    """How many workers may die while they compute the same step before its job counts as poison and fails."""
 
     @property
     def computations(self) -> int:
@@ -131,6 +160,11 @@ class Settings(BaseSettings):
     def source_beginnings(self) -> tuple[str, ...]:
         """Give the beginnings of the addresses from which files may be fetched."""
         return tuple(text.strip() for text in self.allowed_sources.split(",") if text.strip())
+
+    @property
+    def embedded_database(self) -> bool:
+        """Tell whether the database is a file of this machine."""
+        return self.sqlalchemy_url.startswith("sqlite")
 
     @property
     def sqlalchemy_url(self) -> str:

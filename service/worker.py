@@ -19,14 +19,15 @@ from service.adapters.database_callbacks import DatabaseCallbacks
 from service.adapters.database_executors import DatabaseExecutors
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_tables import connect
+from service.adapters.database_steps import DatabaseSteps
+from service.adapters.database_tables import FRESH_FOR_WORKERS_S, connect
 from service.adapters.http_callbacks import HttpCallbacks
 from service.adapters.log_output import configure_log
 from service.adapters.nursery_client import WarmUp
 from service.adapters.object_files import blob_store
 from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
 from service.adapters.shared_uploads import upload_store_of
-from service.engine import DbosQueue, Engine, Tools
+from service.engine import Engine, Tools
 from service.engine.patience import patiently
 from service.errors import ServiceError
 from service.ports import BlobStore, Plan
@@ -44,11 +45,18 @@ STOP_WITHIN_S = 6.0
 WARM_UP = WarmUp(
     "service.use_cases.warm_up:load_for_registration",
     "service.use_cases.warm_up:load_for_reports",
-    "service.use_cases.warm_up:practise",
+    "service.use_cases.kernels:practise_once",
 )
 
 
-def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS, plans: str = DEFAULT_PLANS) -> None:
+def main(
+    settings: Settings,
+    slot: str = "worker",
+    *,
+    steps: str = DEFAULT_STEPS,
+    plans: str = DEFAULT_PLANS,
+    launcher: int | None = None,
+) -> None:
     """Execute jobs until SIGTERM or SIGINT; then give running steps up, to be resumed elsewhere or at the next start.
 
     The database must have been prepared (`service.launcher.prepare`).
@@ -58,10 +66,9 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
         signal.signal(number, lambda *_: stop.set())
     configure_log()
     remove_left_scratch(settings)
-    database = connect(settings)
+    database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
     executors = DatabaseExecutors(database)
-    queue = DbosQueue(settings, executors)
-    jobs = DatabaseJobStore(database, queue.enqueue)
+    jobs = DatabaseJobStore(database)
     runner = ChildProcesses(settings, steps, WARM_UP if steps == DEFAULT_STEPS else NOTHING_WARM)
     runner.warm_up()
     module, _, attribute = plans.partition(":")
@@ -72,16 +79,15 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     tools = Tools(
         settings=settings,
         jobs=jobs,
-        ledger=jobs,
+        steps=DatabaseSteps(database, settings.max_running_jobs),
         log=DatabaseJobLog(database),
         files=files,
         executors=executors,
         runner=FetchingRunner(runner, intake, jobs, partial(patiently, settings.step_timeout_s)),
         plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
-        queue=queue,
         count_results=partial(count_results, jobs=jobs, blobs=blobs),
     )
-    engine = Engine(tools, slot)
+    engine = Engine(tools, slot, launcher)
     callbacks = CallbackThread(
         CallbackDelivery(
             callbacks=DatabaseCallbacks(database),
@@ -103,7 +109,6 @@ def main(settings: Settings, slot: str = "worker", *, steps: str = DEFAULT_STEPS
     callbacks.stop()
     engine.stop()
     runner.close()
-    queue.close()
     database.dispose()
 
 
@@ -130,4 +135,4 @@ if __name__ == "__main__":
     options = parser.parse_args()
     if options.parent is not None:
         die_with_parent(options.parent)
-    main(Settings(), options.slot, steps=options.steps, plans=options.plans)
+    main(Settings(), options.slot, steps=options.steps, plans=options.plans, launcher=options.parent)

@@ -18,6 +18,8 @@ import psutil
 import psycopg
 import pytest
 
+from tests.patience import patience
+
 USER = "postgres"
 START_WITHIN_S = 30.0
 
@@ -38,8 +40,9 @@ class PostgresServer:
     that of the machine, which makes it fast.
     """
 
-    def __init__(self, programs: Path) -> None:
+    def __init__(self, programs: Path, **options: str) -> None:
         self._programs = programs
+        self._options = options
         self._user = {"user": USER, "group": USER, "extra_groups": []} if os.geteuid() == 0 else {}
         self._home = Path(tempfile.mkdtemp(prefix="tieline-postgres-"))
         self._process: subprocess.Popen[bytes] | None = None
@@ -57,12 +60,13 @@ class PostgresServer:
 
     def start(self) -> None:
         """Start it, and wait until it answers."""
-        deadline = time.monotonic() + START_WITHIN_S
+        deadline = time.monotonic() + START_WITHIN_S * patience()
         settings = {
             "listen_addresses": "127.0.0.1",
             "port": str(self._port),
             "unix_socket_directories": str(self._home),
             "fsync": "off",
+            **self._options,
         }
         words = [word for name, value in settings.items() for word in ("-c", f"{name}={value}")]
         while True:
@@ -111,11 +115,19 @@ class PostgresServer:
         assert row is not None
         return int(row[0])
 
+    def transactions(self, url: str) -> int:
+        """Count the transactions in a database so far."""
+        with psycopg.connect(self.url("postgres")) as connection:
+            query = "SELECT xact_commit + xact_rollback FROM pg_stat_database WHERE datname = %s"
+            row = connection.execute(query, [url.rpartition("/")[2]]).fetchone()
+        assert row is not None
+        return int(row[0])
+
     def stop(self) -> None:
         """Stop it in order, but without waiting for its clients."""
         if self._process is not None:
             self._process.send_signal(signal.SIGINT)
-            self._process.wait(30)
+            self._process.wait(30.0 * patience())
             self._process = None
 
     def kill(self) -> None:
@@ -153,12 +165,12 @@ def _end_with_the_tests() -> None:
 
 
 @contextmanager
-def postgres_server() -> Iterator[PostgresServer]:
-    """Run a server; the test is skipped where none is installed."""
+def postgres_server(**options: str) -> Iterator[PostgresServer]:
+    """Run a server, with options of its own; the test is skipped where none is installed."""
     found = programs()
     if found is None:
         pytest.skip("no PostgreSQL server is installed (package postgresql)")
-    server = PostgresServer(found)
+    server = PostgresServer(found, **options)
     try:
         server.start()
         yield server

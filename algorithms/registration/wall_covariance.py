@@ -72,10 +72,14 @@ def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: In
 
 
 def covering(first: Array, second: Array) -> Array:
-    """Give the smallest matrix that is not below either of two positive definite ones.
+    """Give the smallest matrix that is not below either of two covariances.
 
-    In the coordinates in which the first is the unit matrix and the second diagonal, the larger of each pair.
+    In the coordinates in which their sum is the unit matrix both are diagonal: the larger of each pair. What few pieces
+    tell has no more rank than they are, so directions in which the sum is nothing but rounding are given that much.
     """
-    values, vectors = linalg.eigh(second, first)
-    back = first @ vectors
-    return np.asarray((back * np.maximum(values, 1.0)) @ back.T)
+    total = first + second
+    values, vectors = np.linalg.eigh(total)
+    roots = np.sqrt(np.maximum(values, len(total) * np.finfo(float).eps * values[-1]))
+    shares, axes = np.linalg.eigh((vectors / roots).T @ first @ (vectors / roots))
+    back = (vectors * roots) @ axes
+    return np.asarray((back * np.maximum(shares, 1.0 - shares)) @ back.T)

@@ -20,10 +20,11 @@ import psutil
 import structlog
 
 from service.adapters.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
-from service.adapters.process_limits import DEFAULT_STEPS, this_host
+from service.adapters.process_limits import DEFAULT_STEPS, is_harmless, is_secret, this_host
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepFailedError
 from service.settings import Settings
+from service.use_cases.machine_shares import INSPECT
 
 NOTHING_WARM = WarmUp()
 LAST_WORDS_LINES = 12
@@ -69,14 +70,29 @@ class ChildProcesses:
         ``module:attribute`` of the mapping of step names to functions.
     warm_up
         What they find loaded.
+    reads_only
+        They read what was uploaded, and need no credentials.
     """
 
-    def __init__(self, settings: Settings, steps: str = DEFAULT_STEPS, warm_up: WarmUp = NOTHING_WARM) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        steps: str = DEFAULT_STEPS,
+        warm_up: WarmUp = NOTHING_WARM,
+        *,
+        reads_only: bool = False,
+    ) -> None:
         self._settings = settings
         self._steps = steps
-        self._nursery = NurseryClient(steps, warm_up, environment(settings))
+        self._reads_only = reads_only
+        self._nursery = NurseryClient(steps, warm_up, self._environment, settings.niceness)
         self._scratch = settings.data_dir.resolve() / "scratch"
         self._scratch.mkdir(parents=True, exist_ok=True)
+
+    def _environment(self) -> Mapping[str, str]:
+        """Give the variables of a process that is about to start."""
+        kept = _kept_environment(self._settings, reads_only=self._reads_only)
+        return {**kept, **environment(self._settings)}
 
     def warm_up(self) -> None:
         """Load libraries already now."""
@@ -97,7 +113,7 @@ class ChildProcesses:
         request = {
             "step": step,
             "arguments": arguments,
-            "settings": self._settings.model_dump(mode="json"),
+            "settings": self._settings.model_dump(mode="json", exclude=_unneeded_by(step)),
             "scratch": str(directory),
         }
         try:
@@ -161,7 +177,7 @@ class ChildProcesses:
             stderr=output,
             start_new_session=True,
             pass_fds=(reports,),
-            env={**os.environ, **environment(self._settings)},
+            env=self._environment(),
         )
         return _ColdProcess(process)
 
@@ -183,11 +199,29 @@ class _ColdProcess:
             os.killpg(self.process.pid, signal.SIGKILL)
 
 
+def _unneeded_by(step: str) -> set[str]:
+    """Name the settings that a step must not know; what is inspected lies on this machine."""
+    return {"database_url", "callback_secret", *(("storage_url", "allowed_sources") if step == INSPECT else ())}
+
+
+def _kept_environment(settings: Settings, *, reads_only: bool) -> Mapping[str, str]:
+    """Give the variables that computations find; credentials only where they fetch or keep something elsewhere."""
+    if reads_only:
+        return {name: value for name, value in os.environ.items() if is_harmless(name)}
+    elsewhere = settings.storage_url.startswith("s3:") or settings.allowed_sources
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not is_secret(name) or (elsewhere and name.startswith("AWS_"))
+    }
+
+
 def environment(settings: Settings) -> Mapping[str, str]:
     """Give the variables that must be known before the libraries are imported."""
     return {
         **dict.fromkeys(THREAD_VARIABLES, str(settings.threads_per_computation)),
         **LIBRARY_VARIABLES,
+        "TIELINE_NICENESS": str(settings.niceness),
     }
 
 

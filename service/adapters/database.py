@@ -1,5 +1,6 @@
 """Jobs in the metadata database (SQLite or PostgreSQL)."""
 
+import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from datetime import datetime
@@ -12,11 +13,15 @@ from service.adapters.database_callbacks import note_change
 from service.adapters.database_job_filter import condition_of
 from service.adapters.database_job_states import DatabaseJobStates
 from service.adapters.database_tables import connect, job_files, job_steps, jobs, lock_name
+from service.adapters.database_totals import add_to_totals
 from service.ports import Job, JobFilter, JobState, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
-Enqueue = Callable[[sa.Connection, Job], None]
+INCREMENTAL = 2
+"""Of SQLite's ways to give space back: when asked."""
+PAGES_AT_ONCE = 25_000
+"""100 MB, in which no other process can write."""
 COLUMNS = tuple(each.name for each in fields(Job) if each.name not in {"file_ids", "status", "fetches"})
 # clients ask for single jobs again and again: putting a statement together takes longer than executing it
 JOB = sa.select(jobs).where(jobs.c.id == sa.bindparam("id"))
@@ -46,45 +51,72 @@ def migrate(settings: Settings) -> None:
         engine.dispose()
 
 
+def let_shrink(settings: Settings) -> None:
+    """Let the file of an embedded database give back what is deleted; once, while nobody else uses it."""
+    engine = connect(settings)
+    try:
+        if engine.dialect.name == "sqlite":
+            connection = engine.raw_connection()
+            try:
+                cursor = connection.cursor()
+                if cursor.execute("PRAGMA auto_vacuum").fetchone()[0] != INCREMENTAL:
+                    cursor.execute(f"PRAGMA auto_vacuum={INCREMENTAL}")
+                    cursor.execute("VACUUM")
+            finally:
+                connection.close()
+    finally:
+        engine.dispose()
+
+
+def give_space_back(engine: sa.Engine) -> None:
+    """Let the embedded database's files become as small as what they hold; servers see to that themselves."""
+    if engine.dialect.name != "sqlite":
+        return
+    connection = engine.raw_connection()
+    try:
+        cursor = connection.cursor()
+        # as a script, because a statement would stop after each page
+        cursor.executescript(f"PRAGMA incremental_vacuum({PAGES_AT_ONCE})")
+        cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    finally:
+        connection.close()
+
+
 def _reading(engine: sa.Engine) -> Any:
     return engine.execution_options(reads_only=True).begin()
 
 
 class DatabaseJobStore:
-    """Keep jobs and how far their steps are.
+    """Keep jobs. One that is kept is on the queue (`service.adapters.database_steps`).
 
     Parameters
     ----------
     engine
         From `connect`.
-    enqueue
-        Puts a job on the queue within the transaction of the given connection.
     owner
         Project whose jobs these are; None: those of all.
     states
         Of the same database; None: made anew.
     """
 
-    def __init__(
-        self, engine: sa.Engine, enqueue: Enqueue, owner: str | None = None, states: DatabaseJobStates | None = None
-    ) -> None:
+    def __init__(self, engine: sa.Engine, owner: str | None = None, states: DatabaseJobStates | None = None) -> None:
         self._engine = engine
         self._states = states or DatabaseJobStates(engine)
-        self._enqueue = enqueue
         self._owner = owner
         self._mine = sa.true() if owner is None else jobs.c.owner == owner
 
     def of(self, owner: str) -> "DatabaseJobStore":
         """Give the jobs of one project."""
-        return DatabaseJobStore(self._engine, self._enqueue, narrowed(self._owner, owner), self._states)
+        return DatabaseJobStore(self._engine, narrowed(self._owner, owner), self._states)
 
     def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
-        """Insert the job and put it on the queue in one transaction, in which `admit` is asked: both or neither."""
+        """Insert the job, which puts it on the queue, in one transaction, in which `admit` is asked."""
         if self._owner is not None:
             job = replace(job, owner=self._owner)
         row = asdict(job)
         row.pop("file_ids")
         row["status"] = job.status.value
+        row["input_bytes"] = len(json.dumps(job.inputs))
         with self._engine.begin() as connection:
             lock_name(connection, f"jobs of {job.owner}")
             admit(_unfinished(connection, job.owner))
@@ -94,7 +126,6 @@ class DatabaseJobStore:
                     sa.insert(job_files),
                     [{"job_id": job.id, "position": i, "file_id": f} for i, f in enumerate(job.file_ids)],
                 )
-            self._enqueue(connection, job)
 
     def get(self, job_id: str) -> Job | None:
         """Fetch a job."""
@@ -159,6 +190,11 @@ class DatabaseJobStore:
         with _reading(self._engine) as connection:
             return int(connection.execute(sa.select(sa.func.sum(jobs.c.result_bytes)).where(self._mine)).scalar() or 0)
 
+    def inputs_bytes(self) -> int:
+        """Sum up the inputs of all jobs as they are kept."""
+        with _reading(self._engine) as connection:
+            return int(connection.execute(sa.select(sa.func.sum(jobs.c.input_bytes)).where(self._mine)).scalar() or 0)
+
     def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
         """List jobs that ended before a moment and of whose results nothing was noted."""
         ended = sa.and_(jobs.c.result_bytes.is_(None), jobs.c.finished < before, self._mine)
@@ -177,59 +213,10 @@ class DatabaseJobStore:
             job_id = connection.execute(query).scalar()
             return None if job_id is None else self._job(connection, job_id)
 
-    def plan_stage(self, job_id: str, stage: int, weights: Sequence[float], total_weight: float) -> None:
-        """Note the steps of a stage; noting them again changes nothing."""
-        of_stage = sa.and_(job_steps.c.job_id == job_id, job_steps.c.stage == stage)
-        with self._engine.begin() as connection:
-            changed = connection.execute(sa.update(jobs).where(jobs.c.id == job_id).values(total_weight=total_weight))
-            known = connection.execute(sa.select(sa.func.count()).select_from(job_steps).where(of_stage)).scalar_one()
-            if changed.rowcount and weights and not known:
-                connection.execute(
-                    sa.insert(job_steps),
-                    [
-                        {"job_id": job_id, "stage": stage, "position": i, "weight": weight, "fraction": 0.0}
-                        for i, weight in enumerate(weights)
-                    ],
-                )
-
-    def begin_step(self, job_id: str, label: str, now: datetime) -> Job | None:
-        """Mark the job as running if it was waiting; None when it is gone or final (the step must not run)."""
-        first = {
-            "status": JobStatus.RUNNING.value,
-            "attempts": sa.case((jobs.c.attempts < 1, 1), else_=jobs.c.attempts),
-            "started": sa.func.coalesce(jobs.c.started, sa.literal(now, jobs.c.started.type)),
-        }
-        return self._change(job_id, **first, message=label, updated=now)
-
-    def report_step(self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime) -> bool:
-        """Record how far a step is; False when the job is gone or final."""
-        this = sa.and_(job_steps.c.job_id == job_id, job_steps.c.stage == stage, job_steps.c.position == index)
-        done = sa.func.coalesce(sa.func.sum(job_steps.c.weight * job_steps.c.fraction), 0.0)
-        known = sa.func.coalesce(sa.func.sum(job_steps.c.weight), 0.0)
-        with self._engine.begin() as connection:
-            connection.execute(
-                sa.update(job_steps).where(this, job_steps.c.fraction < fraction).values(fraction=fraction)
-            )
-            sums = connection.execute(sa.select(done, known).where(job_steps.c.job_id == job_id)).one()
-            total = connection.execute(sa.select(jobs.c.total_weight).where(jobs.c.id == job_id)).scalar() or 0.0
-            share = float(sums[0]) / max(float(sums[1]), total, 1e-12)
-            # 100 is for the job that has succeeded
-            values = {"progress": _at_least(min(99, int(100 * share))), "message": message, "updated": now}
-            changed = connection.execute(
-                sa.update(jobs).where(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED)).values(values)
-            )
-            return bool(changed.rowcount)
-
     def _change(self, job_id: str, **values: Any) -> Job | None:
-        """Change an unfinished job; None when it is gone or final. The one place where status moves."""
-        unfinished = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED), self._mine)
+        """Change an unfinished job; None when it is gone or final, or of another project."""
         with self._engine.begin() as connection:
-            if not connection.execute(sa.update(jobs).where(unfinished).values(values)).rowcount:
-                return None
-            job = self._job(connection, job_id)
-            if job is not None and "status" in values:
-                note_change(connection, job)
-            return job
+            return change_job(connection, job_id, self._mine, **values)
 
     def _job(self, connection: sa.Connection, job_id: str) -> Job | None:
         row = connection.execute(JOB, {"id": job_id}).mappings().one_or_none()
@@ -245,6 +232,27 @@ class DatabaseJobStore:
         for row in connection.execute(query).mappings() if wanted else ():
             file_ids[row["job_id"]].append(row["file_id"])
         return [_job_of(row, file_ids[row["id"]]) for row in rows]
+
+
+def change_job(
+    connection: sa.Connection, job_id: str, condition: sa.ColumnElement[bool] | None = None, **values: Any
+) -> Job | None:
+    """Change an unfinished job; None when it is gone or final. The one place where status moves forward."""
+    which = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED), sa.true() if condition is None else condition)
+    if not connection.execute(sa.update(jobs).where(which).values(values)).rowcount:
+        return None
+    row = connection.execute(JOB, {"id": job_id}).mappings().one()
+    job = _job_of(row, connection.execute(FILES_OF_JOB, {"id": job_id}).scalars())
+    if "status" in values:
+        note_change(connection, job)
+    if job.status.finished:
+        # nobody is to begin what waits; what is computed is given up by who computes it
+        waiting = sa.and_(job_steps.c.job_id == job_id, job_steps.c.state != "done")
+        connection.execute(sa.delete(job_steps).where(waiting))
+    if job.status is JobStatus.FAILED:
+        kind = str((job.problem or {}).get("title") or "unknown")
+        add_to_totals(connection, {("job_failures", kind): 1.0})
+    return job
 
 
 def _job_of(row: sa.RowMapping, file_ids: Iterable[str]) -> Job:

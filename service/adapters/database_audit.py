@@ -1,6 +1,6 @@
 """The audit log in the metadata database (SQLite or PostgreSQL)."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, fields
 from datetime import datetime
 
@@ -43,7 +43,14 @@ class DatabaseAuditLog:
             number = connection.execute(sa.select(sa.func.count()).select_from(audit).where(matching)).scalar_one()
             return [AuditEntry(*row) for row in connection.execute(query)], number
 
-    def forget_before(self, moment: datetime) -> int:
-        """Remove what is older; give its number."""
+    def number_of(self, project: str) -> int:
+        """Count the entries of a project."""
+        query = sa.select(sa.func.count()).select_from(audit).where(audit.c.project == project)
+        with self._engine.execution_options(reads_only=True).begin() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def forget_before(self, moment: datetime, statuses: Collection[int] | None = None) -> int:
+        """Remove what is older, or only what was answered with one of these; give its number."""
+        which = sa.true() if statuses is None else audit.c.status.in_(statuses)
         with self._engine.begin() as connection:
-            return connection.execute(sa.delete(audit).where(audit.c.time < moment)).rowcount
+            return connection.execute(sa.delete(audit).where(audit.c.time < moment, which)).rowcount

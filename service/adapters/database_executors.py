@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from service.adapters.database_tables import executors, leases
 from service.adapters.process_limits import this_host
+from service.ports import DeadExecutor
 
 DEAD_AFTER_S = 6.0
 """Three heartbeats missed."""
@@ -21,9 +22,10 @@ class DatabaseExecutors:
         self._engine = engine
         self._host = this_host()
 
-    def register(self, executor_id: str) -> None:
-        """Enter a worker."""
+    def register(self, executor_id: str, launcher: int | None = None) -> None:
+        """Enter a worker, and the process that keeps it running."""
         me = psutil.Process(os.getpid())
+        started = None if launcher is None else psutil.Process(launcher).create_time()
         with self._engine.begin() as connection:
             connection.execute(
                 sa.insert(executors).values(
@@ -32,6 +34,8 @@ class DatabaseExecutors:
                     pid=me.pid,
                     process_started=me.create_time(),
                     heartbeat=clock(connection),
+                    launcher_pid=launcher,
+                    launcher_started=started,
                 )
             )
 
@@ -46,14 +50,15 @@ class DatabaseExecutors:
         with self._engine.begin() as connection:
             connection.execute(sa.delete(executors).where(executors.c.id == executor_id))
 
-    def bury_dead(self, executor_id: str, *, by_heart: bool = True) -> None:
+    def bury_dead(self, executor_id: str, *, by_heart: bool = True) -> Sequence[DeadExecutor]:
         """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
         with self._engine.begin() as connection:
             overdue = clock(connection) - DEAD_AFTER_S
             rows = connection.execute(sa.select(executors).where(executors.c.id != executor_id)).all()
-            dead = [row.id for row in rows if (by_heart and row.heartbeat < overdue) or self._is_gone(row)]
+            dead = [row for row in rows if (by_heart and row.heartbeat < overdue) or self._is_gone(row)]
             if dead:
-                connection.execute(sa.delete(executors).where(executors.c.id.in_(dead)))
+                connection.execute(sa.delete(executors).where(executors.c.id.in_([row.id for row in dead])))
+        return [DeadExecutor(row.id, self._launcher_is_gone(row)) for row in dead]
 
     def live(self) -> Sequence[str]:
         """List the workers that are entered and not overdue."""
@@ -62,18 +67,15 @@ class DatabaseExecutors:
             rows = connection.execute(sa.select(executors).where(executors.c.heartbeat >= overdue)).all()
         return [row.id for row in rows if not self._is_gone(row)]
 
-    def entered(self) -> Sequence[str]:
-        """List all workers that are entered."""
-        with self._engine.begin() as connection:
-            return list(connection.execute(sa.select(executors.c.id)).scalars())
-
     def lease(self, name: str, holder: str, seconds: float) -> bool:
         """Take or keep a named lease; False while someone else holds it."""
         with self._engine.begin() as connection:
             now = clock(connection)
             # a worker that is gone holds nothing
             orphaned = leases.c.holder.not_in(sa.select(executors.c.id))
-            free = sa.or_(leases.c.holder == holder, leases.c.expires < now, orphaned)
+            held = sa.select(executors).join(leases, leases.c.holder == executors.c.id).where(leases.c.name == name)
+            gone = [row.id for row in connection.execute(held) if self._is_gone(row)]
+            free = sa.or_(leases.c.holder == holder, leases.c.expires < now, orphaned, leases.c.holder.in_(gone))
             values = {"holder": holder, "expires": now + seconds}
             if connection.execute(sa.update(leases).where(leases.c.name == name, free).values(values)).rowcount:
                 return True
@@ -88,13 +90,20 @@ class DatabaseExecutors:
 
     def _is_gone(self, row: sa.Row[tuple[object, ...]]) -> bool:
         """Tell whether a worker of this machine has no process any more, which is known without waiting."""
-        if row.host != self._host:
-            return False
-        try:
-            process = psutil.Process(row.pid)
-            return abs(process.create_time() - row.process_started) > 1.0 or process.status() == psutil.STATUS_ZOMBIE
-        except psutil.NoSuchProcess:
-            return True
+        return row.host == self._host and _has_ended(row.pid, row.process_started)
+
+    def _launcher_is_gone(self, row: sa.Row[tuple[object, ...]]) -> bool:
+        """Tell whether the process that kept a worker of this machine running has ended too."""
+        known = row.host == self._host and row.launcher_pid is not None
+        return known and _has_ended(row.launcher_pid, row.launcher_started)
+
+
+def _has_ended(pid: int, started: float) -> bool:
+    try:
+        process = psutil.Process(pid)
+        return abs(process.create_time() - started) > 1.0 or process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
 
 
 def clock(connection: sa.Connection) -> float:

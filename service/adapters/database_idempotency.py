@@ -10,6 +10,9 @@ from service.adapters.database_tables import idempotency, lock_name
 from service.ports import KEPT_ANSWERS, Answer, Claim
 from service.use_cases.identifiers import new_identifier
 
+ROW_BYTES = 500
+"""Of a request besides the body of its answer."""
+
 
 class DatabaseIdempotencyStore:
     """Keep first answers.
@@ -68,6 +71,13 @@ class DatabaseIdempotencyStore:
     def let_go(self, owner: str, key: str, holder: str) -> None:
         """Let a request that broke off be tried again."""
         self._change(owner, key, holder, held_until=0.0)
+
+    def kept_bytes(self, owner: str) -> int:
+        """Sum up what is kept of the requests of a project."""
+        size = sa.func.coalesce(sa.func.length(idempotency.c.body), 0) + ROW_BYTES
+        query = sa.select(sa.func.coalesce(sa.func.sum(size), 0)).where(idempotency.c.owner == owner)
+        with self._engine.execution_options(reads_only=True).begin() as connection:
+            return int(connection.execute(query).scalar_one())
 
     def forget_before(self, moment: datetime) -> int:
         """Remove what is older; give its number."""

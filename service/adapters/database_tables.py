@@ -1,5 +1,7 @@
 """Tables of the metadata database, and how to connect to it."""
 
+import time
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from typing import Any
 
@@ -9,6 +11,11 @@ from service.settings import Settings
 
 POOL_TIMEOUT_S = 10.0
 """How long a request waits for a free connection."""
+FRESH_S, FRESH_FOR_WORKERS_S = 5.0, 60.0
+"""A connection that was used within this time is used again without asking whether the server is still there; workers
+try again what fails."""
+KEPT_BY_WORKERS = 2
+"""Connections that a worker keeps; it opens more when it needs them, and closes those."""
 PATIENCE = {
     "connect_timeout": 5,
     # a server that is gone without a word (power cut, network) is noticed within half a minute
@@ -65,9 +72,14 @@ jobs = sa.Table(
     sa.Column("request_id", sa.String(128), nullable=False, server_default=""),
     # null: not counted yet
     sa.Column("result_bytes", sa.BigInteger),
+    # by which order of steps it was begun; 0: it was not
+    sa.Column("planned", sa.Integer, nullable=False, server_default="0"),
+    sa.Index("ix_jobs_planned_status", "planned", "status", "owner", "urgency", "created"),
+    sa.Column("input_bytes", sa.BigInteger, nullable=False, server_default="0"),
     sa.Index("ix_jobs_owner_created", "owner", "created"),
     sa.Index("ix_jobs_owner_result_bytes", "owner", "result_bytes"),
     sa.Index("ix_jobs_result_bytes", "result_bytes"),
+    sa.Index("ix_jobs_owner_input_bytes", "owner", "input_bytes"),
 )
 
 job_files = sa.Table(
@@ -86,6 +98,36 @@ job_steps = sa.Table(
     sa.Column("position", sa.Integer, primary_key=True),
     sa.Column("weight", sa.Float, nullable=False),
     sa.Column("fraction", sa.Float, nullable=False),
+    sa.Column("name", sa.String(64), nullable=False),
+    sa.Column("arguments", sa.JSON, nullable=False),
+    sa.Column("label", sa.Text, nullable=False),
+    # waiting, running or done
+    sa.Column("state", sa.String(16), nullable=False),
+    # who computes, or has computed it
+    sa.Column("executor", sa.String(128)),
+    sa.Column("waiting_since", sa.Float, nullable=False),
+    sa.Column("begun", sa.Float),
+    sa.Column("ended", sa.Float),
+    # workers that died while they computed it
+    sa.Column("deaths", sa.Float, nullable=False),
+    sa.Column("output", sa.JSON(none_as_null=True)),
+    sa.Index("ix_job_steps_state", "state", "job_id"),
+)
+
+turns = sa.Table(
+    "turns",
+    metadata,
+    sa.Column("owner", sa.String(64), primary_key=True),
+    # when a step of this project was begun last
+    sa.Column("begun", sa.Float, nullable=False),
+)
+
+totals = sa.Table(
+    "totals",
+    metadata,
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("label", sa.String(64), primary_key=True),
+    sa.Column("value", sa.Float, nullable=False),
 )
 
 job_log = sa.Table(
@@ -137,7 +179,7 @@ audit = sa.Table(
     sa.Column("id", sa.BigInteger().with_variant(sa.Integer, "sqlite"), primary_key=True, autoincrement=True),
     sa.Column("time", UtcDateTime, nullable=False, index=True),
     sa.Column("key_id", sa.String(32), nullable=False),
-    sa.Column("project", sa.String(64), nullable=False),
+    sa.Column("project", sa.String(64), nullable=False, index=True),
     sa.Column("remote", sa.String(64), nullable=False),
     sa.Column("method", sa.String(16), nullable=False),
     sa.Column("path", sa.Text, nullable=False),
@@ -205,6 +247,9 @@ executors = sa.Table(
     sa.Column("pid", sa.Integer, nullable=False),
     sa.Column("process_started", sa.Float, nullable=False),
     sa.Column("heartbeat", sa.Float, nullable=False),
+    # the process that keeps it running, with which it dies
+    sa.Column("launcher_pid", sa.Integer),
+    sa.Column("launcher_started", sa.Float),
 )
 
 leases = sa.Table(
@@ -222,18 +267,33 @@ def lock_name(connection: sa.Connection, name: str) -> None:
         connection.execute(sa.select(sa.func.pg_advisory_xact_lock(sa.func.hashtextextended(name, 0))))
 
 
-def connect(settings: Settings) -> sa.Engine:
-    """Make the engine of the metadata database (embedded SQLite or PostgreSQL)."""
+def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) -> sa.Engine:
+    """Make the engine of the metadata database (embedded SQLite or PostgreSQL).
+
+    Parameters
+    ----------
+    settings
+        Where it is, and how many connections there may be.
+    reserve
+        Keep all connections once they are open, so that nobody else takes them (see `reserve_connections`).
+    fresh_s
+        Within this time a connection is used again without asking whether the server is still there.
+    """
     url = sa.make_url(settings.sqlalchemy_url)
     if url.get_backend_name() != "sqlite":
-        return sa.create_engine(
+        most = settings.database_connections
+        kept = most if reserve else min(KEPT_BY_WORKERS, most)
+        server = sa.create_engine(
             url,
-            pool_size=2,
-            max_overflow=settings.database_connections - 2,
+            pool_size=kept,
+            max_overflow=most - kept,
             pool_timeout=POOL_TIMEOUT_S,
-            pool_pre_ping=True,
+            # those that are not needed stay unused, and need not be asked for
+            pool_use_lifo=True,
             connect_args=PATIENCE,
         )
+        _ask_after_a_pause(server, fresh_s)
+        return server
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = sa.create_engine(url)
 
@@ -241,7 +301,8 @@ def connect(settings: Settings) -> sa.Engine:
     def _configure(connection: Any, _record: Any) -> None:
         # transactions are begun explicitly below; pysqlite would begin them late and deadlock writers
         connection.isolation_level = None
-        for pragma in ("busy_timeout=30000", "journal_mode=WAL", "foreign_keys=ON"):
+        # the first: it is for files that are still empty
+        for pragma in ("auto_vacuum=INCREMENTAL", "busy_timeout=30000", "journal_mode=WAL", "foreign_keys=ON"):
             connection.execute(f"PRAGMA {pragma}").close()
 
     @sa.event.listens_for(engine, "begin")
@@ -250,6 +311,41 @@ def connect(settings: Settings) -> sa.Engine:
         connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
     return engine
+
+
+def reserve_connections(engine: sa.Engine) -> None:
+    """Open all connections that an engine keeps, while the server has some left.
+
+    Raises
+    ------
+    sqlalchemy.exc.OperationalError
+        It has none left.
+    """
+    if isinstance(engine.pool, sa.QueuePool) and engine.dialect.name == "postgresql":
+        with ExitStack() as opened:
+            for _ in range(engine.pool.size()):
+                opened.enter_context(engine.connect())
+
+
+def _ask_after_a_pause(engine: sa.Engine, fresh_s: float) -> None:
+    """Ask a connection that nobody has used for a while whether its server is still there.
+
+    To ask before each use would double the number of transactions.
+    """
+
+    @sa.event.listens_for(engine, "checkin")
+    def _note(_connection: Any, record: Any) -> None:
+        record.info["used"] = time.monotonic()
+
+    @sa.event.listens_for(engine, "checkout")
+    def _ask(connection: Any, record: Any, _proxy: Any) -> None:
+        used = record.info.get("used")
+        if used is None or time.monotonic() - used < fresh_s:
+            return
+        try:
+            engine.dialect.do_ping(connection)
+        except engine.dialect.loaded_dbapi.Error as error:
+            raise sa.exc.DisconnectionError from error
 
 
 def connect_reader(engine: sa.Engine) -> sa.Engine:

@@ -68,6 +68,13 @@ class DatabaseUploads:
             records = connection.execute(sa.select(uploads.c.record).where(mine)).scalars()
             return sum(each["length"] for each in records if not each["finished"] and each["problem"] is None)
 
+    def unfinished(self, owner: str | None) -> int:
+        """Count the uploads of a project, or all, that have become no file."""
+        mine = sa.true() if owner is None else uploads.c.owner == owner
+        with self._engine.execution_options(reads_only=True).begin() as connection:
+            records = connection.execute(sa.select(uploads.c.record).where(mine)).scalars()
+            return sum(not each["finished"] for each in records)
+
     def parts(self, upload_id: str) -> Sequence[UploadPart]:
         """List the parts of an upload in their order."""
         columns = (upload_parts.c.start, upload_parts.c.bytes, upload_parts.c.holder)

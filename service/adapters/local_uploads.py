@@ -45,20 +45,13 @@ class LocalUploads:
         return LocalUploads(self._directory, narrowed(self._owner, owner))
 
     def create(self, upload: PendingUpload) -> None:
-        """Enter a new upload, which is empty; room for it is set aside where that is possible.
-
-        Raises
-        ------
-        InsufficientStorageError
-            There is not as much room.
-        """
+        """Enter a new upload, which is empty."""
         if self._owner is not None:
             upload = replace(upload, owner=self._owner)
         made = self._directory / f"{HALF_MADE}{upload.id}"
         made.mkdir(parents=True)
         try:
-            with (made / CONTENT).open("wb") as content:
-                set_aside(content.fileno(), upload.length)
+            (made / CONTENT).touch()
             _save(made, upload)
         except BaseException:
             shutil.rmtree(made, ignore_errors=True)
@@ -118,6 +111,17 @@ class LocalUploads:
                     owner, length = _promise(self._directory / upload_id)
                     promised += length if self._owner in {None, owner} else 0
         return promised
+
+    def unfinished(self) -> int:
+        """Count the uploads that have become no file: those on their way, and those that were refused."""
+        number = 0
+        for upload_id in os.listdir(self._directory) if self._directory.is_dir() else ():  # noqa: PTH208 - the quickest
+            folder = self._directory / upload_id
+            if is_identifier(upload_id):
+                with suppress(NoSuchUploadError):
+                    mine = self._owner in {None, _promise(folder)[0]}
+                    number += mine and ((folder / CONTENT).exists() or _is_refused(folder))
+        return number
 
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove what killed processes left half-made before a moment; give the number."""
@@ -182,9 +186,11 @@ class LockedFolder:
         """Give the file with the bytes."""
         return self.path
 
-    def set_room_aside(self) -> bool:
-        """Keep room on the disk for what is still to come; False when that is not possible here."""
-        return self._content >= 0 and set_aside(self._content, self.state.upload.length)
+    def set_room_aside(self, ahead: int) -> bool:
+        """Keep room on the disk for so many bytes more, or the rest if it is less; False where that is not possible."""
+        if self._content < 0:
+            return False
+        return set_aside(self._content, min(self.state.upload.length, os.fstat(self._content).st_size + ahead))
 
     def give_room_back(self) -> None:
         """Keep no room any more for what is still to come."""
@@ -278,6 +284,12 @@ def _promise(folder: Path) -> tuple[str, int]:
     """Tell whose an upload is, and how long; neither ever changes."""
     upload = _state(folder, folder.name).upload
     return upload.owner, upload.length
+
+
+@lru_cache(maxsize=10_000)
+def _is_refused(folder: Path) -> bool:
+    """Tell whether an upload without bytes, which has come to its end, was refused."""
+    return _state(folder, folder.name).upload.problem is not None
 
 
 def _save(folder: Path, upload: PendingUpload) -> None:

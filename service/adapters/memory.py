@@ -1,6 +1,7 @@
 """Jobs, files, blobs and a queue in memory, for tests."""
 
 import hashlib
+import json
 import shutil
 import tempfile
 import threading
@@ -21,6 +22,7 @@ from service.ports import (
     JobStatus,
     Json,
     LogLine,
+    StepFigures,
     StoredAmount,
     StoredFile,
     UnfinishedJobs,
@@ -28,6 +30,8 @@ from service.ports import (
     admit_any_file,
     narrowed,
 )
+
+NO_STEPS = StepFigures(0, 0, 0.0, {})
 
 
 class MemoryJobStore:
@@ -129,6 +133,11 @@ class MemoryJobStore:
         """Sum up what was noted."""
         with self._lock:
             return sum(size for job_id, size in self._results.items() if self.get(job_id) is not None)
+
+    def inputs_bytes(self) -> int:
+        """Sum up the inputs of all jobs as they are kept."""
+        with self._lock:
+            return sum(len(json.dumps(job.inputs)) for job in self._jobs.values() if self._owner in {None, job.owner})
 
     def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
         """List jobs that ended before a moment and of whose results nothing was noted."""
@@ -343,16 +352,16 @@ class MemoryBlobStore:
 
 
 class MemoryQueue:
-    """Remember what was cancelled."""
+    """Tell what the test asked for."""
 
-    def __init__(self, workers: int = 1) -> None:
-        self.cancelled: list[str] = []
+    def __init__(self, workers: int = 1, figures: StepFigures = NO_STEPS) -> None:
         self._workers = workers
-
-    def cancel(self, job_id: str) -> None:
-        """Note the wish."""
-        self.cancelled.append(job_id)
+        self._figures = figures
 
     def live_workers(self) -> int:
-        """Give the number the test asked for."""
+        """Give the number of workers."""
         return self._workers
+
+    def figures(self) -> StepFigures:
+        """Give the figures."""
+        return self._figures

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -85,10 +85,18 @@ class MemoryAuditLog:
         ]
         return found[which.offset : which.offset + which.limit], len(found)
 
-    def forget_before(self, moment: datetime) -> int:
-        """Remove what is older; give its number."""
+    def number_of(self, project: str) -> int:
+        """Count the entries of a project."""
+        return sum(entry.project == project for entry in self._entries)
+
+    def forget_before(self, moment: datetime, statuses: Collection[int] | None = None) -> int:
+        """Remove what is older, or only what was answered with one of these; give its number."""
         number = len(self._entries)
-        self._entries = [entry for entry in self._entries if entry.time >= moment]
+        self._entries = [
+            entry
+            for entry in self._entries
+            if entry.time >= moment or not (statuses is None or entry.status in statuses)
+        ]
         return number - len(self._entries)
 
 
@@ -147,6 +155,12 @@ class MemoryIdempotencyStore:
         """Let a request that broke off be tried again."""
         if (held := self._held(owner, key, holder)) is not None:
             held.held_until = 0.0
+
+    def kept_bytes(self, owner: str) -> int:
+        """Sum up what is kept of the requests of a project."""
+        with self._lock:
+            kept = [request.answer for (whose, _), request in self._requests.items() if whose == owner]
+            return sum(len(answer.body) for answer in kept if answer is not None)
 
     def forget_before(self, moment: datetime) -> int:
         """Remove what is older; give its number."""

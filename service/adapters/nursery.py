@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from service.adapters.process_limits import be_called, die_with_parent, leave_processors_to_others, let_others_first
+from service.adapters.process_limits import be_called, die_with_parent, let_others_first
 from service.ports import Json
 
 MESSAGE_BYTES = 4096
@@ -57,6 +57,8 @@ class Nursery:
         Loads what the first computations do not need; None: nothing to load.
     practice
         Loads the compiled kernels, or compiles them; None: nothing to load.
+    niceness
+        How far it steps back meanwhile.
     """
 
     def __init__(
@@ -65,11 +67,13 @@ class Nursery:
         compute: Callable[[Json, int], bool],
         later: Callable[[], None] | None = None,
         practice: Callable[[], None] | None = None,
+        niceness: int = 0,
     ) -> None:
         self._channel = channel
         self._compute = compute
         self._later = later
         self._practice = practice
+        self._niceness = niceness
         self._scout: int | None = None
         self._paired = self._may_practise = False
         self._running: dict[int, _Computation] = {}
@@ -176,8 +180,7 @@ class Nursery:
             try:
                 self._leave(parent)
                 be_called(SCOUT)
-                # compiling may take minutes: nobody waits for it, unless pairs of scans go on being registered
-                (let_others_first if self._paired else leave_processors_to_others)()
+                let_others_first(self._niceness)  # not more: the first job waits for it rather than compile as well
                 practice()
                 done = True
             finally:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import IO
@@ -74,11 +74,15 @@ class NurseryClient:
     warm_up
         What to load.
     environment
-        What must be known before libraries are loaded.
+        Gives all of it: among others what must be known before libraries are loaded.
+    niceness
+        How far it steps back while it compiles kernels.
     """
 
-    def __init__(self, steps: str, warm_up: WarmUp, environment: Mapping[str, str]) -> None:
-        self._steps, self._warm_up, self._environment = steps, warm_up, environment
+    def __init__(
+        self, steps: str, warm_up: WarmUp, environment: Callable[[], Mapping[str, str]], niceness: int
+    ) -> None:
+        self._steps, self._warm_up, self._environment, self._niceness = steps, warm_up, environment, niceness
         self._lock = threading.Lock()
         self._channel: socket.socket | None = None
         self._waiting: dict[int, Future[int]] = {}
@@ -143,12 +147,13 @@ class NurseryClient:
                     *(sys.executable, "-m", "service.child", "--steps", self._steps),
                     *("--warm-up", self._warm_up.libraries, "--later", self._warm_up.later),
                     *("--practice", self._warm_up.kernels),
+                    *("--niceness", str(self._niceness)),
                     *("--parent", str(os.getpid()), "--channel", str(theirs.fileno())),
                 ],
                 stdin=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
-                env={**os.environ, **self._environment},
+                env=dict(self._environment()),
             )
         self._channel = ours
         self._stop = weakref.finalize(self, _stop, process, ours)

@@ -13,8 +13,38 @@ from typing import Any
 from service.settings import Settings
 
 DEFAULT_STEPS = "service.use_cases.steps:STEPS"
-NICENESS = 10
-"""Of computations: a tenth of the share of a process that answers requests, when both want a processor."""
+
+HARMLESS: tuple[str, ...] = (
+    "PATH",
+    "HOME",
+    "LANG",
+    "LC_",
+    "TZ",
+    "TMPDIR",
+    "PYTHON",
+    "VIRTUAL_ENV",
+    "LD_",
+    "NUMBA_",
+    "OMP_",
+    "OPENBLAS_",
+)
+HARMLESS += ("MKL_", "VECLIB_", "MALLOC_", "XDG_CACHE_HOME", "COLUMNS", "TERM")
+"""Beginnings of the names of variables that hold no secrets and that a computation may need."""
+SECRETS = ("TIELINE_", "PG", "AWS_", "AZURE_", "GOOGLE_")
+"""Of those that hold credentials, or settings that are handed over otherwise."""
+SECRET_WORDS = ("SECRET", "PASSWORD", "PASSWD", "TOKEN", "CREDENTIAL", "PRIVATE", "API_KEY")
+FIRST_TO_GO = 900
+"""Of 1000: what computes can be begun again, what answers or keeps data cannot."""
+
+
+def is_harmless(name: str) -> bool:
+    """Tell whether a variable of the environment holds no secret."""
+    return name.startswith(HARMLESS)
+
+
+def is_secret(name: str) -> bool:
+    """Tell whether a variable of the environment may hold what no computation is to know."""
+    return name.startswith(SECRETS) or any(word in name.upper() for word in SECRET_WORDS)
 
 
 def die_with_parent(parent: int) -> None:
@@ -48,35 +78,41 @@ def this_host() -> str:
     return "/".join(parts)
 
 
-def let_others_first() -> None:
+def let_others_first(niceness: int) -> None:
     """Lower the priority of this process and all it starts: requests are answered at once while it computes.
 
     Linux shares processors among sessions before it looks at the processes in them, unless control groups divide them;
     then only the second counts. As a batch process it never takes a processor from one that answers when it wakes up.
+
+    Parameters
+    ----------
+    niceness
+        0 changes nothing.
     """
-    os.setpriority(os.PRIO_PROCESS, 0, max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
+    if niceness == 0:
+        return
+    os.setpriority(os.PRIO_PROCESS, 0, max(niceness, os.getpriority(os.PRIO_PROCESS, 0)))
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     # refused where another process was given a priority within the last tenth of a second, and to some containers
     with contextlib.suppress(OSError):
-        Path("/proc/self/autogroup").write_text(str(NICENESS))
+        Path("/proc/self/autogroup").write_text(str(niceness))
 
 
-def leave_processors_to_others() -> None:
-    """Compute only while nobody else wants a processor."""
-    let_others_first()
-    if sys.platform == "linux":
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+def go_first() -> None:
+    """Let the kernel end this process before all others when the machine's memory is used up."""
+    with contextlib.suppress(OSError):  # some containers do not let it be changed
+        Path("/proc/self/oom_score_adj").write_text(str(FIRST_TO_GO))
 
 
-def limit_resources(settings: Settings) -> None:
+def limit_resources(settings: Settings, memory_bytes: int | None = None) -> None:
     """Limit memory, computing time, file size and core dumps of this process.
 
     Memory is limited as data (`RLIMIT_DATA`: heap and private writable maps), not as address space: open3d and numba
     reserve tens of gigabytes of address space that they never touch.
     """
     used = _data_bytes()
-    _limit(resource.RLIMIT_DATA, used + settings.step_memory_bytes)
+    _limit(resource.RLIMIT_DATA, used + (memory_bytes or settings.step_memory_bytes))
     # the hard limit later, so that it ends by SIGXCPU, which says why, and not by SIGKILL
     _limit(resource.RLIMIT_CPU, settings.step_timeout_s * (settings.threads_per_computation + 1), grace=10)
     _limit(resource.RLIMIT_FSIZE, 4 * settings.max_file_bytes)

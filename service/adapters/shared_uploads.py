@@ -94,6 +94,10 @@ class SharedUploads:
         """Sum up what the uploads that are neither finished nor refused will have."""
         return self._rows.promised_bytes(self._owner)
 
+    def unfinished(self) -> int:
+        """Count the uploads that have become no file: those on their way, and those that were refused."""
+        return self._rows.unfinished(self._owner)
+
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove files of this machine, and parts, that nobody has written to since a moment; give the number."""
         removed = 0
@@ -162,9 +166,9 @@ class HeldUpload:
                 raise StorageError(f"parts of upload '{self._id}' are missing")
         return whole
 
-    def set_room_aside(self) -> bool:
-        """Keep room on the disk for what is still to come; False when that is not possible here."""
-        return set_aside(self._opened().fileno(), self.state.upload.length - self._start)
+    def set_room_aside(self, ahead: int) -> bool:
+        """Keep room on the disk for so many bytes more, or the rest if it is less; False where that is not possible."""
+        return set_aside(self._opened().fileno(), min(self.state.upload.length - self._start, self._size + ahead))
 
     def give_room_back(self) -> None:
         """Keep no room any more for what is still to come."""

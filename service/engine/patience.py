@@ -11,7 +11,8 @@ from sqlalchemy.exc import TimeoutError as NoConnectionError
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 AWAY = (OperationalError, InterfaceError, NoConnectionError)
-"""Errors of a database that is away, starting, stopping, locked or busy."""
+"""Errors of a database that is away, starting, stopping, locked, busy, or has no connection left."""
+DATABASE_ERRORS = (DBAPIError, NoConnectionError, OSError)
 Parameters = ParamSpec("Parameters")
 Value = TypeVar("Value")
 log = structlog.get_logger()
@@ -20,6 +21,23 @@ log = structlog.get_logger()
 def is_away(error: Exception) -> bool:
     """Tell whether an error may pass when the same is tried again."""
     return isinstance(error, AWAY) or (isinstance(error, DBAPIError) and error.connection_invalidated)
+
+
+def words_of(error: Exception) -> str:
+    """Give the database's own words, without statement and values."""
+    return str(error.orig).strip() if isinstance(error, DBAPIError) else str(error)
+
+
+def patiently_at_once(within_s: float, function: Callable[[], Value]) -> Value:
+    """Do something with the database in this thread, again and again while it is away; see `patiently`."""
+    pause_s, deadline = FIRST_PAUSE_S, time.monotonic() + within_s
+    while True:
+        try:
+            return function()
+        except (DBAPIError, NoConnectionError) as error:
+            _require_hope(error, deadline)
+        time.sleep(pause_s)
+        pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
 
 
 async def patiently(
@@ -41,8 +59,13 @@ async def patiently(
         try:
             return await asyncio.to_thread(function, *arguments, **named)
         except (DBAPIError, NoConnectionError) as error:
-            if not is_away(error) or time.monotonic() > deadline:
-                raise
-            log.warning("the database does not answer; tried again", error=str(error))
+            _require_hope(error, deadline)
         await asyncio.sleep(pause_s)
         pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+
+def _require_hope(error: Exception, deadline: float) -> None:
+    """Raise what will not pass, or has lasted too long."""
+    if not is_away(error) or time.monotonic() > deadline:
+        raise error
+    log.warning("the database does not answer; tried again", error=words_of(error))

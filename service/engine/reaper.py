@@ -1,28 +1,25 @@
-"""Heartbeats, and what happens to the jobs of workers whose heart has stopped."""
+"""What happens to the steps of workers that are gone, and to jobs that nobody leads on."""
 
 import time
-from datetime import UTC, datetime, timedelta
+from collections.abc import Sequence
+from datetime import UTC, datetime
 
 import structlog
 
-from service.engine.queue import APPLICATION_VERSION, PROJECT, job_of
 from service.engine.tools import Tools
-from service.errors import ComputationFailedError, QueueError, to_problem
-from service.ports import Job, JobFilter, JobStatus, LogLine
+from service.errors import ComputationFailedError, to_problem
+from service.ports import LogLine, LostStep
 
-HEARTBEAT_S = 2.0
-LEASE_S = 4 * HEARTBEAT_S
-UNFINISHED = ("ENQUEUED", "DELAYED", "PENDING")
-BROKEN = ("ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED")
-ENDED = ("SUCCESS", "CANCELLED", *BROKEN)
-FORGOTTEN_AFTER = timedelta(hours=1)
-FORGET_INTERVAL_S = 60.0
-FORGOTTEN_AT_ONCE = 500
+HEARTBEAT_S, REAPING_S = 2.0, 3.0
+LEASE_S = 3 * HEARTBEAT_S
+WITH_THE_WHOLE_SERVICE = 0.25
+"""What the death of a worker counts whose whole service ended with it: that is seldom the fault of what it computed,
+yet a step that takes everything down each time must not do so for ever."""
 log = structlog.get_logger()
 
 
 class Reaper:
-    """Takes up what dead workers left. One worker at a time does so, but each is ready to.
+    """Puts back what dead workers left. One worker at a time does so, but each is ready to.
 
     Parameters
     ----------
@@ -36,90 +33,51 @@ class Reaper:
         self._tools = tools
         self._executor_id = executor_id
         self._seen = self._steady_since = time.monotonic()
-        self._next_forgetting = 0.0
 
-    def take_up(self) -> None:
-        """Bury the dead, and put what they worked on back on the queue."""
-        executors, queue = self._tools.executors, self._tools.queue
-        executors.bury_dead(self._executor_id, by_heart=self._may_judge_hearts())
+    def take_up(self) -> Sequence[str]:
+        """Bury the dead, and put what they computed back on the queue; give the jobs that nobody leads on."""
+        executors, steps = self._tools.executors, self._tools.steps
+        leads = executors.lease("reaper", self._executor_id, LEASE_S)
+        by_heart = self._may_judge_hearts()
         # only now: what a database that is away refuses was not seen
         self._seen = time.monotonic()
-        if not executors.lease("reaper", self._executor_id, LEASE_S):
-            return
-        # the workflows first: a worker that enters in between must not count as missing
-        pending = queue.list(("PENDING",))
-        present = set(executors.entered())
-        orphans = [workflow for workflow in pending if workflow.executor_id not in present]
-        jobs = {job_of(workflow.workflow_id) for workflow in orphans}
-        given_up = {job_id for job_id in jobs if not self._count_attempt(job_id)}
-        for workflow in orphans:
-            if job_of(workflow.workflow_id) not in given_up:
-                log.info("taken up again", workflow=workflow.workflow_id, left_by=workflow.executor_id)
-                again = LogLine(_now(), "warning", "its worker is gone; taken up again")
-                self._tools.log.write(job_of(workflow.workflow_id), [again])
-                queue.take_up_again(workflow)
-        self._fail_broken()
-        self._forget_ended()
+        if not leads:
+            return ()
+        dead = executors.bury_dead(self._executor_id, by_heart=by_heart)
+        together = {each.id for each in dead if each.whole_service}
+        left = steps.tidy(_now())
+        for lost in left.steps:
+            self._put_back(lost, WITH_THE_WHOLE_SERVICE if lost.executor_id in together else 1.0)
+        return left.jobs
 
     def begin_stale_again(self) -> None:
-        """Begin jobs again whose workflow has another version of the order of steps, or was lost."""
-        executors, queue = self._tools.executors, self._tools.queue
-        if not executors.lease("begin-again", self._executor_id, LEASE_S):
-            return
-        known = {workflow.workflow_id: workflow for workflow in queue.list(UNFINISHED, name=PROJECT)}
-        present = set(executors.entered())
-        for job in self._unfinished():
-            workflow = known.get(job.id)
-            if workflow is None or not (workflow.app_version == APPLICATION_VERSION or workflow.executor_id in present):
-                log.info("begun again", job=job.id)
-                queue.begin_again(job)
+        """Begin jobs again that were planned in another order of steps."""
+        if self._tools.executors.lease("begin-again", self._executor_id, LEASE_S):
+            for job_id in self._tools.steps.begin_stale_again():
+                log.info("begun again", job=job_id)
 
     def _may_judge_hearts(self) -> bool:
         """Tell whether others could have told of their life: after the database was away, or this process was stopped,
         they need time for it.
         """
         now = time.monotonic()
-        if now - self._seen > 2.0 * HEARTBEAT_S:
+        if now - self._seen > 2.0 * REAPING_S:
             self._steady_since = now
         return now - self._steady_since > 3.0 * HEARTBEAT_S
 
-    def _unfinished(self) -> "list[Job]":
-        statuses = (JobStatus.RUNNING, JobStatus.ACCEPTED)
-        found, _ = self._tools.jobs.find(JobFilter(statuses=statuses, limit=self._tools.settings.max_queued_jobs))
-        return list(found)
-
-    def _count_attempt(self, job_id: str) -> bool:
-        """Count that a worker died of (or with) a job; False when the job will not be tried again."""
+    def _put_back(self, lost: LostStep, death: float) -> None:
+        """Let another worker compute a step, unless too many have died of it."""
+        job_id = lost.place.job_id
         job = self._tools.jobs.get(job_id)
-        if job is None or job.status.finished:
-            self._tools.queue.cancel(job_id)
-            return False
-        if job.status is JobStatus.ACCEPTED:
-            return True  # its worker died before any step began
-        if job.attempts >= self._tools.settings.max_attempts:
-            detail = f"the worker died {job.attempts} times during this job; it was last at '{job.message}'"
-            self._tools.jobs.fail(job_id, to_problem(ComputationFailedError(detail)), _now())
-            self._tools.queue.cancel(job_id)
-            return False
-        return self._tools.jobs.start(job_id, _now()) is not None
-
-    def _fail_broken(self) -> None:
-        """Fail jobs whose workflow broke by a fault of the service itself, so that none stays unfinished for ever."""
-        for workflow in self._tools.queue.list(BROKEN, name=PROJECT):
-            error = QueueError("the workflow of this job broke; the log of the service has the details")
-            self._tools.jobs.fail(workflow.workflow_id, to_problem(error), _now())
-            self._tools.queue.cancel(workflow.workflow_id)
-            self._tools.queue.forget([workflow.workflow_id])
-
-    def _forget_ended(self) -> None:
-        """Remove records of workflows that ended some time ago, a few at a time: the jobs have all that matters."""
-        if time.monotonic() < self._next_forgetting:
+        deaths = self._tools.steps.put_back(lost, death, _now())
+        if job is None or deaths == 0.0:
             return
-        self._next_forgetting = time.monotonic() + FORGET_INTERVAL_S
-        moment = (_now() - FORGOTTEN_AFTER).isoformat()
-        ended = self._tools.queue.list(ENDED, completed_before=moment, limit=FORGOTTEN_AT_ONCE)
-        if ended:
-            self._tools.queue.forget([workflow.workflow_id for workflow in ended])
+        log.info("taken up again", job=job_id, step=job.message, left_by=lost.executor_id, deaths=deaths)
+        if deaths < self._tools.settings.max_attempts:
+            self._tools.log.write(job_id, [LogLine(_now(), "warning", "its worker is gone; taken up again")])
+            return
+        detail = f"the worker died {deaths:g} times during this job; it was last at '{job.message}'"
+        self._tools.jobs.fail(job_id, to_problem(ComputationFailedError(detail)), _now())
 
 
 def _now() -> datetime:

@@ -3,8 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from service.engine.queue import DbosQueue
-from service.ports import ExecutorRegistry, FileStore, JobLog, JobStore, Plan, StepLedger, StepRunner
+from service.ports import ExecutorRegistry, FileStore, JobLog, JobStore, Plan, StepQueue, StepRunner
 from service.settings import Settings
 
 
@@ -14,12 +13,11 @@ class Tools:
 
     settings: Settings
     jobs: JobStore
-    ledger: StepLedger
+    steps: StepQueue
     log: JobLog
     files: FileStore
     executors: ExecutorRegistry
     runner: StepRunner
     plans: Mapping[str, Plan]
-    queue: DbosQueue
     count_results: Callable[[str], None]
     """Notes how much a job has stored."""

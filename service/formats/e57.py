@@ -13,7 +13,7 @@ from service.errors import UnreadableFileError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.crs_units import unit_of_crs
 from service.formats.e57_nodes import faults_named, number_of, opened, pose_of
-from service.formats.finishing import check_count, colors_8bit
+from service.formats.finishing import check_count, check_packing, colors_8bit
 from service.formats.units import METRE, DeclaredUnit, UnknownUnit, not_understood
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -98,6 +98,7 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
     if bits == 0:
         raise file.unreadable("no field of the scan can vary: all points are equal", f"{place}, prototype")
     check_count(file, count, bits / 8, limits, place)
+    check_packing(file, count, place)
     optional = {name for name in BUFFER_TYPES if INVALID.get(name, coordinates) == coordinates}
     fields = [*coordinates, *sorted(present & optional)]
     columns = _Columns(count, fields, _largest_color(node, prototype) if present.issuperset(COLOR) else None)

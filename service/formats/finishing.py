@@ -18,6 +18,8 @@ NEAR_M = 1_000.0
 """Centres nearer than this keep the file's own origin."""
 LONGEST_RANGE_M = 10_000.0
 """No terrestrial scanner measures farther: a nearest point beyond it shows that the file's origin is no instrument."""
+FREE_POINTS, MOST_POINTS_PER_BYTE = 1_000_000, 2
+"""However well they are packed, measured points need more than half a byte each; few may be packed as they like."""
 SPARSEST_GRID = 1 / 50
 """A grid with fewer points per cell tells no neighbourhoods and costs memory."""
 
@@ -159,6 +161,19 @@ def check_count(
         )
     if count > limits.max_points:
         raise FileTooLargeError(f"{file.filename}, {place},", count, limits.max_points, "points")
+
+
+def check_packing(file: ScanFile, count: int, place: str) -> None:
+    """Refuse more points than any packing of measurements leaves room for: a small file may unpack to whole memories.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is too short for so many points that are not all the same.
+    """
+    most = FREE_POINTS + MOST_POINTS_PER_BYTE * file.size
+    if count > most:
+        raise file.unreadable(f"{count} points packed into {file.size} bytes are no measurements", place)
 
 
 def colors_8bit(channels: Array, largest: float) -> Colors:

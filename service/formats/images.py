@@ -21,6 +21,10 @@ MAX_BYTES_PER_PIXEL = 16
 """No image needs more, uncompressed with four channels of 16 bits and metadata."""
 
 
+FREE_PIXELS, MOST_PIXELS_PER_BYTE = 4_000_000, 100
+"""An even area takes a JPEG a byte for 85 pixels, and a photo ten times as much; a few may be packed as they like."""
+
+
 class ImageError(ValueError):
     """Say why bytes are no usable image."""
 
@@ -97,4 +101,6 @@ def _checked_header(data: bytes, name: str, limits: ReadLimits) -> ImageHeader:
         raise ImageError(f"{size}; at least {LEAST_SIDE_PX} a side are needed")
     if max(header.width, header.height) > MAX_SIDE_PX:
         raise ImageError(f"{size}; at most {MAX_SIDE_PX} a side are read")
+    if header.decoded_pixels > FREE_PIXELS + MOST_PIXELS_PER_BYTE * len(data):
+        raise ImageError(f"{size} in {len(data)} bytes: no photo is packed so well")
     return header

@@ -9,7 +9,7 @@ import numpy as np
 
 from algorithms.arrays import Array
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
-from service.formats.finishing import check_count, colors_8bit
+from service.formats.finishing import check_count, check_packing, colors_8bit
 from service.formats.las_units import las_unit
 from service.formats.laz_chunks import check_chunk_table, check_layers
 from service.formats.units import DeclaredUnit, UnknownUnit, can_be_degrees, no_degrees, not_understood, way_out
@@ -59,6 +59,7 @@ class LasReader:
                     check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
                 smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
                 check_count(file, count, smallest, limits, place)
+                check_packing(file, count, place)
                 unit = las_unit(file, header.vlrs)
                 pieces, place = [], "point 0"
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE):

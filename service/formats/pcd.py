@@ -10,7 +10,7 @@ import numpy as np
 
 from algorithms.arrays import Array, Colors, Vector3
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
-from service.formats.finishing import check_count
+from service.formats.finishing import check_count, check_packing
 from service.formats.number_table import read_table, refuse_long_lines
 from service.formats.units import DeclaredUnit, UnknownUnit, not_understood, unit_in_comments, way_out
 
@@ -21,6 +21,8 @@ LONGEST_HEADER = 1 << 16
 MOST_COMMENTS = 200
 LARGEST_LZF_GAIN = 100
 """LZF writes at most 264 bytes for 3, so its output is less than 100 times its input."""
+FREE_BYTES, LARGEST_GAIN = 64_000_000, 20
+"""Nine of ten cells of a grid without a return are packed ten to one; a little may be packed as it likes."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,9 @@ def _read_table(file: ScanFile, header: _Header, limits: ReadLimits) -> Array:
         return np.memmap(file.path, dtype=header.dtype, mode="r", offset=header.length, shape=(header.points,))
     if header.encoding == "binary_compressed":
         check_count(file, header.points, record / LARGEST_LZF_GAIN, limits, "header")
+        check_packing(file, header.points, "header")
+        if header.points * record > FREE_BYTES + LARGEST_GAIN * file.size:
+            raise file.unreadable(f"{file.size} bytes that unpack to {header.points * record} are no scan", "header")
         return _read_compressed(file, header)
     raise file.unreadable(f"unknown DATA '{header.encoding[:40]}'", f"line {header.lines}, header")
 

@@ -28,9 +28,18 @@ from service.ports.jobs import (
 from service.ports.keys import Key, KeyStore, Scope, StoredKey
 from service.ports.owners import narrowed
 from service.ports.sources import RemoteFile, Sources
-from service.ports.steps import Plan, StepCall, StepContext, StepFailedError, StepLedger, StepProgress, StepRunner
+from service.ports.step_queue import (
+    ClaimedStep,
+    FreshJob,
+    LeftBehind,
+    LostStep,
+    StepFigures,
+    StepPlace,
+    StepQueue,
+)
+from service.ports.steps import Plan, StepCall, StepContext, StepFailedError, StepProgress, StepRunner
 from service.ports.uploads import OpenUpload, PendingUpload, UploadState, UploadStore
-from service.ports.workers import ExecutorRegistry, Queue
+from service.ports.workers import DeadExecutor, ExecutorRegistry, Queue
 
 __all__ = [
     "KEPT_ANSWERS",
@@ -46,8 +55,11 @@ __all__ = [
     "CallbackStore",
     "Claim",
     "ClaimedCallback",
+    "ClaimedStep",
+    "DeadExecutor",
     "ExecutorRegistry",
     "FileStore",
+    "FreshJob",
     "IdempotencyStore",
     "Job",
     "JobFilter",
@@ -58,7 +70,9 @@ __all__ = [
     "Json",
     "Key",
     "KeyStore",
+    "LeftBehind",
     "LogLine",
+    "LostStep",
     "OpenUpload",
     "PendingUpload",
     "Plan",
@@ -69,8 +83,10 @@ __all__ = [
     "StepCall",
     "StepContext",
     "StepFailedError",
-    "StepLedger",
+    "StepFigures",
+    "StepPlace",
     "StepProgress",
+    "StepQueue",
     "StepRunner",
     "StoredAmount",
     "StoredFile",

@@ -1,6 +1,6 @@
 """Who changed what, and what was refused."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
@@ -45,5 +45,8 @@ class AuditLog(Protocol):
     def find(self, which: AuditFilter) -> tuple[Sequence[AuditEntry], int]:
         """List, newest first, with the number of all that match."""
 
-    def forget_before(self, moment: datetime) -> int:
-        """Remove what is older; give its number."""
+    def number_of(self, project: str) -> int:
+        """Count the entries of a project."""
+
+    def forget_before(self, moment: datetime, statuses: Collection[int] | None = None) -> int:
+        """Remove what is older, or only what was answered with one of these; give its number."""

@@ -53,5 +53,8 @@ class IdempotencyStore(Protocol):
     def let_go(self, owner: str, key: str, holder: str) -> None:
         """Let a request that broke off be tried again, with the same seed."""
 
+    def kept_bytes(self, owner: str) -> int:
+        """Sum up what is kept of the requests of a project."""
+
     def forget_before(self, moment: datetime) -> int:
         """Remove what is older; give its number."""

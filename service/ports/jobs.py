@@ -186,6 +186,9 @@ class JobStore(Protocol):
     def results_bytes(self) -> int:
         """Sum up what was noted."""
 
+    def inputs_bytes(self) -> int:
+        """Sum up the inputs of all jobs as they are kept."""
+
     def uncounted(self, before: datetime, limit: int) -> Sequence[str]:
         """List jobs that ended before a moment and of whose results nothing was noted."""
 

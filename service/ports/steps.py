@@ -2,13 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from typing import Protocol
 
 from service.errors import ComputationFailedError, ServiceError
 from service.ports.blobs import BlobStore
 from service.ports.documents import Json
-from service.ports.jobs import Job
 from service.ports.sources import Sources
 
 
@@ -107,16 +105,3 @@ class StepRunner(Protocol):
         ComputationFailedError
             The process died without a report; the message tells how, and its last words.
         """
-
-
-class StepLedger(Protocol):
-    """Keep how far each step of a job is. A job's progress is the weighted mean over its steps."""
-
-    def plan_stage(self, job_id: str, stage: int, weights: Sequence[float], total_weight: float) -> None:
-        """Note the steps of a stage; noting them again changes nothing."""
-
-    def begin_step(self, job_id: str, label: str, now: datetime) -> Job | None:
-        """Mark the job as running if it was waiting; None when it is gone or final (the step must not run)."""
-
-    def report_step(self, job_id: str, stage: int, index: int, fraction: float, message: str, now: datetime) -> bool:
-        """Record how far a step is; False when the job is gone or final."""

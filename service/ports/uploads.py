@@ -55,8 +55,8 @@ class OpenUpload(Protocol):
     def whole(self) -> Path:
         """Give a file with all bytes of a complete upload, which may take long."""
 
-    def set_room_aside(self) -> bool:
-        """Keep room on the disk for what is still to come; False when that is not possible here.
+    def set_room_aside(self, ahead: int) -> bool:
+        """Keep room on the disk for so many bytes more, or the rest if it is less; False where that is not possible.
 
         InsufficientStorageError when there is not as much.
         """
@@ -121,6 +121,9 @@ class UploadStore(Protocol):
 
     def promised_bytes(self) -> int:
         """Sum up what the uploads that are neither finished nor refused will have."""
+
+    def unfinished(self) -> int:
+        """Count the uploads that have become no file: those on their way, and those that were refused."""
 
     def remove_abandoned(self, moment: datetime) -> int:
         """Remove what killed processes left half-made before a moment; give the number."""

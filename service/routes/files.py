@@ -25,6 +25,7 @@ from service.errors import (
 )
 from service.routes.documents import file_document, page_links
 from service.routes.downloads import DOWNLOAD_RESPONSES, Download
+from service.routes.leaving_clients import marked, unless_client_leaves
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
@@ -107,7 +108,9 @@ async def upload_files(
     """
     intake = file_intake(belongings, adapters, settings, make_id)
     body = _UploadBody(request, intake)
-    stored = await intake.store(body.uploads(), datetime.now(UTC), body.columns)
+    read = asyncio.Event()
+    work = intake.store(marked(body.uploads(), read), datetime.now(UTC), body.columns)
+    stored = await unless_client_leaves(request, work, read)
     documents = [file_document(file, url) for file in stored]
     if len(documents) == 1:
         location = url(f"/files/{documents[0].id}")

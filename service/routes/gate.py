@@ -10,20 +10,23 @@ from fastapi import Request
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import ServiceError, StorageError
+from service.errors import ServiceError
 from service.ports import AuditEntry, AuditLog
 from service.refusals import ForbiddenError, KeysNotInUseError, UnauthenticatedError
 from service.routes.access_rules import SAFE, is_public, needs_keys_in_use, scopes_for
 from service.routes.correlation import request_id_of
-from service.routes.problems import error_response
+from service.routes.problems import away, error_response
+from service.routes.trusted_requests import TrustedRequests
 from service.settings import Settings
 from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
-from service.use_cases.limit_rates import Rate
+from service.use_cases.forget_old import REFUSALS
+from service.use_cases.limit_rates import Rate, network_of
 
-REFUSALS = frozenset({401, 403, 429})
 MOST_REFUSALS_KEPT = 60
 """In a minute, for each address and key: the log has all, the audit log is not filled by who hammers at the door."""
 LONGEST_PATH = 1000
+ALIVE = "/healthz"
+"""Whoever asks whether the process lives is told so at once."""
 log = structlog.get_logger()
 
 
@@ -53,7 +56,11 @@ class Gate:
         self._app = app
         self._gatekeeper = doorway.gatekeeper
         self._audit = doorway.audit
+        self._trusted = TrustedRequests(doorway.settings)
         self._rate = Rate("requests with this key", doorway.settings.max_requests_per_minute)
+        self._address_rate = Rate(
+            "requests from this address without a key", doorway.settings.max_address_requests_per_minute
+        )
         self._kept_refusals = Rate("refusals that are kept", MOST_REFUSALS_KEPT)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -65,7 +72,7 @@ class Gate:
         try:
             visit.access = await self._admitted(visit)
         except (ServiceError, SQLAlchemyError) as error:
-            known = error if isinstance(error, ServiceError) else StorageError("the database does not answer")
+            known = error if isinstance(error, ServiceError) else away(error, visit.path)
             answer = error_response(known, visit.request)
             await self._note(visit, answer.status_code)
             await answer(scope, receive, send)
@@ -90,7 +97,14 @@ class Gate:
 
     async def _admitted(self, visit: "_Visit") -> Access:
         method, path = visit.request.method, visit.path
-        if is_public(method, path):
+        if path == ALIVE and method in SAFE:
+            return NOBODY
+        public = is_public(method, path)
+        if not await self._needs_keys(public=public):
+            self._trusted.require(visit.request.scope)
+        elif public:
+            self._address_rate.require(network_of(visit.remote))
+        if public:
             return NOBODY
         access = await self._gatekeeper.access(visit.request.headers.get("authorization"), visit.remote)
         visit.access = access
@@ -103,6 +117,15 @@ class Gate:
         if access.scopes.isdisjoint(wanted):
             raise ForbiddenError(wanted[0].value)
         return access
+
+    async def _needs_keys(self, *, public: bool) -> bool:
+        """Tell whether nobody may come in without a key; what describes the service is told without its database."""
+        try:
+            return await self._gatekeeper.needs_keys()
+        except SQLAlchemyError:
+            if public:
+                return self._gatekeeper.needed_keys
+            raise
 
     async def _note(self, visit: "_Visit", status: int) -> None:
         """Note a change or a refusal before it is answered."""

@@ -1,11 +1,12 @@
 """Liveness and readiness."""
 
-from fastapi import Response
+from typing import cast
+
+from fastapi import Request, Response
 
 from schemas.health import Liveness, Readiness
-from service.dependencies import WholeServiceDependency
 from service.routes.readable_router import ReadableRouter
-from service.use_cases.check_readiness import check_readiness
+from service.use_cases.check_readiness import ReadinessWatch
 
 router = ReadableRouter(tags=["health"])
 
@@ -17,8 +18,8 @@ async def healthz() -> Liveness:
 
 
 @router.get("/readyz", summary="Can jobs be taken and run?", responses={503: {"model": Readiness}})
-def readyz(adapters: WholeServiceDependency, response: Response) -> Readiness:
-    """Check database, storage and workers; 503 when one of them is missing."""
-    readiness = check_readiness(adapters.jobs, adapters.blobs, adapters.queue)
+async def readyz(request: Request, response: Response) -> Readiness:
+    """Check database, storage and workers, at most once a second; 503 when one of them is missing."""
+    readiness = await cast("ReadinessWatch", request.app.state.readiness).readiness()
     response.status_code = 200 if readiness.status == "ready" else 503
     return readiness

@@ -77,7 +77,7 @@ def list_jobs(adapters: AdaptersDependency, url: BaseUrlDependency, query: JobQu
 @router.delete("/jobs/{job_id}", summary="Dismiss or remove a job", response_model_exclude_none=True)
 def delete_job(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> StatusInfo:
     """Dismiss a waiting or running job; remove a finished one with its result and downloads."""
-    job = dismiss_job(job_id, adapters.jobs, adapters.blobs, adapters.queue, datetime.now(UTC))
+    job = dismiss_job(job_id, adapters.jobs, adapters.blobs, datetime.now(UTC))
     return status_info(job, url)
 
 

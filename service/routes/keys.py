@@ -16,10 +16,10 @@ from service.routes.documents import page_links
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
-from service.routes.request_bodies import read_json_body
+from service.routes.request_bodies import read_json
 from service.use_cases.identifiers import is_identifier
 from service.use_cases.manage_keys import create_key, revoke_key, shown_project
-from service.use_cases.validate_request import parse_json, validated
+from service.use_cases.validate_request import validated
 
 router = ReadableRouter(tags=["keys"], responses=PROBLEM_RESPONSES)
 KEY_BODY = {
@@ -32,7 +32,7 @@ async def make_key(
     request: Request, stores: AccessStoresDependency, url: BaseUrlDependency, _make_id: IdentifiersDependency
 ) -> Response:
     """Make a key. Its secret is in this answer and nowhere else; nobody can find it out again."""
-    wanted = validated(KeyRequest, parse_json(await read_json_body(request)))
+    wanted = validated(KeyRequest, await read_json(request))
     now = datetime.now(UTC)
     key, secret = await asyncio.to_thread(
         create_key, wanted.name, wanted.project, wanted.scopes, wanted.expires, stores.keys, now

@@ -1,14 +1,19 @@
 """The landing page and what the service conforms to."""
 
+import asyncio
+
 from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
 from schemas.landing import Conformance, LandingPage
 from schemas.links import Link
-from service.dependencies import BaseUrl, BaseUrlDependency
+from service.dependencies import BaseUrl, BaseUrlDependency, SettingsDependency
 from service.routes import openapi_30
 from service.routes.accepted_types import prefers_html
 from service.routes.readable_router import ReadableRouter
+from service.settings import Settings
+from service.use_cases.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
+from service.web.interface_page import interface_html
 from service.web.landing_page import landing_html
 
 OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
@@ -30,13 +35,31 @@ router = ReadableRouter(tags=["service"])
     response_model=LandingPage,
     responses={200: {"content": {"text/html": {"schema": {"type": "string"}}}}},
 )
-async def landing(request: Request, url: BaseUrlDependency) -> Response:
+async def landing(request: Request, url: BaseUrlDependency, settings: SettingsDependency) -> Response:
     """Link to everything else; a page for browsers."""
     page = _page(url, request.app.version)
-    headers = {"Vary": "Accept"}
+    headers = {"Vary": "Accept", **await _proof(request, settings)}
     if prefers_html(request.headers.get("accept", "")):
         return HTMLResponse(landing_html(page), headers=headers)
     return JSONResponse(page.model_dump(mode="json"), headers=headers)
+
+
+async def _proof(request: Request, settings: Settings) -> dict[str, str]:
+    """Answer a challenge by which a program of the service's own user wants to know whom it talks to."""
+    challenge = request.headers.get(CHALLENGE_HEADER, "")
+    if CHALLENGE.fullmatch(challenge) is None:
+        return {}
+    secret = await asyncio.to_thread(secret_of, settings.data_dir)
+    port = (request.scope.get("server") or ("", None))[1]
+    return {} if secret is None else {PROOF_HEADER: proof_of(secret, challenge, port)}
+
+
+@router.get("/docs", include_in_schema=False)
+@router.get("/docs/oauth2-redirect", include_in_schema=False)
+@router.get("/redoc", include_in_schema=False)
+def documentation(request: Request) -> HTMLResponse:
+    """Describe the interface for people."""
+    return HTMLResponse(interface_html(request.app.openapi()))
 
 
 @router.get("/conformance", summary="Conformance classes")
@@ -64,7 +87,7 @@ def _page(url: BaseUrl, version: str) -> LandingPage:
                 type="application/vnd.oai.openapi+json;version=3.1",
                 title="OpenAPI 3.1 description",
             ),
-            Link(href=url("/docs"), rel="service-doc", type="text/html", title="Interactive documentation"),
+            Link(href=url("/docs"), rel="service-doc", type="text/html", title="Documentation"),
             Link(href=url("/conformance"), rel=OGC + "conformance", title="Conformance classes"),
             Link(href=url("/processes"), rel=OGC + "processes", title="Processes"),
             Link(href=url("/jobs"), rel=OGC + "job-list", title="Jobs"),

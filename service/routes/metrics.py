@@ -5,12 +5,12 @@ from collections.abc import Iterator
 
 from fastapi import FastAPI, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
-from prometheus_client.metrics_core import GaugeMetricFamily, Metric
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric, SummaryMetricFamily
 from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 
 from service.dependencies import Adapters, WholeServiceDependency
-from service.ports import JobFilter, JobStatus
+from service.ports import JobFilter, JobStatus, StepFigures
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_counts import RequestCounts, RequestFigures
 
@@ -18,6 +18,10 @@ router = ReadableRouter(tags=["health"])
 
 SHARED = "PROMETHEUS_MULTIPROC_DIR"
 """Environment variable of the folder in which all API processes of a service keep their counts."""
+SUMMARIES = (
+    ("tieline_step_seconds", "step_seconds", "How long steps were computed."),
+    ("tieline_step_wait_seconds", "step_wait_seconds", "How long steps waited for a worker before they were computed."),
+)
 
 
 class JobFigures(Collector):
@@ -42,6 +46,31 @@ class JobFigures(Collector):
         yield GaugeMetricFamily(
             "tieline_workers", "Workers whose heart beats.", value=self._adapters.queue.live_workers()
         )
+        yield from _of_steps(self._adapters.queue.figures())
+
+
+def _of_steps(figures: StepFigures) -> Iterator[Metric]:
+    """Give what there is to see of the queue; what is counted goes on growing over restarts of the service."""
+    steps = GaugeMetricFamily("tieline_steps", "Steps of jobs that are not finished, by state.", labels=["state"])
+    steps.add_metric(["waiting"], figures.waiting)
+    steps.add_metric(["running"], figures.running)
+    yield steps
+    yield GaugeMetricFamily(
+        "tieline_oldest_waiting_step_seconds",
+        "How long the step has waited that waits longest.",
+        value=figures.longest_wait_s,
+    )
+    for name, total, says in SUMMARIES:
+        summary = SummaryMetricFamily(name, says, labels=["step"])
+        for step, number in sorted(figures.totals.get("steps", {}).items()):
+            summary.add_metric([step], int(number), figures.totals.get(total, {}).get(step, 0.0))
+        yield summary
+    failures = CounterMetricFamily("tieline_job_failures", "Jobs that failed, by kind of problem.", labels=["kind"])
+    for kind, number in sorted(figures.totals.get("job_failures", {}).items()):
+        failures.add_metric([kind], number)
+    yield failures
+    deaths = sum(figures.totals.get("deaths", {}).values())
+    yield CounterMetricFamily("tieline_interrupted_steps", "Steps whose worker died meanwhile.", value=deaths)
 
 
 def count_requests(app: FastAPI) -> None:

@@ -3,22 +3,25 @@
 from http import HTTPStatus
 from typing import Any, cast
 
+import structlog
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as NoConnectionError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
-from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, to_problem
+from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
 from service.routes.accepted_types import accepts_plain_json_only
+from service.routes.answer_headers import ALWAYS, NOTHING, OWN
 from service.routes.correlation import request_id_of
 from service.use_cases.validate_request import pointer_to
 
 PROBLEM_JSON = "application/problem+json"
+log = structlog.get_logger()
 PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
     "4XX": {
         "description": "What is wrong with the request",
@@ -49,9 +52,10 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
     """Answer with a problem document, as plain JSON for clients that accept nothing else."""
     plain = accepts_plain_json_only(request.headers.get("accept", ""))
     return JSONResponse(
-        {**problem, "instance": problem.get("instance", request.scope["path"])},
+        bounded({**problem, "instance": problem.get("instance", request.scope["path"])}),
         status_code=problem["status"],
-        headers=headers,
+        # also where nothing else adds them: unexpected errors are answered outside of what guards all others
+        headers={**ALWAYS, "Content-Security-Policy": NOTHING, "Cache-Control": OWN, **(headers or {})},
         media_type="application/json" if plain else PROBLEM_JSON,
     )
 
@@ -67,12 +71,21 @@ def error_response(error: Exception, request: Request) -> Response:
 
 def _known_error(request: Request, error: Exception) -> Response:
     """Answer any error; the details of unexpected ones go to the log only."""
+    if isinstance(error, ServiceError) and error.status == HTTPStatus.SERVICE_UNAVAILABLE:
+        log.error("a request was answered with 503", path=request.scope["path"], error=str(error))
     return error_response(error, request)
 
 
-def _database_down(request: Request, _error: Exception) -> Response:
+def away(error: Exception, path: str) -> StorageError:
+    """Give what a client is told when the database is locked, full or away; its own words are for the log."""
+    words = str(error.orig).strip() if isinstance(error, DBAPIError) else str(error)
+    log.error("the database does not answer", path=path, error=words, kind=type(error).__name__)
+    return StorageError("the database does not answer")
+
+
+def _database_down(request: Request, error: Exception) -> Response:
     """Answer that the database is locked, full or away."""
-    return problem_response(to_problem(StorageError("the database does not answer")), request)
+    return problem_response(to_problem(away(error, request.scope["path"])), request)
 
 
 def _bad_parameters(request: Request, error: Exception) -> Response:

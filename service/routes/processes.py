@@ -26,7 +26,7 @@ from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
-from service.routes.request_bodies import read_json_body
+from service.routes.request_bodies import read_json
 from service.use_cases.check_subscriber import checked_subscription
 from service.use_cases.describe_processes import (
     OFFERED_PROCESSES,
@@ -37,7 +37,6 @@ from service.use_cases.describe_processes import (
 )
 from service.use_cases.fetch_files import with_files_to_come
 from service.use_cases.submit_job import answer_at_once, check_execution, submit_job
-from service.use_cases.validate_request import parse_json
 
 STATUS_INFO = {"$ref": "#/components/schemas/StatusInfo"}
 EXECUTE = "http://www.opengis.net/def/rel/ogc/1.0/execute"
@@ -111,10 +110,10 @@ async def execute(
 ) -> Response:
     """Run a process in the background: 201 with the job. `echo` answers at once (200) unless asked otherwise."""
     process = offered_process(process_id)
-    body = parse_json(await read_json_body(request))
+    body = await read_json(request)
     asynchronous = _prefers_async(request)
     now = datetime.now(UTC)
-    body, fetches = with_files_to_come(body, sources, origin.make_id)
+    body, fetches = await asyncio.to_thread(with_files_to_come, body, sources, origin.make_id)
     execution = await asyncio.to_thread(check_execution, process, body, adapters.files, settings, fetches)
     subscription = None
     if execution.subscriber is not None:
@@ -122,7 +121,7 @@ async def execute(
     if process.synchronous and not asynchronous:
         await asyncio.sleep(execution.inputs.get("pause") or 0)
         outputs = answer_at_once(execution)
-        return raw_outputs(outputs) if execution.raw else JSONResponse(outputs)
+        return await asyncio.to_thread(raw_outputs if execution.raw else JSONResponse, outputs)
     job = await asyncio.to_thread(submit_job, execution, belongings, settings, now, subscription, origin)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
 

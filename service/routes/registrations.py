@@ -20,6 +20,7 @@ from service.dependencies import (
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
 from service.ports import Subscription
 from service.routes.files import COLUMNS, file_intake
+from service.routes.leaving_clients import marked, unless_client_leaves
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.processes import CALLBACKS, created_job
 from service.routes.request_bodies import (
@@ -126,7 +127,8 @@ async def register(
     intake = file_intake(belongings, adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
     now = datetime.now(UTC)
-    job = await register_uploads(intake, form, subscribe, now, origin)
+    work = register_uploads(intake, form, subscribe, now, origin)
+    job = await unless_client_leaves(request, work, form.read)
     return created_job(job, url)
 
 
@@ -139,11 +141,16 @@ class _RegistrationForm:
         self._said: dict[str, bytes] = {}
         self._are_photos: list[bool] = []
         self._columns = stated_columns(request.headers.get(HEADER, ""), HEADER)
+        self.read = asyncio.Event()
+        """Set when all of the form has arrived."""
 
     def columns(self) -> str:
         return self._columns
 
-    async def files(self) -> AsyncIterator[Upload]:
+    def files(self) -> AsyncIterator[Upload]:
+        return marked(self._files(), self.read)
+
+    async def _files(self) -> AsyncIterator[Upload]:
         length = declared_length(self._request) or 0
         await asyncio.to_thread(self._intake.require_room, length)
         await asyncio.to_thread(self._intake.require_quota, content_length(self._request))

@@ -12,9 +12,10 @@ from fastapi import Request, Response
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import FieldFault, InvalidRequestError, ServiceError, StorageError
+from service.dependencies import belongings_of
+from service.errors import FieldFault, InvalidRequestError, ServiceError
 from service.ports import Answer, Claim, IdempotencyStore
-from service.routes.problems import error_response
+from service.routes.problems import away, error_response
 from service.routes.request_bodies import body_of, media_type
 from service.settings import Settings
 from service.use_cases.identifiers import identifiers_from, new_identifier
@@ -52,11 +53,13 @@ class RepeatedRequests:
             return
         try:
             this = Repeatable(self._answers, request.state.access.owner, _key(request), new_identifier())
+            settings = cast("Settings", request.app.state.settings)
+            await asyncio.to_thread(belongings_of(request).require_record, settings, 0)
             claim = await this.claim(datetime.now(UTC))
             attempt = _Attempt(this, claim, request, receive, send)
             answer = await (attempt.begin() if claim.answer is None else _again(request, this, claim))
         except (ServiceError, SQLAlchemyError) as error:
-            answer = error_response(_known(error), request)
+            answer = error_response(_known(error, request), request)
         if answer is not None:
             await answer(scope, receive, send)
             return
@@ -200,5 +203,5 @@ def _without_length(headers: Sequence[tuple[str, str]]) -> list[tuple[str, str]]
     return [(name, value) for name, value in headers if name.lower() != "content-length"]
 
 
-def _known(error: ServiceError | SQLAlchemyError) -> ServiceError:
-    return error if isinstance(error, ServiceError) else StorageError("the database does not answer")
+def _known(error: ServiceError | SQLAlchemyError, request: Request) -> ServiceError:
+    return error if isinstance(error, ServiceError) else away(error, request.scope["path"])

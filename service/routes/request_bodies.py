@@ -1,5 +1,6 @@
 """Read request bodies: JSON within a limit, forms part by part in constant memory."""
 
+import asyncio
 import re
 from collections import deque
 from collections.abc import AsyncIterator
@@ -16,13 +17,15 @@ from service.settings import Settings
 from service.use_cases.file_names import clean_filename
 from service.use_cases.patient_reading import timely
 from service.use_cases.stated_columns import FIELD, stated_columns
-from service.use_cases.validate_request import pointer_to
+from service.use_cases.validate_request import parse_json, pointer_to
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_JSON_BYTES = 10_000_000
 MAX_COLUMNS_BYTES = 10_000
+SENT_FOR_ANY_PAGE = frozenset({"text/plain", "application/x-www-form-urlencoded"})
+"""Types of bodies, besides `multipart/…`, that browsers send to other origins for any page (Fetch, 2.2.2)."""
 MOST_PARTS = 5000
 """Of one form: 500 stations with ten photos each."""
 LARGEST_FRAME = 64_000
@@ -53,17 +56,33 @@ def body_of(request: Request) -> AsyncIterator[bytes]:
 
 
 async def read_json_body(request: Request) -> bytes:
-    """Read a JSON body; its Content-Type does not matter, many clients send none.
+    """Read a JSON body; many clients say nothing of its type.
 
     Raises
     ------
+    UnsupportedMediaTypeError
+        It is called something that a page of any origin may let a browser send, without asking first.
     FileTooLargeError
         It is longer than a request may be.
     """
+    kind = media_type(request)
+    if kind in SENT_FOR_ANY_PAGE or kind.startswith("multipart/"):
+        raise UnsupportedMediaTypeError(f"{kind} is not taken here; send JSON as application/json")
     length = declared_length(request)
     if length is not None and length > MAX_JSON_BYTES:
         raise FileTooLargeError("the request body", length, MAX_JSON_BYTES)
     return await read_within("the request body", body_of(request), MAX_JSON_BYTES)
+
+
+async def read_json(request: Request) -> Any:
+    """Read and parse a JSON body; others are answered meanwhile.
+
+    Raises
+    ------
+    UnsupportedMediaTypeError, FileTooLargeError, InvalidRequestError
+        As `read_json_body` and `parse_json` say.
+    """
+    return await asyncio.to_thread(parse_json, await read_json_body(request))
 
 
 async def read_within(what: str, chunks: AsyncIterator[bytes], limit: int) -> bytes:

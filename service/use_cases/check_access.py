@@ -13,7 +13,7 @@ from service.ports import Key, KeyStore, Scope, StoredKey
 from service.refusals import UnauthenticatedError
 from service.settings import Settings
 from service.use_cases.key_secrets import hash_of_nobody, key_id_of, matches
-from service.use_cases.limit_rates import Rate
+from service.use_cases.limit_rates import Rate, network_of
 
 LOOK_AGAIN_S = 3.0
 """A revoked key, and a service that was open until the first key was made, are open no longer than this."""
@@ -75,8 +75,8 @@ class Gatekeeper:
         self._mode = settings.auth
         self._clock = clock
         self._remembered: OrderedDict[bytes, _Remembered] = OrderedDict()
-        self._asking: dict[bytes, asyncio.Task[_Remembered | None]] = {}
-        self._rate = Rate("keys that are not known yet", settings.max_key_checks_per_minute)
+        self._asking: dict[bytes, asyncio.Task[_Remembered]] = {}
+        self._rate = Rate("wrong keys from this address", settings.max_key_checks_per_minute)
         self._hashers = ThreadPoolExecutor(HASHES_AT_ONCE, "scrypt")
         self._needed: bool | None = {"required": True, "off": False}.get(settings.auth)
         self._looked = 0.0
@@ -89,6 +89,11 @@ class Gatekeeper:
             if self._needed is None or now - self._looked >= LOOK_AGAIN_S:
                 self._looked = now  # one request asks, those that come meanwhile go on with what is known
                 self._needed = await asyncio.to_thread(self._keys.known)
+        return bool(self._needed)
+
+    @property
+    def needed_keys(self) -> bool:
+        """Whether keys were needed when that was last known."""
         return bool(self._needed)
 
     async def access(self, authorization: str | None, remote: str) -> Access:
@@ -106,7 +111,7 @@ class Gatekeeper:
         UnauthenticatedError
             A key is needed, and none that is valid was given.
         TooOftenError
-            Too many keys came from this address that are not known yet.
+            Too many wrong keys came from this address.
         """
         if not await self.needs_keys():
             return WITHOUT_KEY
@@ -115,9 +120,7 @@ class Gatekeeper:
             raise UnauthenticatedError(given=authorization is not None)
         proof = hashlib.sha256(token.encode()).digest()
         if proof not in self._remembered:
-            self._rate.require(remote)
-            if not await self._prove(proof, token):
-                raise UnauthenticatedError(given=True)
+            await self._prove(proof, token, network_of(remote))
         key = await self._valid(proof)
         if key is None:
             raise UnauthenticatedError(given=True)
@@ -133,25 +136,26 @@ class Gatekeeper:
             if known.key.id == key_id:
                 known.looked = -LOOK_AGAIN_S
 
-    async def _prove(self, proof: bytes, token: str) -> bool:
+    async def _prove(self, proof: bytes, token: str, network: str) -> None:
         """Compute the slow hash, once for all requests that come at the same time."""
         task = self._asking.get(proof)
         if task is None:
-            task = asyncio.create_task(self._proved(token))
+            task = asyncio.create_task(self._proved(token, network))
             self._asking[proof] = task
             task.add_done_callback(lambda _: self._asking.pop(proof, None))
-        found = await asyncio.shield(task)
-        if found is not None:
-            self._remember(proof, found)
-        return found is not None
+        self._remember(proof, await asyncio.shield(task))
 
-    async def _proved(self, token: str) -> _Remembered | None:
+    async def _proved(self, token: str, network: str) -> _Remembered:
         key_id = key_id_of(token)
         stored = None if key_id is None else await asyncio.to_thread(self._keys.get, key_id)
-        loop = asyncio.get_running_loop()
-        right = await loop.run_in_executor(self._hashers, self._matches, token, stored)
+        # by key: who tries keys that do not exist, or one that does, locks out nobody with another behind his address
+        with self._rate.unless_right(f"{network} {'' if stored is None else stored.key.id}"):
+            loop = asyncio.get_running_loop()
+            right = await loop.run_in_executor(self._hashers, self._matches, token, stored)
+            if stored is None or not right:
+                raise UnauthenticatedError(given=True)
         now = self._clock()
-        return _Remembered(stored.key, stored.hash, now, now) if right and stored is not None else None
+        return _Remembered(stored.key, stored.hash, now, now)
 
     def _matches(self, token: str, stored: StoredKey | None) -> bool:
         # for an unknown key just as much is computed as for a known one

@@ -30,11 +30,11 @@ from service.ports import (
     Subscription,
 )
 from service.settings import Settings
-from service.use_cases.callback_signatures import signed_headers
+from service.use_cases.callback_signatures import UNSIGNED, derived_secret, signed_headers
 from service.use_cases.describe_job import status_info
 from service.use_cases.find_job import wanted_outputs
 
-POLLING_S = 1.0
+POLLING_S = 2.0
 MOST_AT_ONCE = 16
 MOST_PER_HOST = 4
 """A receiver that does not answer holds up these, not all others."""
@@ -140,10 +140,15 @@ class CallbackDelivery:
         elif message is None:
             await asyncio.to_thread(self.callbacks.go_on, claimed, self.settings.callback_interval_s, None)
         else:
-            await self._send(claimed, subscription, message)
+            await self._send(claimed, subscription.secret or self._secret_for(claimed, job), message)
 
-    async def _send(self, claimed: ClaimedCallback, subscription: Subscription, message: _Message) -> None:
-        secret = subscription.secret or self.settings.callback_secret
+    def _secret_for(self, claimed: ClaimedCallback, job: Job) -> str:
+        """Give what signs in the operator's name; empty for nothing."""
+        if not self.settings.callback_secret or job.process_id in UNSIGNED:
+            return ""
+        return derived_secret(self.settings.callback_secret, job.owner, claimed.uri, job.process_id)
+
+    async def _send(self, claimed: ClaimedCallback, secret: str, message: _Message) -> None:
         headers = await asyncio.to_thread(
             signed_headers, secret, delivery_id(claimed), int(time.time()), message.pieces()
         )

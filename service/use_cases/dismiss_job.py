@@ -4,12 +4,12 @@ from dataclasses import replace
 from datetime import datetime
 
 from service.errors import NoSuchJobError
-from service.ports import BlobStore, Job, JobStatus, JobStore, Queue
+from service.ports import BlobStore, Job, JobStatus, JobStore
 from service.use_cases.find_job import find_job
 
 
-def dismiss_job(job_id: str, jobs: JobStore, blobs: BlobStore, queue: Queue, now: datetime) -> Job:
-    """Dismiss a waiting or running job; remove a finished one with its result and artifacts.
+def dismiss_job(job_id: str, jobs: JobStore, blobs: BlobStore, now: datetime) -> Job:
+    """Dismiss a job, of which its worker takes notice within two seconds; remove a finished one with all it stored.
 
     Raises
     ------
@@ -24,5 +24,4 @@ def dismiss_job(job_id: str, jobs: JobStore, blobs: BlobStore, queue: Queue, now
     dismissed = jobs.dismiss(job_id, now)
     if dismissed is None:
         raise NoSuchJobError(job_id)
-    queue.cancel(job_id)
     return dismissed

@@ -53,6 +53,8 @@ def with_files_to_come(body: Any, sources: Sources, make_id: MakeIdentifier) -> 
     InvalidRequestError
         With a pointer to every address that is not allowed.
     """
+    if next(_references(body), None) is None:
+        return body, ()
     changed = deepcopy(body)
     fetches: dict[str, Fetch] = {}
     faults = []

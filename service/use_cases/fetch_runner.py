@@ -8,6 +8,7 @@ from typing import Any
 
 from service.errors import ComputationFailedError, NoSuchJobError, ServiceError, StorageError
 from service.ports import Job, JobStore, Json, StepFailedError, StepRunner
+from service.refusals import BusyError
 from service.use_cases.describe_processes import offered_process
 from service.use_cases.fetch_files import Fetch, pointed, with_pointers
 from service.use_cases.store_files import FileIntake, Received
@@ -54,7 +55,7 @@ class FetchingRunner:
                 return await self._checked(job)
             fetches = tuple(fetch for fetch in fetches if fetch.id == arguments["id"])
             return await self._fetched(job, fetches[0], timeout_s, on_progress)
-        except (ComputationFailedError, StorageError) as error:
+        except (ComputationFailedError, StorageError, BusyError) as error:
             raise ComputationFailedError(str(error)) from error  # tried again
         except StepFailedError as error:
             raise StepFailedError(with_pointers(error.problem, fetches)) from None
@@ -84,7 +85,7 @@ class FetchingRunner:
                     on_progress=on_progress,
                 )
                 received = Received(fetch.id, came["name"], came["bytes"], came["sha256"])
-                file = await intake.inspected(received, datetime.now(UTC), fetch.columns)
+                file = await intake.inspected(received, datetime.now(UTC), fetch.columns, wait_s=timeout_s)
                 file = await self.patience(intake.enter, file)
             except BaseException:  # also where the job was dismissed just when the file had come
                 intake.drop(received)

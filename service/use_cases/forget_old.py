@@ -5,6 +5,9 @@ from datetime import datetime, timedelta
 
 from service.ports import KEPT_ANSWERS, AuditLog, IdempotencyStore
 
+REFUSALS = frozenset({401, 403, 429})
+"""Answers to those who were turned away; anybody can cause as many as he likes."""
+
 
 @dataclass(frozen=True)
 class Forgotten:
@@ -19,6 +22,11 @@ class Forgotten:
         return not (self.audit_entries or self.answers)
 
 
-def forget_old(audit: AuditLog, answers: IdempotencyStore, audit_days: int, now: datetime) -> Forgotten:
-    """Remove old entries of the audit log, and answers that are given again no more."""
-    return Forgotten(audit.forget_before(now - timedelta(days=audit_days)), answers.forget_before(now - KEPT_ANSWERS))
+def forget_old(
+    audit: AuditLog, answers: IdempotencyStore, audit_days: int, now: datetime, refused_days: int | None = None
+) -> Forgotten:
+    """Remove old entries of the audit log, those of refusals sooner, and answers that are given again no more."""
+    entries = audit.forget_before(now - timedelta(days=audit_days))
+    if refused_days is not None:
+        entries += audit.forget_before(now - timedelta(days=refused_days), REFUSALS)
+    return Forgotten(entries, answers.forget_before(now - KEPT_ANSWERS))

@@ -2,6 +2,11 @@
 
 import math
 import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ipaddress import IPv6Address, ip_address, ip_network
+from typing import NoReturn
 
 from limits import RateLimitItemPerMinute
 from limits.storage import MemoryStorage
@@ -25,6 +30,7 @@ class Rate:
         self._what = what
         self._item = RateLimitItemPerMinute(per_minute)
         self._window = MovingWindowRateLimiter(MemoryStorage())
+        self._under_way: Counter[str] = Counter()
 
     def allows(self, name: str) -> bool:
         """Count an event unless there were too many."""
@@ -39,5 +45,42 @@ class Rate:
             There were too many.
         """
         if not self.allows(name):
-            reset = self._window.get_window_stats(self._item, name).reset_time
-            raise TooOftenError(self._what, self._item.amount, max(1, math.ceil(reset - time.time())))
+            self._refuse(name)
+
+    @contextmanager
+    def unless_right(self, name: str) -> Iterator[None]:
+        """Count an attempt that fails, by any exception; those under way count as if they did.
+
+        Raises
+        ------
+        TooOftenError
+            Too many have failed, or may still fail.
+        """
+        if self._window.get_window_stats(self._item, name).remaining <= self._under_way[name]:
+            self._refuse(name)
+        self._under_way[name] += 1
+        try:
+            yield
+        except BaseException:
+            self._window.hit(self._item, name)
+            raise
+        finally:
+            self._under_way[name] -= 1
+            if not self._under_way[name]:
+                del self._under_way[name]
+
+    def _refuse(self, name: str) -> NoReturn:
+        reset = self._window.get_window_stats(self._item, name).reset_time
+        raise TooOftenError(self._what, self._item.amount, min(60, max(1, math.ceil(reset - time.time()))))
+
+
+def network_of(address: str) -> str:
+    """Give what counts as one address: of IPv6 the network that one customer has, in which he may take any address."""
+    try:
+        found = ip_address(address)
+    except ValueError:
+        return address
+    if isinstance(found, IPv6Address):
+        mapped = found.ipv4_mapped
+        return str(mapped) if mapped is not None else str(ip_network((int(found) >> 64 << 64, 64)))
+    return str(found)

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 from service.errors import (
     ChecksumMismatchError,
@@ -67,7 +68,7 @@ class UploadDesk:
 
         Raises
         ------
-        FileTooLargeError, InsufficientStorageError, QuotaFullError
+        FileTooLargeError, InsufficientStorageError, QuotaFullError, QuotaExceededError
             It would exceed a limit.
         UnreadableFileError
             It is empty.
@@ -82,12 +83,8 @@ class UploadDesk:
         with suppress(NoSuchUploadError):  # begun by a request that broke off and is tried again
             await self.terminate(upload.id)
         await asyncio.to_thread(self.intake.require_quota, length)
+        await asyncio.to_thread(self.intake.belongings.require_upload, self.intake.settings)
         await asyncio.to_thread(self.uploads.create, upload)
-        try:
-            await asyncio.to_thread(self.intake.require_room)
-        except InsufficientStorageError:  # another one has taken the same room meanwhile
-            await self.terminate(upload.id)
-            raise
         return UploadState(upload, 0, now)
 
     async def describe(self, upload_id: str, now: datetime) -> UploadState:
@@ -144,7 +141,10 @@ class UploadDesk:
             if part.declared_bytes is not None and part.declared_bytes > room:
                 raise UploadOverrunError(upload_id, state.offset + part.declared_bytes, state.upload.length)
             await asyncio.to_thread(self._make_room, opened, part.declared_bytes or 0)
-            await self._take(opened, state.upload, part)
+            try:
+                await self._take(opened, state.upload, part)
+            finally:  # room is kept for what comes, not for what was announced
+                await undisturbed(opened.give_room_back)
             await self._finish(opened, now)
             return await _state_of(opened)
 
@@ -204,17 +204,18 @@ class UploadDesk:
                 return opened
         raise UploadLockedError(upload_id)
 
-    def _make_room(self, opened: OpenUpload, coming_bytes: int) -> None:
-        """Set room aside for the rest of an upload, unless there is too little."""
+    def _make_room(self, opened: OpenUpload, coming_bytes: int = 0) -> None:
+        """Set room aside for what comes next of an upload, unless there is too little for all that is announced."""
+        self.intake.require_room(coming_bytes)
         try:
-            aside = opened.set_room_aside()
-            self.intake.require_room(0 if aside else coming_bytes)
+            opened.set_room_aside(2 * BYTES_BETWEEN_CHECKS)
+            self.intake.require_room()
         except InsufficientStorageError:
             opened.give_room_back()
             raise
 
     async def _take(self, opened: OpenUpload, upload: PendingUpload, part: UploadPart) -> None:
-        writer = _PartWriter(opened, upload, part, self.intake.require_room)
+        writer = _PartWriter(opened, upload, part, partial(self._make_room, opened))
         await undisturbed(opened.touch)
         if part.checksum is not None:
             opened.doubt()
@@ -246,14 +247,14 @@ class _PartWriter:
     """Write one body block by block."""
 
     def __init__(
-        self, opened: OpenUpload, upload: PendingUpload, part: UploadPart, require_room: Callable[[], None]
+        self, opened: OpenUpload, upload: PendingUpload, part: UploadPart, make_room: Callable[[], None]
     ) -> None:
         self._opened = opened
         self._upload = upload
         self._part = part
         self._room = upload.length - part.offset
         self._digest = None if part.checksum is None else hashlib.new(part.checksum.algorithm, usedforsecurity=False)
-        self._require_room = require_room
+        self._make_room = make_room
         self._block = bytearray()
         self._written = 0
         self._unchecked = 0
@@ -297,7 +298,7 @@ class _PartWriter:
     def _write(self, data: bytes) -> None:
         self._unchecked += len(data)
         if self._unchecked >= BYTES_BETWEEN_CHECKS:
-            self._require_room()
+            self._make_room()
             self._unchecked = 0
         self._opened.write(data)
         self._written += len(data)

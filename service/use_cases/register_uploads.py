@@ -77,7 +77,7 @@ async def register_uploads(
     """
     files = await intake.store(form.files(), now, form.columns)
     try:
-        contents = form.contents()
+        contents = await asyncio.to_thread(form.contents)
         execution = await asyncio.to_thread(_execution, intake, files, contents)
         subscription = None
         if execution.subscriber is not None:

@@ -21,8 +21,10 @@ def _fetch_file(context: StepContext, arguments: Json) -> Json:
 
 
 def _features(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.kernels import ensure_compiled
     from service.use_cases.run_features import extract_features_of_scan
 
+    ensure_compiled(context.progress)
     return extract_features_of_scan(context, arguments)
 
 

@@ -20,6 +20,8 @@ from service.use_cases.content_keys import content_key, incoming_key
 from service.use_cases.feature_keys import features_of_content
 from service.use_cases.free_space import BYTES_BETWEEN_CHECKS, require_free_space
 from service.use_cases.identifiers import MakeIdentifier, is_identifier, new_identifier
+from service.use_cases.inspection_places import inspection_place
+from service.use_cases.machine_shares import INSPECT
 from service.use_cases.quotas import Belongings, admit_file
 from service.use_cases.upload_threads import undisturbed
 
@@ -206,20 +208,43 @@ class FileIntake:
                 unchecked = 0
             yield chunk
 
-    async def inspected(self, received: "Received", now: datetime, columns: str = "") -> StoredFile:
-        """Find out in a process of its own what has arrived; `columns` are those of a text table, if they were stated.
+    async def inspected(
+        self, received: "Received", now: datetime, columns: str = "", wait_s: float | None = None
+    ) -> StoredFile:
+        """Find out in a process of its own what has arrived, when it is its turn.
+
+        Parameters
+        ----------
+        received
+            What has arrived.
+        now
+            Time of the request.
+        columns
+            Those of a text table, if they were stated.
+        wait_s
+            How long to wait for its turn; None: as the settings say.
 
         Raises
         ------
+        BusyError
+            It was not its turn in time.
         UnreadableFileError
             No reader understands it.
         """
         try:
-            found = await self.steps.run(
-                "inspect-file",
-                {"key": incoming_key(received.id), "filename": received.filename, "columns": columns},
-                timeout_s=self.settings.inspect_timeout_s,
-            )
+            async with inspection_place(
+                self.settings, self.belongings.owner, received.filename, received.bytes, wait_s
+            ):
+                found = await self.steps.run(
+                    INSPECT,
+                    {
+                        "key": incoming_key(received.id),
+                        "filename": received.filename,
+                        "bytes": received.bytes,
+                        "columns": columns,
+                    },
+                    timeout_s=self.settings.inspect_timeout_s,
+                )
         except (ComputationFailedError, StepFailedError) as error:
             if isinstance(error, StepFailedError) and not error.broke_down:
                 raise

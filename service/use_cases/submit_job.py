@@ -1,5 +1,6 @@
 """Turn an execution request into a job on the queue, or into an answer at once."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -127,8 +128,8 @@ def submit_job(
     ------
     QuotaExceededError
         Too many jobs wait already.
-    QuotaFullError
-        The project has stored too much already.
+    QuotaFullError, InsufficientStorageError
+        The project has stored too much already, or the disk is nearly full.
     """
     job = Job(
         id=origin.make_id(),
@@ -148,6 +149,7 @@ def submit_job(
     made_before = belongings.jobs.get(job.id)
     if made_before is None:
         belongings.require_within(settings)
+        belongings.require_record(settings, len(json.dumps(job.inputs)))
         belongings.jobs.create_and_enqueue(job, admit_job(settings))
     return made_before or job
 

@@ -10,15 +10,21 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, TypeVar
 
-THREADS, NICENESS = 2, 10
+THREADS = 2
 """Hashing keeps a core busy each, and others wait for the disk; what is not written yet is not read from its client.
 Where every thread has a priority of its own, the event loop goes before them."""
+_niceness = [0]
+
+
+def step_back(niceness: int) -> None:
+    """Say how far these threads step back behind all else; before the first of them begins."""
+    _niceness[0] = niceness
 
 
 def _step_back() -> None:
     if sys.platform == "linux":
         thread = threading.get_native_id()
-        os.setpriority(os.PRIO_PROCESS, thread, max(NICENESS, os.getpriority(os.PRIO_PROCESS, thread)))
+        os.setpriority(os.PRIO_PROCESS, thread, max(_niceness[0], os.getpriority(os.PRIO_PROCESS, thread)))
 
 
 _threads = ThreadPoolExecutor(THREADS, "upload", _step_back)

@@ -1,6 +1,7 @@
 """Read JSON bodies and say which of their fields are wrong, by JSON pointer."""
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -11,6 +12,12 @@ from service.errors import FieldFault, InvalidRequestError
 
 MOST_MEMBERS = 130_000
 """Of one array or object; the longest that there is use for are all pairs of 500 stations."""
+MOST_CONTAINERS, MOST_SEPARATORS = 200_000, 1_000_000
+"""Arrays and objects, commas and colons of a whole document: 500 stations with ten photos each, and all their pairs."""
+DEEPEST = 32
+"""Arrays and objects within each other."""
+TOO_DEEP = f"arrays and objects are nested more than {DEEPEST} deep"
+BEYOND = "this is no valid JSON: a number is beyond what float64 can hold"
 MOST_FAULTS = 1000
 """More are counted and not listed: each takes a hundred times the room of what is wrong."""
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -18,23 +25,69 @@ WRONG_FIELDS = "some fields of the request are wrong; `errors` lists each with i
 
 
 def parse_json(body: bytes, pointer: str = "") -> Any:
-    """Parse a JSON body.
+    """Parse a JSON body. What it would take is counted first: a list of nothing takes fifty bytes for each of its own.
 
     Raises
     ------
     InvalidRequestError
-        It is empty or no JSON, it holds NaN or a number beyond float64, with line and column; or a list without end.
+        It is empty or no JSON, it holds NaN or a number beyond float64, with line and column; or lists without end, one
+        in the other or one after the other.
     """
+    if (what := _too_much(body)) is not None:
+        raise InvalidRequestError(what, [FieldFault(pointer, what)])
     try:
-        document = from_json(body, allow_inf_nan=False)
-        json.dumps(document, allow_nan=False)  # 1e400 parses as infinity
+        document = from_json(body, allow_inf_nan=False, cache_strings="keys")
     except ValueError as error:
         what = "the body is empty; a JSON object is expected" if not body.strip() else f"this is no valid JSON: {error}"
         raise InvalidRequestError(what, [FieldFault(pointer, what)]) from None
-    if len(body) > 2 * MOST_MEMBERS and _has_members(document) and (longest := _longest(document)) > MOST_MEMBERS:
-        what = f"an array or object has {longest} members, at most {MOST_MEMBERS} are read"
-        raise InvalidRequestError(what, [FieldFault(pointer, what)])
+    if (what := _unusable(document)) is not None:
+        place = pointer_to(*_deepest(document)) if what == TOO_DEEP else ""
+        raise InvalidRequestError(what, [FieldFault(pointer + place, what)])
     return document
+
+
+def _too_much(body: bytes) -> str | None:
+    """Say why a document takes too much to be read, by what separates its values; what stands in texts counts too."""
+    containers = body.count(b"[") + body.count(b"{")
+    if containers > MOST_CONTAINERS:
+        return f"the document has {containers} arrays and objects, at most {MOST_CONTAINERS} are read"
+    separators = body.count(b",") + body.count(b":")
+    if separators > MOST_SEPARATORS:
+        return f"the document has {separators} commas and colons, at most {MOST_SEPARATORS} are read"
+    return None
+
+
+def _unusable(document: Any) -> str | None:
+    """Say why a parsed document cannot be used: too deep, too long in one place, or a number that is none."""
+    level = [document] if _has_members(document) else []
+    if isinstance(document, float) and math.isinf(document):
+        return BEYOND
+    for _ in range(DEEPEST):
+        below: list[Any] = []
+        for members in level:
+            if len(members) > MOST_MEMBERS:
+                return f"an array or object has {len(members)} members, at most {MOST_MEMBERS} are read"
+            for value in members.values() if isinstance(members, dict) else members:
+                if isinstance(value, list | dict):
+                    below.append(value)
+                elif isinstance(value, float) and math.isinf(value):
+                    return BEYOND
+        if not below:
+            return None
+        level = below
+    return TOO_DEEP
+
+
+def _deepest(document: Any) -> Sequence[str | int]:
+    """Give the way to the first value that lies too deep."""
+    left: list[tuple[Any, tuple[str | int, ...]]] = [(document, ())]
+    while left:
+        members, way = left.pop()
+        if len(way) >= DEEPEST:
+            return way
+        named = members.items() if isinstance(members, dict) else enumerate(members)
+        left += [(value, (*way, name)) for name, value in named if _has_members(value)]
+    return ()
 
 
 def validated(model: type[ModelT], document: Any, root: str = "") -> ModelT:
@@ -66,18 +119,6 @@ def validated(model: type[ModelT], document: Any, root: str = "") -> ModelT:
 def pointer_to(*parts: str | int) -> str:
     """Build a JSON pointer (RFC 6901)."""
     return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in parts)
-
-
-def _longest(document: Any) -> int:
-    """Give the number of members of the longest array or object in a document."""
-    longest, left = 0, [document]
-    while left:
-        members = left.pop()
-        longest = max(longest, len(members))
-        if longest > MOST_MEMBERS:
-            break
-        left += [each for each in (members.values() if isinstance(members, dict) else members) if _has_members(each)]
-    return longest
 
 
 def _has_members(value: Any) -> bool:

@@ -78,9 +78,9 @@ def test_a_fault_of_the_service_is_noted(
     def broken(*_: object) -> None:
         raise fault
 
-    monkeypatch.setattr(service.adapters.queue, "cancel", broken)
     alice = service.client("alice")
     job_id = alice.register_two()
+    monkeypatch.setattr("service.routes.jobs.dismiss_job", broken)
     answer = alice.delete(f"/jobs/{job_id}")
     assert (answer.status_code, entries(service)[0].status) == (500, 500)
     assert answer.headers["x-request-id"] == entries(service)[0].request_id

@@ -317,8 +317,32 @@ def test_who_tries_many_keys_is_told_to_wait_and_known_keys_go_on(settings: Sett
     service = KeyService(settings.model_copy(update={"max_key_checks_per_minute": 2}), adapters)
     alice = service.client("alice")
     alice.get("/jobs")
-    wrong = [service.stranger().get("/jobs", headers={"Authorization": f"Bearer tl_{n}_x"}) for n in range(2)]
-    assert [answer.status_code for answer in wrong] == [401, 429]
+    wrong = [service.stranger().get("/jobs", headers={"Authorization": f"Bearer tl_{n}_x"}) for n in range(4)]
+    assert [answer.status_code for answer in wrong] == [401, 401, 429, 429]
+    assert alice.get("/jobs").status_code == 200
+
+
+def test_a_flood_of_wrong_keys_locks_out_no_neighbour_with_a_right_one(settings: Settings, adapters: Adapters) -> None:
+    service = KeyService(settings.model_copy(update={"max_key_checks_per_minute": 2}), adapters)
+    alice, bob = service.client("alice"), service.client("bob")
+    name = alice.secret.split("_")[1]
+    for token in ("nonsense", f"tl_{'0' * 16}_x", f"tl_{name}_x"):
+        wrong = [service.stranger().get("/jobs", headers={"Authorization": f"Bearer {token}"}) for _ in range(4)]
+        assert wrong[-1].status_code == 429
+    assert bob.get("/jobs").status_code == 200  # never seen before, from the same address
+
+
+def test_right_keys_are_not_counted(settings: Settings, adapters: Adapters) -> None:
+    service = KeyService(settings.model_copy(update={"max_key_checks_per_minute": 2}), adapters)
+    assert {service.client(f"k{number}").get("/jobs").status_code for number in range(6)} == {200}
+
+
+def test_what_needs_no_key_has_a_rate_for_each_address(settings: Settings, adapters: Adapters) -> None:
+    service = KeyService(settings.model_copy(update={"max_address_requests_per_minute": 3}), adapters)
+    alice = service.client("alice")
+    codes = [service.stranger().get("/processes").status_code for _ in range(5)]
+    assert codes == [200, 200, 200, 429, 429]
+    assert service.stranger().get("/healthz").status_code == 200
     assert alice.get("/jobs").status_code == 200
 
 

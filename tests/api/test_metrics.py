@@ -1,12 +1,16 @@
 """Figures for Prometheus."""
 
 from datetime import UTC, datetime
+from pathlib import Path
 
 from prometheus_client.parser import text_string_to_metric_families
 
+from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
-from service.ports import Job, JobStatus
-from tests.api.conftest import Client
+from service.main import create_app
+from service.ports import Job, JobStatus, StepFigures
+from service.settings import Settings
+from tests.api.conftest import Client, FakeSteps
 
 
 def figures(client: Client) -> dict[tuple[str, ...], float]:
@@ -28,6 +32,26 @@ def test_jobs_are_counted_by_status(client: Client, adapters: Adapters) -> None:
     assert found["tieline_jobs", "accepted"] == 2
     assert found["tieline_jobs", "dismissed"] == 1
     assert found["tieline_workers",] == 1
+
+
+def test_the_queue_of_steps_is_told_with_times_and_failures(tmp_path: Path) -> None:
+    totals = {
+        "steps": {"features": 4.0},
+        "step_seconds": {"features": 20.0},
+        "step_wait_seconds": {"features": 2.0},
+        "job_failures": {"Unusable input": 3.0},
+        "deaths": {"": 1.0},
+    }
+    blobs = MemoryBlobStore()
+    queue = MemoryQueue(figures=StepFigures(7, 2, 31.5, totals))
+    adapters = Adapters(MemoryJobStore(), MemoryFileStore(), blobs, queue, FakeSteps(blobs), MemoryJobLog())
+    found = figures(Client(create_app(Settings(data_dir=tmp_path), adapters)))
+    assert (found["tieline_steps", "waiting"], found["tieline_steps", "running"]) == (7, 2)
+    assert found["tieline_oldest_waiting_step_seconds",] == 31.5
+    assert found["tieline_step_seconds_sum", "features"] / found["tieline_step_seconds_count", "features"] == 5.0
+    assert found["tieline_step_wait_seconds_sum", "features"] == 2.0
+    assert found["tieline_job_failures_total", "Unusable input"] == 3
+    assert found["tieline_interrupted_steps_total",] == 1
 
 
 def test_requests_are_counted_by_route_not_by_address(client: Client) -> None:

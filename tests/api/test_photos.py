@@ -140,7 +140,8 @@ def test_a_bad_field_of_a_photo_of_a_station_is_pointed_at(
     client: Client, station: dict[str, Any], pointers: Pointers, process: str, change: dict[str, Any], pointer: str
 ) -> None:
     wrong = {**station, "photos": [{**station["photos"][0], **change}]}
-    inputs = {"station": wrong} if process == "extract-lines" else {"stations": [{**station, "name": "B"}, wrong]}
+    other = {"name": "B", "scan": {"file": client.upload("b.xyz")}}
+    inputs = {"station": wrong} if process == "extract-lines" else {"stations": [other, wrong]}
     where = "/inputs/station" if process == "extract-lines" else "/inputs/stations/1"
     found = pointers(client.submit(inputs, process))
     # a matrix of the wrong size is wrong in several places

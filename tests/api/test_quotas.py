@@ -111,7 +111,7 @@ def test_uploads_under_way_count(settings: Settings, adapters: Adapters) -> None
 def test_uploads_under_way_count_for_what_comes_otherwise_and_not_twice(settings: Settings, adapters: Adapters) -> None:
     alice = made(settings, adapters, max_project_bytes=12).client("alice")
     begun = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).headers["location"]
-    alice.upload()
+    alice.upload(content=b"4 5 6\n")
     assert alice.post("/files", files={"file": ("b.xyz", b"1")}).status_code == 413
     headers = {**TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
     assert alice.request("PATCH", begun, headers=headers, content=b"1 2 3\n").status_code == 204
@@ -239,3 +239,56 @@ def test_a_job_is_as_urgent_as_its_request(settings: Settings, adapters: Adapter
     job = adapters.jobs.get(answer.json()["jobID"])
     assert job is not None
     assert job.urgency == 1
+
+
+def test_inputs_of_jobs_have_bounds_and_are_given_back(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_records_bytes=50_000)
+    alice, bob = service.client("alice"), service.client("bob")
+    large = {"json": {"inputs": {"stringInput": "a" * 20_000}}, "headers": {"Prefer": "respond-async"}}
+    answers = [alice.post("/processes/echo/execution", **large) for _ in range(4)]
+    assert [answer.status_code for answer in answers] == [201, 201, 413, 413]
+    assert "in the database" in answers[2].json()["detail"]
+    assert bob.post("/processes/echo/execution", **large).status_code == 201
+    for _ in range(2):  # dismissed, then removed
+        alice.delete(f"/jobs/{answers[0].json()['jobID']}")
+    assert alice.post("/processes/echo/execution", **large).status_code == 201
+
+
+def test_kept_answers_have_bounds(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_records_bytes=50_000)
+    alice = service.client("alice")
+    large = {"inputs": {"stringInput": "a" * 20_000}}
+    codes = [
+        alice.post("/processes/echo/execution", json=large, headers={"Idempotency-Key": f"k{number}"}).status_code
+        for number in range(5)
+    ]
+    assert codes == [200, 200, 200, 413, 413]
+
+
+def test_the_audit_of_a_project_counts(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, max_project_records_bytes=3000).client("alice")
+    codes = [alice.post("/processes/echo/execution", **ECHO).status_code for _ in range(12)]
+    assert codes.index(413) in {8, 9, 10}
+    assert set(codes[11:]) == {413}
+
+
+def test_nothing_is_kept_on_a_disk_that_is_nearly_full(settings: Settings, adapters: Adapters) -> None:
+    alice = made(settings, adapters, min_free_bytes=10**18).client("alice")
+    assert alice.post("/processes/echo/execution", **ECHO).status_code == 507
+    named = {"Idempotency-Key": "k"}
+    assert alice.post("/processes/echo/execution", json=ECHO["json"], headers=named).status_code == 507
+    assert alice.get("/jobs").json()["numberMatched"] == 0
+
+
+def test_uploads_that_are_begun_or_refused_have_a_number(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_uploads=2)
+    alice, bob = service.client("alice"), service.client("bob")
+    begun = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).headers["location"]
+    headers = {**TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+    assert alice.request("PATCH", begun, headers=headers, content=b"broken").status_code == 400
+    assert alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 201
+    refused = alice.post("/uploads", headers={**TUS, "Upload-Length": "6"})
+    assert (refused.status_code, refused.headers["retry-after"]) == (429, "30")
+    assert bob.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 201
+    alice.delete(begun, headers=TUS)
+    assert alice.post("/uploads", headers={**TUS, "Upload-Length": "6"}).status_code == 201

@@ -24,7 +24,8 @@ TIMED = "".join(f"{0.5 * k + 0.1 * (k % 3):.1f} {x} {y} {z}\n" for k, (x, y, z) 
 """The first column might be a coordinate, and is a time."""
 SETUP = "{}\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
 GOOD = SETUP.format(300) + "".join(f"{x} {y} {z} 0.5\n" for x, y, z in POINTS.tolist())
-PROJECT = (GOOD + SETUP.format(2) + "1 2 3 0.5\n4 5 6 0.5\n" + GOOD).encode()
+OTHER = SETUP.format(299) + "".join(f"{x} {y} {z} 0.5\n" for x, y, z in POINTS[1:].tolist())
+PROJECT = (GOOD + SETUP.format(2) + "1 2 3 0.5\n4 5 6 0.5\n" + OTHER).encode()
 FEET = 'LOCAL_CS["site",UNIT["US survey foot",0.304800609601219]]'
 DEGREES = 'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]]'  # noqa: E501 - one definition
 
@@ -156,8 +157,8 @@ def test_a_unit_that_the_file_contradicts_or_nobody_knows_is_refused(
 
 @pytest.mark.parametrize("unit", ["mm", "m", "ft", "us-ft"])
 def test_a_unit_is_kept_with_the_job(client: Client, adapters: Adapters, unit: str) -> None:
-    plain = document(client, "a.xyz", PLAIN)["id"]
-    answer = stations(client, {"file": plain, "unit": unit}, {"file": plain})
+    plain, other = (document(client, "a.xyz", content)["id"] for content in (PLAIN, PLAIN + b"1 1 1\n"))
+    answer = stations(client, {"file": plain, "unit": unit}, {"file": other})
     job = adapters.jobs.get(answer.json()["jobID"])
     assert job is not None
     assert [each["scan"].get("unit") for each in job.inputs["stations"]] == [unit, None]
@@ -165,7 +166,7 @@ def test_a_unit_is_kept_with_the_job(client: Client, adapters: Adapters, unit: s
 
 def test_a_unit_that_cannot_be_told_must_be_stated(client: Client, pointers: Pointers) -> None:
     file = document(client, "a.las", las(DEGREES, 60.0))
-    assert "state their `unit`" in file["warnings"][0]
+    assert any("state their `unit`" in warning for warning in file["warnings"])
     scan, plain = {"file": file["id"]}, {"file": document(client, "a.xyz", PLAIN)["id"]}
     assert pointers(stations(client, scan, plain)) == ["/inputs/stations/0/scan/unit"]
     assert stations(client, {**scan, "unit": "m"}, plain).status_code == 201

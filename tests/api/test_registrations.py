@@ -72,8 +72,8 @@ def names_of(client: Client, adapters: Adapters, files: list[Any]) -> list[str]:
 
 def test_stations_are_named_after_their_files_and_never_twice(client: Client, adapters: Adapters) -> None:
     files = [
-        ("scan", (name, b"1 2 3" if name.endswith("xyz") else b"scan scan"))
-        for name in ("yard.xyz", "yard.xyz", "both.e57")
+        ("scan", (name, content))
+        for name, content in (("yard.xyz", b"1 2 3"), ("yard.xyz", b"4 5 6"), ("both.e57", b"scan scan"))
     ]
     assert names_of(client, adapters, files) == ["yard", "yard (2)", "both-1", "both-2"]
 

@@ -96,7 +96,7 @@ def two_projects(directory: Path) -> Iterator[TwoProjects]:
     database = connect(settings)
     blobs = MemoryBlobStore()
     adapters = Adapters(
-        DatabaseJobStore(database, lambda *_: None),
+        DatabaseJobStore(database),
         DatabaseFileStore(database),
         blobs,
         MemoryQueue(),

@@ -12,7 +12,10 @@ import re
 from pathlib import Path
 from textwrap import wrap
 
+from service.adapters.impatient_server import LARGEST_HEAD, MOST_HEADERS
+from service.routes.request_bodies import MAX_JSON_BYTES, MOST_PARTS
 from service.settings import Settings
+from service.use_cases.validate_request import DEEPEST, MOST_CONTAINERS, MOST_FAULTS, MOST_MEMBERS, MOST_SEPARATORS
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLE = ROOT / "docker" / ".env.example"
@@ -21,6 +24,53 @@ BEGIN, END = "<!-- settings: begin -->", "<!-- settings: end -->"
 FROM_HERE = "# Settings of the service; the defaults stand here."
 GIVEN_BY_COMPOSE = ("data_dir", "host", "port", "database_url", "storage_url", "auth", "api_processes", "workers")
 LINE = 118
+SECURITY = ROOT / "service" / "SECURITY.md"
+LIMITS_BEGIN, LIMITS_END = "<!-- limits: begin -->", "<!-- limits: end -->"
+LIMITS = {
+    "child process": (
+        "step_timeout_s",
+        "step_memory_bytes",
+        "inspect_timeout_s",
+        "threads",
+        "max_points",
+        "max_photo_pixels",
+        "confine_readers",
+    ),
+    "request": ("max_file_bytes", "max_stations", "header_timeout_s", "body_timeout_s"),
+    "key or address": ("max_requests_per_minute", "max_address_requests_per_minute", "max_key_checks_per_minute"),
+    "project": (
+        "max_project_files",
+        "max_project_bytes",
+        "max_project_jobs",
+        "max_running_jobs",
+        "max_project_uploads",
+        "max_project_records_bytes",
+    ),
+    "machine": ("inspections", "inspect_wait_s", "slots", "workers", "min_free_bytes", "cache_bytes"),
+    "whole service": (
+        "max_queued_jobs",
+        "max_attempts",
+        "audit_days",
+        "audit_refused_days",
+        "upload_expiry_s",
+        "callback_attempts",
+        "callback_timeout_s",
+        "database_connections",
+    ),
+}
+"""Settings that limit something, by what they limit it for."""
+FIXED = {
+    "bytes of a JSON body": MAX_JSON_BYTES,
+    "arrays and objects of a document": MOST_CONTAINERS,
+    "commas and colons of a document": MOST_SEPARATORS,
+    "members of one array or object": MOST_MEMBERS,
+    "levels of a document": DEEPEST,
+    "faults that an answer lists": MOST_FAULTS,
+    "parts of a form": MOST_PARTS,
+    "headers of a request": MOST_HEADERS,
+    "bytes of all headers": LARGEST_HEAD,
+}
+"""Limits of one request that are no settings."""
 
 
 def meanings() -> dict[str, str]:
@@ -63,7 +113,25 @@ def table_of_page() -> str:
     return PAGE.read_text().partition(BEGIN)[2].partition(END)[0]
 
 
+def limits_table() -> str:
+    """Give the table of all limits."""
+    rows = ["| for each | limit | default | |", "|---|---|---|---|"]
+    for scope, names in LIMITS.items():
+        for name in names:
+            meaning = meanings()[name].replace("|", "\\|")
+            rows.append(f"| {scope} | `{variable(name)}` | `{default(name)}` | {meaning} |")
+    rows += [f"| request | {what} | {number} | fixed |" for what, number in FIXED.items()]
+    return "\n".join(rows)
+
+
+def limits_of_page() -> str:
+    return SECURITY.read_text().partition(LIMITS_BEGIN)[2].partition(LIMITS_END)[0].strip()
+
+
 def write() -> None:
+    page = SECURITY.read_text()
+    written = f"{LIMITS_BEGIN}\n{limits_table()}\n{LIMITS_END}"
+    SECURITY.write_text(re.sub(f"{LIMITS_BEGIN}.*{LIMITS_END}", lambda _: written, page, flags=re.DOTALL))
     head = EXAMPLE.read_text().partition(FROM_HERE)[0]
     EXAMPLE.write_text(head + FROM_HERE + "\n\n" + "\n".join(example_entry(name) for name in Settings.model_fields))
     table = "\n".join(

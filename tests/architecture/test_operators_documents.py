@@ -10,9 +10,13 @@ import pytest
 import yaml
 from settings_pages import (
     EXAMPLE,
+    LIMITS,
     PAGE,
     ROOT,
+    SECURITY,
     example_entry,
+    limits_of_page,
+    limits_table,
     meanings,
     settings_of_example,
     table_of_page,
@@ -47,9 +51,19 @@ def test_each_setting_is_in_the_table_for_operators(name: str) -> None:
     assert row in table_of_page().splitlines(), f"service/README.md lacks, word for word:\n{row}\n{WRITE}"
 
 
+def test_the_table_of_limits_is_that_of_the_settings() -> None:
+    assert limits_of_page() == limits_table(), WRITE
+
+
+def test_every_setting_that_limits_something_is_in_the_table_of_limits() -> None:
+    listed = {name for names in LIMITS.values() for name in names}
+    assert {name for name in Settings.model_fields if name.startswith(("max_", "min_"))} <= listed
+    assert listed <= Settings.model_fields.keys()
+
+
 def test_documents_name_only_settings_that_exist() -> None:
     known = {variable(name) for name in Settings.model_fields}
-    pages = [EXAMPLE, PAGE, ROOT / "README.md", *(path for path in DOCKER.iterdir() if path.is_file())]
+    pages = [EXAMPLE, PAGE, SECURITY, ROOT / "README.md", *(path for path in DOCKER.iterdir() if path.is_file())]
     pattern = re.compile(r"\bTIELINE_[A-Z0-9_]*[A-Z0-9]\b")
     named = {(path.name, name) for path in pages for name in pattern.findall(path.read_text())}
     assert {(page, name) for page, name in named if name not in known | _of_clients_and_benchmarks()} == set()
@@ -73,6 +87,8 @@ def test_containers_may_do_no_more_than_they_must(name: str) -> None:
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["pids_limit"] > 0
+    assert re.fullmatch(r"(\$\{\w+:-)?\d+[mg]\}?", service["mem_limit"])
     if name not in OURS:
         assert re.match(r"(?!0:|root)\w", service["user"])
 

@@ -15,6 +15,7 @@ import numpy as np
 import psutil
 
 from tests.e2e.running_service import Document, RunningService, wait_until
+from tests.patience import patience
 
 TUS = {"Tus-Resumable": "1.0.0"}
 PART = {**TUS, "Content-Type": "application/offset+octet-stream"}
@@ -77,7 +78,7 @@ def upload_with_kills(
             service.start()
         sender.wait()
     sender = start_sender(service, upload, path, manner)
-    assert sender.wait(300) == 0
+    assert sender.wait(300.0 * patience()) == 0
     return finished(service, upload)
 
 

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.patience import patience
+
 
 def tieline(*words: str | Path) -> subprocess.CompletedProcess[str]:
     """Run a command to its end; give its code and what it printed."""
@@ -13,6 +15,6 @@ def tieline(*words: str | Path) -> subprocess.CompletedProcess[str]:
         env={**os.environ, "COLUMNS": "150"},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=120.0 * patience(),
         check=False,
     )

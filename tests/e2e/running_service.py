@@ -15,6 +15,7 @@ import httpx
 import psutil
 
 from service.adapters.nursery import SCOUT
+from tests.patience import patience
 
 Document = dict[str, Any]
 OF_THE_SERVICE = ("tieline.sqlite", "tieline.sqlite-wal", "tieline.sqlite-shm", "service.lock")
@@ -26,7 +27,8 @@ def wait_until(condition: Callable[[], bool], within_s: float = 60.0, every_s: f
     begin = time.monotonic()
     while not condition():
         passed = time.monotonic() - begin
-        assert passed < within_s, f"not within {within_s} s"
+        limit_s = within_s * patience()
+        assert passed < limit_s, f"not within {limit_s:.0f} s"
         time.sleep(every_s)
     return time.monotonic() - begin
 
@@ -88,13 +90,13 @@ class RunningService:
             words = self._launcher.stdout.readline().decode().split()
         assert words[:4] == ["Tieline", "is", "ready", "at"], self.log[-3000:]
         self.url = words[4]
-        self.http = httpx.Client(base_url=self.url, timeout=120.0)
+        self.http = httpx.Client(base_url=self.url, timeout=600.0)
 
     def stop(self) -> int:
         """Stop in order; give the exit code."""
         self.http.close()
         self._launcher.terminate()
-        return self._launcher.wait(20)
+        return self._launcher.wait(20.0 * patience())
 
     def kill_everything(self) -> None:
         """End launcher, API, worker and computation at once, as a power cut does."""
@@ -108,7 +110,7 @@ class RunningService:
     def answers(self) -> bool:
         """Say whether the API answers, through a connection of its own."""
         try:
-            return httpx.get(f"{self.url}/healthz", timeout=5.0).is_success
+            return httpx.get(f"{self.url}/healthz", timeout=5.0 * patience()).is_success
         except httpx.TransportError:
             return False
 

@@ -16,6 +16,7 @@ import pytest
 from tests.e2e.broken_uploads import begun, finished, start_sender, write_scan
 from tests.e2e.running_service import RunningService, wait_until
 from tests.object_server import ObjectServer
+from tests.patience import patience
 from tests.postgres_server import postgres_server
 
 pytestmark = [
@@ -65,14 +66,14 @@ def service(tmp_path_factory: pytest.TempPathFactory, objects: ObjectServer) -> 
                 stderr=log,
             )
         proxy = RunningService(apis[0].home, url=f"http://127.0.0.1:{port}")
-        proxy.http = httpx.Client(base_url=proxy.url, timeout=120.0)
+        proxy.http = httpx.Client(base_url=proxy.url, timeout=600.0)
         try:
             wait_until(lambda: answers(proxy), 60.0)
             yield Proxied(proxy, apis)
         finally:
             proxy.http.close()
             caddy.terminate()
-            caddy.wait(20)
+            caddy.wait(20.0 * patience())
             for api in apis:
                 api.stop()
 
@@ -112,5 +113,5 @@ def test_events_pass_at_once(service: Proxied) -> None:
 def test_an_upload_in_pieces_goes_on_where_it_began(service: Proxied, tmp_path: Path) -> None:
     path = write_scan(tmp_path / "scan.las", 30 << 20)
     upload = begun(service.proxy, path)
-    assert start_sender(service.proxy, upload, path, "tuspy").wait(120) == 0
+    assert start_sender(service.proxy, upload, path, "tuspy").wait(120.0 * patience()) == 0
     assert finished(service.proxy, upload)["bytes"] == path.stat().st_size

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from service.use_cases.callback_signatures import derived_secret
 from tests.e2e.callback_receiver import Receiver, receiving
 from tests.e2e.file_server import FileServer
 from tests.e2e.reaching_service import SECRET
@@ -37,7 +38,9 @@ def settled(service: RunningService, job: str, words: str) -> None:
     wait_until(lambda: words in service.http.get(f"/jobs/{job}/log").text, 60.0, every_s=0.1)
 
 
-def test_a_success_is_told_once_with_the_result_and_a_signature(reaching: RunningService, receiver: Receiver) -> None:
+def test_a_success_is_told_once_with_the_result_and_for_echo_without_a_signature(
+    reaching: RunningService, receiver: Receiver
+) -> None:
     job = run(reaching, all_three(receiver))
     settled(reaching, job, f"{job}_success to {receiver.url}/success: delivered at attempt 1 (answer 204)")
     (told,) = receiver.of("/success")
@@ -45,9 +48,22 @@ def test_a_success_is_told_once_with_the_result_and_a_signature(reaching: Runnin
     assert (result.status_code, result.json()) == (200, {"stringInput": "told"})
     assert json.loads(told.body) == result.json()
     assert (told.id, told.headers["content-type"]) == (f"{job}_success", "application/json")
-    assert told.is_signed_with(SECRET)
-    assert not told.is_signed_with("another secret, as long")
+    assert "webhook-signature" not in told.headers
     assert not receiver.of("/failed")
+
+
+def test_what_is_signed_in_the_operators_name_is_for_one_project_receiver_and_process(
+    reaching: RunningService, receiver: Receiver, elsewhere: FileServer
+) -> None:
+    inputs = {"photo": {"href": f"{elsewhere.url}/none.jpg"}}
+    body = {"inputs": inputs, "subscriber": all_three(receiver)}
+    job = str(reaching.post("/processes/detect-edges/execution", json=body).json()["jobID"])
+    settled(reaching, job, f"{job}_failed to {receiver.url}/failed: delivered")
+    (told,) = receiver.of("/failed")
+    assert told.is_signed_with(derived_secret(SECRET, "", receiver.url, "detect-edges"))
+    for other in ((SECRET, "alice", receiver.url, "detect-edges"), (SECRET, "", receiver.url, "register")):
+        assert not told.is_signed_with(derived_secret(*other))
+    assert not told.is_signed_with(SECRET)
 
 
 def test_a_failure_is_told_once_with_the_status(

@@ -36,7 +36,7 @@ def all_at_rest(service: RunningService) -> None:
 
 
 def xyz(points: int) -> bytes:
-    return b"".join(b"%d.5 %d.25 1.125\n" % (number, number % 97) for number in range(points))
+    return b"".join(b"%d.5 %d.25 1.125\n" % (37 * number % 1009, number % 97) for number in range(points))
 
 
 def corner() -> bytes:

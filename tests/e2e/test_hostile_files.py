@@ -22,6 +22,7 @@ from service.settings import Settings
 from tests.hostile_bombs import bombs
 from tests.hostile_mutations import damaged
 from tests.hostile_seeds import WRITERS, whole_files
+from tests.patience import patience
 
 pytestmark = pytest.mark.service
 
@@ -66,7 +67,7 @@ class Inspection:
         return answer
 
     async def _run(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        return await self.runner.run("inspect", arguments, timeout_s=PATIENCE_S)
+        return await self.runner.run("inspect", arguments, timeout_s=PATIENCE_S * patience())
 
     def is_bounded(self, answer: Mapping[str, Any], content: bytes) -> bool:
         """Tell whether memory kept to what the limits and the length of the file allow."""
@@ -88,7 +89,7 @@ def inspection(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Inspection]
     runner.close()
     left = [path for path in home.rglob("*") if path.is_file()]
     assert left == []
-    _, alive = psutil.wait_procs(set(psutil.Process().children(recursive=True)) - before, timeout=5.0)
+    _, alive = psutil.wait_procs(set(psutil.Process().children(recursive=True)) - before, timeout=5.0 * patience())
     assert alive == []
 
 

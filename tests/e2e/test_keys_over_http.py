@@ -14,6 +14,7 @@ import pytest
 
 from service.client import RefusedError, ServiceClient
 from tests.e2e.running_service import RunningService, running_service, wait_until
+from tests.patience import patience
 
 pytestmark = pytest.mark.service
 
@@ -29,7 +30,7 @@ def command(service: RunningService, *arguments: str) -> str:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=60.0 * patience(),
     )
     return done.stdout.strip()
 
@@ -82,7 +83,7 @@ def test_a_body_is_refused_before_any_of_it_is_sent(guarded: RunningService, ali
         f"POST /files HTTP/1.1\r\nHost: {url.host}\r\nContent-Length: {GIGABYTE}\r\nExpect: 100-continue\r\n"
         'Content-Disposition: attachment; filename="a.xyz"\r\nContent-Type: application/octet-stream\r\n\r\n'
     )
-    with socket.create_connection((url.host, url.port), timeout=10) as connection:
+    with socket.create_connection((url.host, url.port), timeout=10.0 * patience()) as connection:
         connection.sendall(head.encode())
         answer = connection.recv(4096)
     assert answer.startswith(b"HTTP/1.1 401 "), answer
@@ -100,7 +101,7 @@ def test_a_job_is_followed_from_its_request_to_its_computation(guarded: RunningS
 
 def test_the_command_line_client_brings_its_key(guarded: RunningService, alice: str, tmp_path: Path) -> None:
     scan = tmp_path / "a.xyz"
-    scan.write_text("1 2 3\n4 5 6\n7 8 10\n9 1 2\n")
+    scan.write_text("1.5 2.25 3.125\n4.5 0.25 6.125\n2.5 8.25 1.125\n9.5 1.25 2.875\n")
     with ServiceClient(guarded.url, key=alice) as client:
         assert client.upload(scan)["name"] == "a.xyz"
     with ServiceClient(guarded.url) as client, pytest.raises(RefusedError) as refused:
@@ -147,7 +148,7 @@ def test_no_event_is_told_three_seconds_after_the_key_is_revoked(guarded: Runnin
     body = {"inputs": {"stringInput": "a", "pause": 5}}
     job = guarded.http.post("/processes/echo/execution", json=body, headers=headers).json()["jobID"]
     told = []
-    with httpx.stream("GET", f"{guarded.url}/jobs/{job}/events", headers=headers, timeout=60.0) as stream:
+    with httpx.stream("GET", f"{guarded.url}/jobs/{job}/events", headers=headers, timeout=60.0 * patience()) as stream:
         for line in stream.iter_lines():
             told.append(line)
             if len(told) == 1:
@@ -164,7 +165,7 @@ def _serve(directory: Path, *arguments: str, **environment: str) -> subprocess.C
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=60.0 * patience(),
         env={"PATH": "/usr/bin:/bin", **environment},
     )
 

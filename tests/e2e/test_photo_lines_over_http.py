@@ -13,6 +13,8 @@ from tests.e2e.running_service import Document, RunningService
 from tests.photo_scenes import line_errors, normalised_errors
 from tests.photo_wall import CAMERA, SCAN_FROM_CAMERA, nearest_side, true_sides, wall_photo, wall_scan
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def station(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:

@@ -21,8 +21,8 @@ def single_plane(service: RunningService, tmp_path_factory: pytest.TempPathFacto
     """Register two scans of one plane from the command line; the result and the exit code."""
     folder = tmp_path_factory.mktemp("plane")
     write_e57(folder / "plane.e57", simulate("single_plane"))
-    done = tieline("register", folder / "plane.e57", "--url", service.url, "--output", folder / "result.json")
-    return {**json.loads((folder / "result.json").read_text()), "exit code": done.returncode}
+    done = tieline("register", folder / "plane.e57", "--url", service.url, "--output", folder / "kept")
+    return {**json.loads((folder / "kept" / "result.json").read_text()), "exit code": done.returncode}
 
 
 @pytest.fixture(scope="module")

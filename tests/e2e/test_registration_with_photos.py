@@ -15,6 +15,8 @@ from tests.e2e.running_service import Document, RunningService
 from tests.e2e.virtual_photos import take_photos
 from tests.e2e.virtual_scans import first_from_second
 
+pytestmark = pytest.mark.slow
+
 STD = {"rotation_gon": 0.01, "translation_m": 0.001}
 
 
@@ -56,10 +58,10 @@ def from_command_line(
     """Let the command line register the same scans and photos."""
     folder = taken[0][0].parent
     (folder / "photos.json").write_text(json.dumps(options))
-    where = ("--photos", folder / "photos.json", "--url", service.url, "--output", folder / "result.json")
+    where = ("--photos", folder / "photos.json", "--url", service.url, "--output", folder / "kept")
     done = tieline("register", *house, *where)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done, json.loads((folder / "result.json").read_text())
+    return done, json.loads((folder / "kept" / "result.json").read_text())
 
 
 def test_the_pose_is_accepted_and_true_within_a_fiftieth_of_a_gon_and_five_millimetres(result: Document) -> None:

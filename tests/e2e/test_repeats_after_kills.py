@@ -9,6 +9,7 @@ import pytest
 
 from tests.e2e.dying_service import ANSWERED, POINTS
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
+from tests.patience import patience
 
 pytestmark = pytest.mark.service
 
@@ -31,12 +32,12 @@ def asked(service: RunningService, point: str) -> httpx.Response:
         f"{service.url}/processes/echo/execution",
         json={"inputs": {"stringInput": point}},
         headers={"Idempotency-Key": f"dies-{point}", "Prefer": "respond-async"},
-        timeout=30.0,
+        timeout=30.0 * patience(),
     )
 
 
 def asked_until_answered(service: RunningService, point: str) -> httpx.Response:
-    deadline = time.monotonic() + WITHIN_S
+    deadline = time.monotonic() + WITHIN_S * patience()
     while time.monotonic() < deadline:
         try:
             answer = asked(service, point)
@@ -64,7 +65,7 @@ def repeated(service: RunningService) -> dict[str, list[httpx.Response]]:
 
 
 def jobs(service: RunningService) -> list[Document]:
-    return list(httpx.get(f"{service.url}/jobs", timeout=30.0).json()["jobs"])
+    return list(httpx.get(f"{service.url}/jobs", timeout=30.0 * patience()).json()["jobs"])
 
 
 @pytest.mark.parametrize("point", DEATHS)
@@ -88,6 +89,6 @@ def test_there_is_one_job_of_each_and_it_runs_once(
     assert sorted(job["jobID"] for job in jobs(service)) == made
     for job_id in made:
         assert service.finished(job_id)["status"] == "successful"
-        log = httpx.get(f"{service.url}/jobs/{job_id}/log", timeout=30.0).text
+        log = httpx.get(f"{service.url}/jobs/{job_id}/log", timeout=30.0 * patience()).text
         assert log.count("echoing: done") == 1
     assert len(jobs(service)) == len(DEATHS)

@@ -15,6 +15,7 @@ from tusclient.client import TusClient
 
 from tests.e2e.broken_uploads import PART, TUS, begun, finished, write_scan
 from tests.e2e.running_service import RunningService, running_service, wait_until
+from tests.patience import patience
 
 SIZE = 3_000_000
 
@@ -38,7 +39,7 @@ def patching(service: RunningService, upload: str, body: bytes, declared: int) -
     url = httpx.URL(service.url)
     headers = {**PART, "Host": url.netloc.decode(), "Upload-Offset": "0", "Content-Length": str(declared)}
     head = f"PATCH {upload} HTTP/1.1\r\n" + "".join(f"{k}: {v}\r\n" for k, v in headers.items()) + "\r\n"
-    with socket.create_connection((url.host, url.port or 80), timeout=20.0) as connection:
+    with socket.create_connection((url.host, url.port or 80), timeout=20.0 * patience()) as connection:
         connection.sendall(head.encode() + body)
         yield connection
 
@@ -94,7 +95,7 @@ def test_a_busy_upload_is_locked_at_once(service: RunningService, scan: Path) ->
                 httpx.patch(f"{service.url}{upload}", headers={**PART, "Upload-Offset": "0"}, content=content),
             ]
             assert [answer.status_code for answer in answers] == [423, 423]
-            assert time.monotonic() - begin < 1.0
+            assert time.monotonic() - begin < 1.0 * patience()
     service.http.delete(upload, headers=TUS)
 
 
@@ -119,7 +120,7 @@ def test_other_uploads_that_fall_silent_leave_nothing(service: RunningService, k
         f"POST /files HTTP/1.1\r\nHost: {url.netloc.decode()}\r\nContent-Type: {kind}\r\nContent-Length: 1000000\r\n"
         'Content-Disposition: attachment; filename="a.xyz"\r\n\r\n'
     )
-    with socket.create_connection((url.host, url.port or 80), timeout=20.0) as silent:
+    with socket.create_connection((url.host, url.port or 80), timeout=20.0 * patience()) as silent:
         silent.sendall(head.encode() + (part if kind.startswith("multipart") else b"1 2 3\n"))
         assert silent.recv(100).startswith(b"HTTP/1.1 408 ")
     assert service.stored() == before
@@ -153,7 +154,7 @@ def test_twins_that_come_and_go_at_the_same_time_do_not_take_their_content_from_
 
     def come_and_go(_number: int) -> list[int]:
         answers = []
-        with httpx.Client(base_url=service.url, timeout=60.0) as client:
+        with httpx.Client(base_url=service.url, timeout=60.0 * patience()) as client:
             for _ in range(5):
                 file = client.post("/files", files={"file": (scan.name, content)}).raise_for_status().json()["id"]
                 answers.append(int(client.get(f"/files/{file}/content").content == content))

@@ -28,7 +28,7 @@ def send_whole(url: str, path: Path) -> None:
     offset = int(head.headers["upload-offset"])
     headers = {**TUS, "Content-Type": "application/offset+octet-stream", "Upload-Offset": str(offset)}
     headers["Content-Length"] = str(path.stat().st_size - offset)
-    httpx.patch(url, headers=headers, content=blocks(path, offset), timeout=120.0).raise_for_status()
+    httpx.patch(url, headers=headers, content=blocks(path, offset), timeout=600.0).raise_for_status()
 
 
 def blocks(path: Path, offset: int) -> Iterator[bytes]:

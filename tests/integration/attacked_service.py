@@ -17,10 +17,11 @@ import psutil
 import sqlalchemy as sa
 
 from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_tables import connect
+from service.adapters.database_tables import connect, job_steps
 from service.settings import Settings
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
 from tests.e2e.virtual_scans import first_from_second
+from tests.patience import patience
 from tests.postgres_server import PostgresServer, postgres_server
 
 STEPS = {"features of S1": "0:0", "features of S2": "0:1", "registering S2 to S1": "1:0", "writing the report": "2:0"}
@@ -48,10 +49,10 @@ class AttackedService:
     # clients, who ask again when the connection breaks
 
     def ask(self, method: str, path: str, **what: Any) -> httpx.Response:
-        deadline = time.monotonic() + ANSWER_WITHIN_S
+        deadline = time.monotonic() + ANSWER_WITHIN_S * patience()
         while True:
             with suppress(httpx.TransportError, RuntimeError):
-                answer = httpx.request(method, self.running.url + path, timeout=30.0, **what)
+                answer = httpx.request(method, self.running.url + path, timeout=30.0 * patience(), **what)
                 if answer.status_code != httpx.codes.SERVICE_UNAVAILABLE:
                     return answer
             assert time.monotonic() < deadline, f"{method} {path}: no answer\n{self.running.log[-3000:]}"
@@ -86,7 +87,7 @@ class AttackedService:
         """
         while True:
             job_id = self.register()
-            deadline = time.monotonic() + 120.0
+            deadline = time.monotonic() + 120.0 * patience()
             while (job := self.job(job_id))["status"] not in FINISHED:
                 if str(job["message"]).startswith(step) and self.running.computations() != []:
                     return job_id
@@ -177,19 +178,14 @@ class AttackedService:
         return [f"{job_id}: {fault}" for fault in found]
 
     def _recorded(self, job_id: str) -> Mapping[str, Sequence[float]]:
-        """Give the times (ms) at which the engine recorded the end of each step of a job."""
-        schema = None if self.server is None else "dbos"
-        outputs = sa.Table(
-            "operation_outputs", sa.MetaData(), schema=schema, autoload_with=self._database, resolve_fks=False
-        )
-        columns = (outputs.c.workflow_uuid, outputs.c.completed_at_epoch_ms)
-        query = sa.select(*columns).where(
-            outputs.c.workflow_uuid.startswith(f"{job_id}:"), outputs.c.function_name == "step"
+        """Give the times (ms) at which the end of each step of a job was recorded."""
+        query = sa.select(job_steps.c.stage, job_steps.c.position, job_steps.c.ended).where(
+            job_steps.c.job_id == job_id, job_steps.c.state == "done"
         )
         found: dict[str, list[float]] = {}
         with self._database.connect() as connection:
-            for workflow, completed in connection.execute(query):
-                found.setdefault(workflow.partition(":")[2], []).append(float(completed))
+            for stage, position, ended in connection.execute(query):
+                found.setdefault(f"{stage}:{position}", []).append(1e3 * ended)
         return found
 
     def attempts_of(self, job_id: str) -> int:

@@ -8,6 +8,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import psutil
+
 from algorithms.errors import InvalidInputError
 from service.ports import Json, StepCall, StepContext
 
@@ -53,6 +55,17 @@ def crash(_context: StepContext, arguments: Json) -> Json:
     return {}
 
 
+def poison(_context: StepContext, arguments: Json) -> Json:
+    """Take the worker down: the parent of the process of which this one is a copy."""
+    trace(arguments, "start")
+    nursery = psutil.Process().parent()
+    worker = None if nursery is None else nursery.parent()
+    assert worker is not None
+    worker.kill()
+    time.sleep(60)
+    return {}
+
+
 def refuse(_context: StepContext, arguments: Json) -> Json:
     trace(arguments, "start")
     raise InvalidInputError("the scan", "has no points")
@@ -77,6 +90,7 @@ STEPS = {
     "nap": nap,
     "nap-with-company": nap_with_company,
     "crash": crash,
+    "poison": poison,
     "refuse": refuse,
     "hog": hog,
     "burst": burst,

@@ -12,6 +12,8 @@ from algorithms.progress import NoProgress
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 
+pytestmark = pytest.mark.slow
+
 SCANNER = VirtualScanner(rows=500, columns=1200)
 
 

@@ -1,14 +1,12 @@
 """Jobs run in workers: order, progress, failures, limits, dismissal."""
 
 import asyncio
-import json
 import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import sqlalchemy as sa
 from engine_harness import Harness, alive, harness, wait_until
 
 from service.adapters.child_process import ChildProcesses
@@ -132,7 +130,6 @@ def test_dismissing_kills_the_computation_and_all_it_left_within_five_seconds(se
     service.started("dismissed")
     family = [int(pid) for pid in pids.read_text().split()]
     service.jobs.dismiss(job, service.job(job).created)
-    service.queue.cancel(job)
     wait_until(lambda: not any(alive(pid) for pid in family), 5.0)
     wait_until(lambda: service.scratch_left() == [], 2.0)
     assert service.job(job).status is JobStatus.DISMISSED
@@ -143,22 +140,10 @@ def test_a_job_dismissed_while_it_waits_never_runs(service: Harness) -> None:
     service.started("blocker", times=2)
     waiting = service.submit([{**NAP, "name": "never"}])
     service.jobs.dismiss(waiting, service.job(waiting).created)
-    service.queue.cancel(waiting)
     last = service.submit([{**NAP, "name": "last"}])
     for job in (*blockers, last):
         service.finished(job)
     assert (service.events("start", "never"), service.job(waiting).status) == ([], JobStatus.DISMISSED)
-
-
-def test_what_the_queue_keeps_is_json(service: Harness) -> None:
-    service.finished(service.submit([{**NAP, "name": "kept"}]))
-    given, output = service.table("workflow_input"), service.table("workflow_output")
-    with service.engine.begin() as connection:
-        kept = [
-            *connection.execute(sa.select(given.c.inputs)).scalars(),
-            *connection.execute(sa.select(sa.func.coalesce(output.c.output, output.c.error))).scalars(),
-        ]
-    assert len([json.loads(value) for value in kept]) == len(kept) > 2
 
 
 def test_a_step_outside_a_job_gives_its_result(tmp_path: Path) -> None:
@@ -166,7 +151,7 @@ def test_a_step_outside_a_job_gives_its_result(tmp_path: Path) -> None:
     arguments = {"name": "alone", "seconds": 0.3, "trace": str(tmp_path / "trace")}
     heard: list[float] = []
     result = asyncio.run(
-        runner.run("nap", arguments, timeout_s=30, on_progress=lambda fraction, _message: heard.append(fraction))
+        runner.run("nap", arguments, timeout_s=100.0, on_progress=lambda fraction, _message: heard.append(fraction))
     )
     assert (result, heard == sorted(heard), len(heard) > 1) == ({"name": "alone"}, True, True)
 

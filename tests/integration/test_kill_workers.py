@@ -9,7 +9,10 @@ import pytest
 import sqlalchemy as sa
 from engine_harness import Harness, alive, harness, wait_until
 
-from service.ports import JobStatus
+from service.adapters.database_steps import DatabaseSteps
+from service.adapters.database_tables import job_steps
+from service.adapters.database_tables import jobs as jobs_table
+from service.ports import JobStatus, StepCall
 from tests.databases import NewDatabase
 
 pytestmark = pytest.mark.service
@@ -84,15 +87,17 @@ def test_a_job_that_takes_its_worker_down_fails_and_says_where(tmp_path: Path, n
 
 
 @pytest.mark.e2e
-def test_jobs_of_an_older_order_of_steps_and_jobs_whose_workflow_was_lost_are_begun_again(
+def test_jobs_of_another_order_of_steps_and_jobs_whose_steps_were_lost_are_begun_again(
     tmp_path: Path, new_database: NewDatabase
 ) -> None:
     with harness(tmp_path, database_url=new_database()) as service:
         jobs = [service.submit([{**SHORT, "name": name}]) for name in ("older", "lost")]
-        workflows = service.table("workflow_status")
-        older, lost = (workflows.c.workflow_uuid == job for job in jobs)
+        steps = DatabaseSteps(service.engine, 64)
+        for job in jobs:
+            steps.plan_stage(job, 0, [StepCall("unknown", {}, "what an older version did")], 1.0)
+        older, lost = jobs
         with service.engine.begin() as connection:
-            connection.execute(sa.update(workflows).where(older).values(application_version="0"))
-            connection.execute(sa.delete(workflows).where(lost))
+            connection.execute(sa.update(jobs_table).where(jobs_table.c.id == older).values(planned=1000))
+            connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == lost))
         service.start_worker()
         assert [service.finished(job).status for job in jobs] == [JobStatus.SUCCESSFUL] * 2

@@ -78,7 +78,7 @@ def test_a_database_of_an_earlier_version_is_brought_up_to_date_with_what_it_hol
     migrate(settings)
     found = sa.MetaData()
     found.reflect(engine)
-    jobs, number = DatabaseJobStore(engine, lambda *_: None).find(JobFilter())
+    jobs, number = DatabaseJobStore(engine).find(JobFilter())
     file = DatabaseFileStore(engine).get("f1")
     engine.dispose()
     assert columns(found) - columns(metadata) == {("alembic_version", "version_num", False)}

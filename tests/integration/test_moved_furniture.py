@@ -3,6 +3,8 @@
 import pytest
 from moved_furniture import outcome_of, register, simulate
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("piece", ["door leaf", "fridge"])
 def test_a_piece_moved_between_the_scans_is_named_and_left_out_and_nothing_else(piece: str) -> None:

@@ -19,6 +19,7 @@ from service.adapters.nursery import SCOUT
 from service.adapters.nursery_client import WarmUp
 from service.errors import ComputationFailedError
 from service.settings import Settings
+from tests.patience import patience
 
 pytestmark = pytest.mark.service
 
@@ -50,7 +51,7 @@ def nursery_of(computation: int) -> int:
 async def napping(runner: ChildProcesses, folder: Path, name: str) -> tuple["asyncio.Task[object]", int]:
     """Begin a long nap and wait until it sleeps."""
     known = len(started(folder))
-    task = asyncio.create_task(runner.run("nap", nap(folder, name, 60.0), timeout_s=100))
+    task = asyncio.create_task(runner.run("nap", nap(folder, name, 60.0), timeout_s=100.0 * patience()))
     await asyncio.to_thread(wait_until, lambda: len(started(folder)) > known)
     return task, started(folder)[-1]
 
@@ -58,7 +59,7 @@ async def napping(runner: ChildProcesses, folder: Path, name: str) -> tuple["asy
 def test_every_computation_has_a_process_of_its_own(runner: ChildProcesses, tmp_path: Path) -> None:
     async def three() -> None:
         for name in ("a", "b", "c"):
-            await runner.run("nap", nap(tmp_path, name), timeout_s=30)
+            await runner.run("nap", nap(tmp_path, name), timeout_s=30.0 * patience())
 
     asyncio.run(three())
     assert len(set(started(tmp_path))) == 3
@@ -66,17 +67,17 @@ def test_every_computation_has_a_process_of_its_own(runner: ChildProcesses, tmp_
 
 def test_the_second_computation_starts_at_once(runner: ChildProcesses, tmp_path: Path) -> None:
     async def second() -> float:
-        await runner.run("nap", nap(tmp_path, "a"), timeout_s=30)
+        await runner.run("nap", nap(tmp_path, "a"), timeout_s=30.0 * patience())
         begun = time.monotonic()
-        await runner.run("nap", nap(tmp_path, "b"), timeout_s=30)
+        await runner.run("nap", nap(tmp_path, "b"), timeout_s=30.0 * patience())
         return time.monotonic() - begun
 
-    assert asyncio.run(second()) < 0.5  # a fresh interpreter alone takes as long
+    assert asyncio.run(second()) < 0.5 * patience()  # a fresh interpreter alone takes as long
 
 
 def test_computations_side_by_side_get_their_own_results(runner: ChildProcesses, tmp_path: Path) -> None:
     async def together() -> list[object]:
-        runs = [runner.run("nap", nap(tmp_path, name, 0.3), timeout_s=30) for name in "abcdef"]
+        runs = [runner.run("nap", nap(tmp_path, name, 0.3), timeout_s=30.0 * patience()) for name in "abcdef"]
         return list(await asyncio.gather(*runs))
 
     assert asyncio.run(together()) == [{"name": name} for name in "abcdef"]
@@ -91,12 +92,12 @@ def test_a_cancelled_computation_ends_within_a_second(runner: ChildProcesses, tm
         return time.monotonic() - begun, process
 
     seconds, process = asyncio.run(cancelled())
-    assert (seconds < 1.0, alive(process)) == (True, False)
+    assert (seconds < 1.0 * patience(), alive(process)) == (True, False)
 
 
 def test_a_crash_is_told_with_its_signal_and_last_words(runner: ChildProcesses, tmp_path: Path) -> None:
     with pytest.raises(ComputationFailedError, match=r"SIGSEGV.*the roof is on fire"):
-        asyncio.run(runner.run("crash", nap(tmp_path, "crash"), timeout_s=30))
+        asyncio.run(runner.run("crash", nap(tmp_path, "crash"), timeout_s=30.0 * patience()))
 
 
 def test_the_death_of_the_nursery_ends_its_computations_and_is_got_over(runner: ChildProcesses, tmp_path: Path) -> None:
@@ -105,7 +106,7 @@ def test_the_death_of_the_nursery_ends_its_computations_and_is_got_over(runner: 
         os.kill(nursery_of(process), signal.SIGKILL)
         with pytest.raises(ComputationFailedError):
             await task
-        return process, await runner.run("nap", nap(tmp_path, "next"), timeout_s=30)
+        return process, await runner.run("nap", nap(tmp_path, "next"), timeout_s=30.0 * patience())
 
     process, after = asyncio.run(bereaved())
     assert (alive(process), after) == (False, {"name": "next"})
@@ -132,7 +133,7 @@ def test_where_there_is_no_nursery_computations_load_their_own_libraries(
 ) -> None:
     warm_up = WarmUp("engine_steps:not_there") if settings["nursery"] else WarmUp()
     runner = ChildProcesses(Settings(data_dir=tmp_path, **settings), STEPS, warm_up)
-    result = asyncio.run(runner.run("nap", nap(tmp_path, "cold"), timeout_s=60))
+    result = asyncio.run(runner.run("nap", nap(tmp_path, "cold"), timeout_s=60.0 * patience()))
     runner.close()
     assert result == {"name": "cold"}
 
@@ -174,7 +175,7 @@ def test_what_cannot_be_practised_is_left_and_computations_run(
     practice.runner.warm_up()
     wait_until(lambda: len(practice.practised()) == 1)
     time.sleep(3.0)  # longer than the nursery would wait before it tried again
-    assert asyncio.run(practice.runner.run("nap", nap(tmp_path, "a"), timeout_s=30)) == {"name": "a"}
+    assert asyncio.run(practice.runner.run("nap", nap(tmp_path, "a"), timeout_s=30.0 * patience())) == {"name": "a"}
     assert len(practice.practised()) == 1
 
 
@@ -185,8 +186,8 @@ def test_orders_are_followed_while_a_scout_compiles_and_it_ends_with_the_nursery
     practice.runner.warm_up()
     wait_until(lambda: len(practice.practised()) == 1)
     begun = time.monotonic()
-    asyncio.run(practice.runner.run("nap", nap(tmp_path, "a"), timeout_s=30))
-    assert time.monotonic() - begun < 2.0
+    asyncio.run(practice.runner.run("nap", nap(tmp_path, "a"), timeout_s=30.0 * patience()))
+    assert time.monotonic() - begun < 2.0 * patience() * patience()
     scout = int(practice.practised()[0][0])
     assert alive(scout)
     practice.runner.close()

@@ -24,9 +24,12 @@ from service.formats import read_scan
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "photo_hku_a"
 
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir() and "CI" not in os.environ, reason=f"the photos of a courtyard are not at {DATA}"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not DATA.is_dir() and "CI" not in os.environ, reason=f"the photos of a courtyard are not at {DATA}"
+    ),
+]
 
 NAMES = ("cam0_station00.png", "cam1_station00.png", "cam0_station21.png", "cam1_station21.png")
 NEAR_PX, ALONG_RAD = 25.0, np.deg2rad(5.0)

@@ -7,6 +7,8 @@ from planted_shadows import drawn_fields
 
 from service.use_cases.pair_documents import photo_line_counts
 
+pytestmark = pytest.mark.slow
+
 SEED = 1
 MOUNT_STD_GON, MOUNT_STD_M = 0.1, 0.0001
 NOT_STATED = (0.001, MOUNT_STD_M)

@@ -23,9 +23,10 @@ from service.formats import read_scan
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir() and "CI" not in os.environ, reason=f"the measured scans are not at {DATA}"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not DATA.is_dir() and "CI" not in os.environ, reason=f"the measured scans are not at {DATA}"),
+]
 
 PAIRS = [
     ("lpm_apartment", "cloud_0", "cloud_1"),

@@ -17,6 +17,8 @@ from algorithms.registration.base import PairStatus
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.symmetric_scenes import HALF_TURN, SYMMETRIC_SCENES, symmetric_room
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", list(SYMMETRIC_SCENES))
 def test_a_symmetric_building_is_called_ambiguous_with_the_reason(name: str) -> None:

@@ -13,6 +13,8 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.patch_covariance import estimate_waviness, estimate_wavinesses, honest_covariance
 from algorithms.progress import NoProgress
 
+pytestmark = pytest.mark.slow
+
 
 def features_of(points, sensor_m=SENSOR):
     return extract_features(

@@ -8,6 +8,8 @@ from algorithms.features.merged_lines import MergedLines, merge_lines
 from algorithms.features.projection_options import MergeOptions
 from algorithms.geometry.line_differences import line_differences
 
+pytestmark = pytest.mark.slow
+
 DRAWS = 200
 EXACT = MergeOptions(alpha=1e-12, max_distance_m=1.0, rounding_std_m=0.0)
 CASES = {"scan and photo": (1, True), "scan and two photos": (2, True), "two photos": (2, False)}

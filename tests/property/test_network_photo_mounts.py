@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from line_scenes import generic_lines, observed_lines, pose_error, random_motion
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
@@ -15,6 +16,8 @@ from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import register_network
 from algorithms.network.tracks import StationFeatures
+
+pytestmark = pytest.mark.slow
 
 STATIONS, LINES, NETWORKS = 3, 14, 12
 MOUNT = np.diag(np.square([1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3]))

@@ -61,7 +61,7 @@ def everything(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple
         engine = connect(settings)
         stack.callback(engine.dispose)
         access = AccessStores(DatabaseKeyStore(engine), DatabaseAuditLog(engine), DatabaseIdempotencyStore(engine))
-        yield access, DatabaseJobStore(engine, lambda *_: None), DatabaseFileStore(engine)
+        yield access, DatabaseJobStore(engine), DatabaseFileStore(engine)
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ class Stores:
     """Jobs and callbacks on one database, with two workers that live."""
 
     def __init__(self, engine: sa.Engine) -> None:
-        self.jobs = DatabaseJobStore(engine, lambda *_: None)
+        self.jobs = DatabaseJobStore(engine)
         self.callbacks = DatabaseCallbacks(engine)
         self.executors = DatabaseExecutors(engine)
         for worker in ("w1", "w2"):
@@ -59,7 +59,7 @@ def test_nothing_is_told_before_a_job_runs(stores: Stores) -> None:
 @pytest.mark.parametrize(("end", "event"), [("succeed", "success"), ("fail", "failed"), ("dismiss", "failed")])
 def test_the_end_of_a_job_is_told_once_and_its_progress_no_more(stores: Stores, end: str, event: str) -> None:
     stores.add()
-    stores.jobs.begin_step("j", "step", NOW)
+    stores.jobs.start("j", NOW)
     arguments = ({"title": "x"},) if end == "fail" else ()
     getattr(stores.jobs, end)("j", *arguments, NOW)
     (claimed,) = stores.claim()
@@ -71,7 +71,7 @@ def test_the_end_of_a_job_is_told_once_and_its_progress_no_more(stores: Stores, 
 
 def test_only_what_the_subscriber_asks_for_is_told(stores: Stores) -> None:
     stores.add(subscription=Subscription({CallbackEvent.FAILED: "https://f.example/"}))
-    stores.jobs.begin_step("j", "step", NOW)
+    stores.jobs.start("j", NOW)
     stores.jobs.succeed("j", NOW)
     assert stores.claim() == []
 
@@ -148,7 +148,7 @@ def test_what_is_put_off_counts_its_attempts(stores: Stores) -> None:
 
 def test_progress_goes_on_with_all_attempts_and_a_new_number(stores: Stores) -> None:
     stores.add()
-    stores.jobs.begin_step("j", "step", NOW)
+    stores.jobs.start("j", NOW)
     (first,) = stores.claim()
     stores.callbacks.retry(first, 0.0)
     (second,) = stores.claim()
@@ -162,7 +162,7 @@ def test_progress_goes_on_with_all_attempts_and_a_new_number(stores: Stores) -> 
 
 def test_progress_does_not_go_on_after_the_end_of_the_job(stores: Stores) -> None:
     stores.add(subscription=Subscription({CallbackEvent.IN_PROGRESS: "https://p.example/"}))
-    stores.jobs.begin_step("j", "step", NOW)
+    stores.jobs.start("j", NOW)
     (claimed,) = stores.claim()
     stores.jobs.succeed("j", NOW)
     stores.callbacks.go_on(claimed, 0.0, NOW)

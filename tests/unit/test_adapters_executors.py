@@ -28,6 +28,11 @@ def change(engine: sa.Engine, executor_id: str, **values: object) -> None:
         connection.execute(sa.update(executors).where(executors.c.id == executor_id).values(**values))
 
 
+def executors_entered(engine: sa.Engine) -> list[str]:
+    with engine.begin() as connection:
+        return list(connection.execute(sa.select(executors.c.id)).scalars())
+
+
 def test_a_worker_lives_from_its_entry_to_its_removal(engine: sa.Engine) -> None:
     registry = DatabaseExecutors(engine)
     registry.register("a")
@@ -42,7 +47,7 @@ def test_a_worker_whose_heart_has_stopped_is_buried_and_told_so(engine: sa.Engin
     change(engine, "a", heartbeat=executors.c.heartbeat - DEAD_AFTER_S - 1)
     before = list(registry.live())
     registry.bury_dead("b")
-    assert (before, registry.beat("a"), registry.entered()) == ([], False, [])
+    assert (before, registry.beat("a"), executors_entered(engine)) == ([], False, [])
 
 
 def test_a_worker_without_process_is_buried_without_waiting(engine: sa.Engine) -> None:
@@ -50,7 +55,7 @@ def test_a_worker_without_process_is_buried_without_waiting(engine: sa.Engine) -
     registry.register("a")
     change(engine, "a", process_started=executors.c.process_started - 100)  # the number now belongs to another process
     registry.bury_dead("b")
-    assert registry.entered() == []
+    assert executors_entered(engine) == []
 
 
 def test_a_worker_of_another_machine_is_judged_by_its_heart_only(engine: sa.Engine) -> None:
@@ -58,7 +63,7 @@ def test_a_worker_of_another_machine_is_judged_by_its_heart_only(engine: sa.Engi
     registry.register("a")
     change(engine, "a", host="elsewhere", pid=os.getpid() + 1, process_started=0.0)
     registry.bury_dead("b")
-    assert registry.entered() == ["a"]
+    assert executors_entered(engine) == ["a"]
 
 
 def test_a_lease_has_one_holder_until_it_is_gone(engine: sa.Engine) -> None:
@@ -76,3 +81,23 @@ def test_a_lease_ends(engine: sa.Engine) -> None:
         registry.register(each)
     registry.lease("reaper", "a", -1.0)
     assert registry.lease("reaper", "b", 60.0)
+
+
+def test_a_lease_whose_holder_has_no_process_any_more_is_free_at_once(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    for each in ("a", "b"):
+        registry.register(each)
+    registry.lease("reaper", "a", 60.0)
+    change(engine, "a", process_started=executors.c.process_started - 100)
+    assert registry.lease("reaper", "b", 60.0)
+
+
+def test_of_a_dead_worker_it_is_known_whether_its_launcher_died_too(engine: sa.Engine) -> None:
+    registry = DatabaseExecutors(engine)
+    for each in ("alone", "together"):
+        registry.register(each, os.getpid())
+    change(engine, "together", launcher_started=executors.c.launcher_started - 100)
+    for each in ("alone", "together"):
+        change(engine, each, process_started=executors.c.process_started - 100)
+    dead = {each.id: each.whole_service for each in registry.bury_dead("b")}
+    assert dead == {"alone": False, "together": True}

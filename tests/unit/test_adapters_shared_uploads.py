@@ -19,6 +19,7 @@ from service.ports import PendingUpload
 from service.settings import Settings
 from tests.databases import NewDatabase
 from tests.object_server import ObjectServer
+from tests.patience import patience
 
 pytestmark = pytest.mark.service
 
@@ -105,7 +106,7 @@ def test_an_upload_is_open_once(machine: Machine) -> None:
 def test_whoever_has_an_upload_learns_that_it_is_wanted(machine: Machine) -> None:
     held = opened(machine("here"))
     machine("there").ask_for(ID)
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 5.0 * patience()
     while not held.asked_for():
         assert time.monotonic() < deadline
         time.sleep(0.05)

@@ -24,7 +24,6 @@ NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 JOB = Job("j1", "register", {"a": [1, 2]}, JobStatus.ACCEPTED, NOW, file_ids=("f2", "f1"))
 FILE = StoredFile("f1", "a.e57", 5_000_000_000, "0" * 64, "e57", "scan", NOW, scans=({"index": 0},))
 MakeEngine = Callable[[NewDatabase], sa.Engine]
-MakeJobs = Callable[[Callable[[Job], None]], JobStore]
 
 
 @pytest.fixture
@@ -47,16 +46,10 @@ def engine(make_engine: MakeEngine, new_database: NewDatabase) -> sa.Engine:
 
 
 @pytest.fixture(params=["memory", *DATABASES])
-def make_jobs(request: pytest.FixtureRequest, make_engine: MakeEngine) -> MakeJobs:
+def jobs(request: pytest.FixtureRequest, make_engine: MakeEngine) -> JobStore:
     if request.param == "memory":
-        return MemoryJobStore
-    engine = make_engine(databases_of(request, request.param))
-    return lambda enqueue: DatabaseJobStore(engine, lambda _connection, job: enqueue(job))
-
-
-@pytest.fixture
-def jobs(make_jobs: MakeJobs) -> JobStore:
-    return make_jobs(lambda _job: None)
+        return MemoryJobStore()
+    return DatabaseJobStore(make_engine(databases_of(request, request.param)))
 
 
 @pytest.fixture(params=["memory", *DATABASES])
@@ -89,16 +82,6 @@ def test_a_look_tells_nothing_of_jobs_of_others_or_of_none(jobs: JobStore) -> No
     assert asyncio.run(jobs.of("bridge").look("j1")) is not None
     assert asyncio.run(jobs.of("tower").look("j1")) is None
     assert asyncio.run(jobs.look("j2")) is None
-
-
-def test_a_job_that_cannot_be_enqueued_is_not_kept(make_jobs: MakeJobs) -> None:
-    def refuse(_job: Job) -> None:
-        raise ConnectionError
-
-    jobs = make_jobs(refuse)
-    with pytest.raises(ConnectionError):
-        jobs.create_and_enqueue(JOB)
-    assert jobs.get("j1") is None
 
 
 def test_jobs_are_listed_newest_first_in_pages(jobs: JobStore) -> None:
@@ -208,25 +191,6 @@ def test_migrating_twice_changes_nothing(tmp_path: Path, new_database: NewDataba
     migrate(settings)
 
 
-def test_progress_is_the_weighted_mean_over_all_stages(engine: sa.Engine) -> None:
-    jobs = DatabaseJobStore(engine, lambda _connection, _job: None)
-    jobs.create_and_enqueue(JOB)
-    jobs.plan_stage("j1", 0, [1.0, 1.0], 4.0)
-    jobs.report_step("j1", 0, 0, 1.0, "one of two", NOW)
-    jobs.plan_stage("j1", 0, [1.0, 1.0], 4.0)
-    jobs.report_step("j1", 0, 1, 0.5, "half of the other", NOW)
-    job = jobs.get("j1")
-    assert job is not None
-    assert (job.progress, job.message) == (37, "half of the other")
-
-
-def test_a_step_of_a_dismissed_job_does_not_begin(engine: sa.Engine) -> None:
-    jobs = DatabaseJobStore(engine, lambda _connection, _job: None)
-    jobs.create_and_enqueue(JOB)
-    jobs.dismiss("j1", NOW)
-    assert not jobs.begin_step("j1", "features of S1", NOW)
-
-
 def test_the_contents_of_all_files_are_listed_once(files: FileStore) -> None:
     for file_id, sha256 in (("f1", "0" * 64), ("f2", "0" * 64), ("f3", "1" * 64)):
         files.add(replace(FILE, id=file_id, sha256=sha256))
@@ -265,7 +229,7 @@ def job_log(request: pytest.FixtureRequest, make_engine: MakeEngine) -> JobLog:
     if request.param == "memory":
         return MemoryJobLog()
     engine = make_engine(databases_of(request, request.param))
-    DatabaseJobStore(engine, lambda *_: None).create_and_enqueue(JOB)
+    DatabaseJobStore(engine).create_and_enqueue(JOB)
     return DatabaseJobLog(engine)
 
 
@@ -277,7 +241,7 @@ def test_the_last_lines_of_a_log_come_back_in_the_order_in_which_they_were_writt
 
 
 def test_the_log_goes_with_its_job_and_what_comes_later_is_lost(engine: sa.Engine) -> None:
-    jobs, log = DatabaseJobStore(engine, lambda *_: None), DatabaseJobLog(engine)
+    jobs, log = DatabaseJobStore(engine), DatabaseJobLog(engine)
     jobs.create_and_enqueue(JOB)
     log.write("j1", [LogLine(NOW, "info", "a")])
     jobs.dismiss("j1", NOW)

@@ -9,8 +9,10 @@ from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
 from schemas.callback_secret import signing_key
+from service.errors import InvalidRequestError
+from service.keys_command import callback_secret
 from service.settings import Settings
-from service.use_cases.callback_signatures import signed_headers
+from service.use_cases.callback_signatures import derived_secret, signed_headers
 from service.use_cases.deliver_callbacks import LONGEST_BACK_OFF_S, back_off_s
 
 SECRET = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"  # noqa: S105 - the published example
@@ -35,6 +37,38 @@ def test_the_lines_of_the_documentation_tell_what_is_genuine() -> None:
         found: dict[str, Any] = {"secret": SECRET, "headers": headers, "body": body}
         exec(code, found)  # noqa: S102 - our own documentation
         assert (found["genuine"], found["fresh"]) == (genuine, fresh)
+
+
+def test_a_derived_secret_is_of_one_project_receiver_and_process() -> None:
+    usual = derived_secret(SECRET, "office", "https://hooks.example.org/done?x=1", "register")
+    assert usual == derived_secret(SECRET, "office", "https://HOOKS.example.org.:443/failed", "register")
+    assert derived_secret(SECRET, "", "https://a.example", "register") == derived_secret(
+        SECRET, "default", "https://a.example", "register"
+    )
+    others = {
+        derived_secret("another secret, as long", "office", "https://hooks.example.org", "register"),
+        derived_secret(SECRET, "alice", "https://hooks.example.org", "register"),
+        derived_secret(SECRET, "office", "http://hooks.example.org", "register"),
+        derived_secret(SECRET, "office", "https://hooks.example.org:8443", "register"),
+        derived_secret(SECRET, "office", "https://other.example.org", "register"),
+        derived_secret(SECRET, "office", "https://hooks.example.org", "detect-edges"),
+        derived_secret(SECRET, "office\nhttps", "https://hooks.example.org", "register"),
+    }
+    assert len(others) == 7
+    assert usual not in others
+    assert signing_key(usual) != signing_key(SECRET)
+
+
+@pytest.mark.parametrize("process", ["echo", "none"])
+def test_the_operator_is_told_what_is_not_signed_in_his_name(process: str) -> None:
+    settings = Settings(callback_secret=SECRET)
+    assert callback_secret(settings, "https://a.example", "office", "register").startswith("whsec_")
+    with pytest.raises(InvalidRequestError):
+        callback_secret(settings, "https://a.example", "office", process)
+    with pytest.raises(InvalidRequestError):
+        callback_secret(settings, "a.example", "office", "register")
+    with pytest.raises(InvalidRequestError):
+        callback_secret(Settings(callback_secret=""), "https://a.example", "office", "register")
 
 
 def test_nothing_is_signed_without_a_secret() -> None:

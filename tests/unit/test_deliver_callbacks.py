@@ -58,7 +58,7 @@ class Scene:
         migrate(settings)
         self.engine = connect(settings)
         DatabaseExecutors(self.engine).register("worker")
-        self.jobs = DatabaseJobStore(self.engine, lambda *_: None)
+        self.jobs = DatabaseJobStore(self.engine)
         self.log = DatabaseJobLog(self.engine)
         self.blobs, self.receivers = MemoryBlobStore(), Receivers()
         callbacks = DatabaseCallbacks(self.engine)
@@ -122,7 +122,8 @@ def test_the_status_of_a_job_that_does_not_succeed_is_told_with_links_to_the_ser
 
 def test_progress_is_told_only_when_there_is_news(scene: Scene) -> None:
     scene.add()
-    scene.jobs.begin_step("j", "first", NOW)
+    scene.jobs.start("j", NOW)
+    scene.jobs.report("j", 0, "first", NOW)
     scene.deliver(3)
     scene.jobs.report("j", 40, "half", NOW.replace(minute=30))
     scene.deliver(3)

@@ -1,4 +1,4 @@
-"""Room is promised once: several uploads at the same time cannot fill the disk."""
+"""Room is kept for what comes: several uploads at the same time cannot fill the disk, announced ones keep nothing."""
 
 import asyncio
 import os
@@ -70,46 +70,46 @@ def test_room_set_aside_is_no_part_of_the_file_and_comes_back_with_its_end(direc
     assert before - free(directory) < LARGE // 2
 
 
-def test_an_upload_that_is_begun_has_its_room(directory: Path) -> None:
-    at = desk(directory, 1.5)
-    begin(at)
-    with pytest.raises(InsufficientStorageError):
+def test_what_is_announced_keeps_no_room_from_others(directory: Path) -> None:
+    at, before = desk(directory, 1.5), free(directory)
+    for _ in range(3):
         begin(at)
-    assert len(at.uploads.ids()) == 1
+    assert before - free(directory) < LARGE // 2
+    assert len(at.uploads.ids()) == 3
 
 
-def test_an_upload_that_is_removed_gives_its_room_back(directory: Path) -> None:
-    at = desk(directory, 1.5)
-    asyncio.run(at.terminate(begin(at)))
-    begin(at)
+def test_more_than_there_is_room_for_cannot_be_announced(directory: Path) -> None:
+    with pytest.raises(InsufficientStorageError):
+        begin(desk(directory, 0.5))
 
 
-def test_an_upload_that_has_its_room_goes_on_though_there_is_no_more(directory: Path) -> None:
-    at = desk(directory, 1.1)
-    upload = begin(at)
+def test_room_is_set_aside_for_what_comes_and_given_back_when_it_stops(directory: Path) -> None:
+    at, before, seen = desk(directory, 1.5), free(directory), []
 
     async def chunks() -> AsyncIterator[bytes]:
         yield bytes(MEGABYTE)
+        seen.append(before - free(directory))
 
     part = UploadPart(0, chunks(), LARGE)
-    assert asyncio.run(at.append(upload, part, NOW)).offset == MEGABYTE
+    assert asyncio.run(at.append(begin(at), part, NOW)).offset == MEGABYTE
+    assert 100 * MEGABYTE < seen[0] < 200 * MEGABYTE
+    assert before - free(directory) < 50 * MEGABYTE
 
 
-def test_room_that_was_given_back_is_looked_for_again(directory: Path) -> None:
-    at = desk(directory, 1.5)
+def test_a_part_that_does_not_fit_is_refused_before_it_comes(directory: Path) -> None:
+    at = desk(directory, 1.1)
     upload = begin(at)
-    opened = at.uploads.lock(upload)
-    assert opened is not None
-    opened.give_room_back()
-    opened.close()
-    begin(at)
-
-    async def chunks() -> AsyncIterator[bytes]:
-        yield bytes(MEGABYTE)
-
-    with pytest.raises(InsufficientStorageError):
-        asyncio.run(at.append(upload, UploadPart(0, chunks(), MEGABYTE), NOW))
+    filling = directory / "filling"
+    with filling.open("wb") as file:
+        set_aside(file.fileno(), LARGE)
+        with pytest.raises(InsufficientStorageError):
+            asyncio.run(at.append(upload, UploadPart(0, _nothing(), LARGE), NOW))
     assert at.uploads.find(upload).offset == 0
+
+
+async def _nothing() -> AsyncIterator[bytes]:
+    raise AssertionError("the body was asked for")
+    yield b""
 
 
 def test_of_two_bodies_at_once_that_do_not_fit_together_one_is_refused_before_the_disk_is_full(directory: Path) -> None:

@@ -58,7 +58,7 @@ def jobs(tmp_path: Path, new_database: NewDatabase) -> Iterator[JobStore]:
     settings = Settings(data_dir=tmp_path, database_url=new_database())
     migrate(settings)
     engine = connect(settings)
-    store = DatabaseJobStore(engine, lambda _connection, _job: None)
+    store = DatabaseJobStore(engine)
     for number in range(40):
         store.create_and_enqueue(job(number))
     yield store

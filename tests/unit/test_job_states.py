@@ -36,7 +36,7 @@ def engine(settings: Settings) -> Iterator[sa.Engine]:
 
 @pytest.fixture
 def jobs(engine: sa.Engine) -> DatabaseJobStore:
-    store = DatabaseJobStore(engine, lambda _connection, _job: None)
+    store = DatabaseJobStore(engine)
     made = Job("a", "register", {"stations": []}, JobStatus.ACCEPTED, created=NOW, file_ids=("f",), owner="bridge")
     store.create_and_enqueue(made)
     return store

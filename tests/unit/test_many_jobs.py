@@ -63,7 +63,7 @@ def test_no_question_reads_the_whole_table(engine: sa.Engine, question: str) -> 
 
     sa.event.listen(engine, "before_cursor_execute", note)
     try:
-        QUESTIONS[question](DatabaseJobStore(engine, lambda *_: None))
+        QUESTIONS[question](DatabaseJobStore(engine))
     finally:
         sa.event.remove(engine, "before_cursor_execute", note)
     with engine.begin() as connection:

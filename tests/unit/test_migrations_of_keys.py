@@ -60,7 +60,7 @@ def test_jobs_and_files_of_the_previous_schema_belong_to_the_default_project(
     engine: sa.Engine, settings: Settings
 ) -> None:
     migrate(settings)
-    job = DatabaseJobStore(engine, lambda *_: None).of("").get("j1")
+    job = DatabaseJobStore(engine).of("").get("j1")
     file = DatabaseFileStore(engine).of("").get("f1")
     assert job is not None
     assert file is not None
@@ -69,7 +69,7 @@ def test_jobs_and_files_of_the_previous_schema_belong_to_the_default_project(
 
 def test_they_belong_to_no_other_project(engine: sa.Engine, settings: Settings) -> None:
     migrate(settings)
-    assert DatabaseJobStore(engine, lambda *_: None).of("other").get("j1") is None
+    assert DatabaseJobStore(engine).of("other").get("j1") is None
     assert DatabaseFileStore(engine).of("other").find(10, 0) == ([], 0)
 
 

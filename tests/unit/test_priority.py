@@ -5,37 +5,45 @@ import os
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from service.adapters.process_limits import NICENESS
-from service.use_cases.upload_threads import NICENESS as NICENESS_OF_UPLOADS
-from service.use_cases.upload_threads import undisturbed
+from service.use_cases import upload_threads
+from service.use_cases.upload_threads import step_back, undisturbed
+
+NICENESS = 7
 
 PROGRAM = """
-import os
+import os, sys
 from pathlib import Path
 from service.adapters.process_limits import let_others_first
-let_others_first()
-let_others_first()
+let_others_first(int(sys.argv[1]))
+let_others_first(int(sys.argv[1]))
 session = Path("/proc/self/autogroup")
 batch = os.sched_getscheduler(0) == os.SCHED_BATCH
 print(os.getpriority(os.PRIO_PROCESS, 0), batch, session.read_text() if session.exists() else "")
 """
 
 
+def said_with(niceness: int) -> str:
+    """Said by a process that has let others first, in a session of its own as computations are."""
+    command = [sys.executable, "-c", PROGRAM, str(niceness)]
+    return subprocess.run(command, capture_output=True, text=True, check=True, start_new_session=True).stdout
+
+
 @pytest.fixture(scope="module")
 def said() -> str:
-    """Said by a process that has let others first, in a session of its own as computations are."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, start_new_session=True
-    )
-    return done.stdout
+    return said_with(NICENESS)
+
+
+def test_where_somebody_waits_for_it_nothing_steps_back() -> None:
+    assert said_with(0).split()[:2] == [str(os.getpriority(os.PRIO_PROCESS, 0)), "False"]
 
 
 def test_a_computation_is_nicer_than_others_and_no_nicer_when_it_is_told_twice(said: str) -> None:
-    assert int(said.split(maxsplit=1)[0]) == NICENESS
+    assert int(said.split(maxsplit=1)[0]) == max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux knows batch processes")
@@ -50,10 +58,14 @@ def test_its_session_has_a_smaller_share_too(said: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority of its own")
-def test_threads_that_write_uploads_are_nicer_than_the_one_that_answers() -> None:
+def test_threads_that_write_uploads_are_nicer_than_the_one_that_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upload_threads, "_threads", ThreadPoolExecutor(1, initializer=upload_threads._step_back))
+    monkeypatch.setattr(upload_threads, "_niceness", [0])
+    step_back(NICENESS)
+
     def niceness() -> int:
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
     before = niceness()
-    assert asyncio.run(undisturbed(niceness)) == max(NICENESS_OF_UPLOADS, before)
+    assert asyncio.run(undisturbed(niceness)) == max(NICENESS, before)
     assert niceness() == before

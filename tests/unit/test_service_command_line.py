@@ -1,6 +1,7 @@
 """The client behind the command line, against the real application over memory adapters."""
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from service.demo import print_comparison
 from service.dependencies import Adapters
 from service.main import create_app
 from service.ports import Job
-from service.register_command import stations_of, upload_files
+from service.register_command import keep_results, stations_of, upload_files, wait_for_job
 from service.result_tables import print_result
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.settings import Settings
@@ -77,6 +78,13 @@ def scan(tmp_path: Path) -> Path:
     return path
 
 
+def uploaded_twice(client: ServiceClient, scan: Path) -> list[dict[str, Any]]:
+    """Upload a file and another one of the same name."""
+    first = client.upload(scan)
+    scan.write_bytes(b"4 5 6\n")
+    return [first, client.upload(scan)]
+
+
 def test_the_client_knows_a_tieline_service(client: ServiceClient) -> None:
     assert client.is_tieline()
     assert client.ready()
@@ -103,15 +111,45 @@ def test_scans_that_cannot_be_used_are_no_stations() -> None:
     assert [station["scan"]["index"] for station in stations] == [0, 2]
 
 
-def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adapters: Adapters, tmp_path: Path) -> None:
-    other = tmp_path / "other.xyz"
-    other.write_bytes(b"4 5 6")
-    stations = stations_of([client.upload(scan), client.upload(other)])
+def test_a_finished_job_gives_its_result(client: ServiceClient, scan: Path, adapters: Adapters) -> None:
+    stations = stations_of(uploaded_twice(client, scan))
     job = client.execute("register", {"stations": stations})
     found = adapters.jobs.get(job)
     assert found is not None
     adapters.jobs.succeed(job, found.created)
     assert client.wait(job) == {"status": "registered"}
+
+
+@pytest.fixture
+def job(client: ServiceClient, scan: Path, adapters: Adapters) -> str:
+    """Run a job that has left two downloads."""
+    made = client.execute("register", {"stations": stations_of(uploaded_twice(client, scan))})
+    for name in ("report.html", "lines.dxf"):
+        adapters.blobs.write_bytes(f"jobs/{made}/artifacts/{name}", name.encode())
+    found = adapters.jobs.get(made)
+    assert found is not None
+    adapters.jobs.report(made, 40, "features of A: normals", found.created)
+    adapters.jobs.succeed(made, found.created)
+    return made
+
+
+def test_all_that_a_job_offers_is_kept(client: ServiceClient, job: str, tmp_path: Path) -> None:
+    keep_results(client, job, client.wait(job), tmp_path / "new" / "kept")
+    kept = {path.name: path.read_text() for path in (tmp_path / "new" / "kept").iterdir()}
+    assert json.loads(kept.pop("result.json")) == {"status": "registered"}
+    assert kept == {"report.html": "report.html", "lines.dxf": "lines.dxf"}
+
+
+def test_a_file_for_the_result_gets_the_result_alone(client: ServiceClient, job: str, tmp_path: Path) -> None:
+    keep_results(client, job, client.wait(job), tmp_path / "new" / "only.json")
+    (kept,) = (tmp_path / "new").iterdir()
+    assert json.loads(kept.read_text()) == {"status": "registered"}
+
+
+def test_where_nothing_moves_on_the_screen_steps_are_told_line_by_line(client: ServiceClient, job: str) -> None:
+    console = Console(record=True, width=100, force_terminal=False)
+    wait_for_job(client, job, console)
+    assert console.export_text().splitlines() == ["100 % done"]
 
 
 def test_a_refused_request_is_an_error_that_names_the_fields(client: ServiceClient) -> None:

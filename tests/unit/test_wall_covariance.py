@@ -76,3 +76,12 @@ def test_the_influence_stays_positive_where_most_misfit_badly() -> None:
     design = np.repeat(np.eye(2), 50, axis=0)
     matrix = influence_matrix(design, np.ones(100), np.repeat([1.0, -0.4], 50))
     assert np.linalg.eigvalsh(matrix).min() > 0.0
+
+
+def test_covariances_of_few_pieces_are_covered_too() -> None:
+    rng = np.random.default_rng(4)
+    first, second = (part @ part.T * 1e-6 for part in (rng.normal(size=(27, 9)), rng.normal(size=(27, 6))))
+    whole = covering(first, second)
+    for part in (first, second):
+        assert np.linalg.eigvalsh(whole - part).min() > -1e-18
+    np.testing.assert_allclose(covering(second, first), whole, rtol=0.0, atol=1e-18)

@@ -1,0 +1,179 @@
+"""Take from a process, for good, all that reading one file does not need (Linux: no_new_privs, Landlock, seccomp).
+
+A parser that is taken over by a hostile file then sees that file, the libraries and a scratch directory, reaches no
+network and starts no program. Nothing here needs privileges. What a kernel does not have is left out, and said.
+"""
+
+import ctypes
+import os
+import platform
+import struct
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
+"""Landlock's system calls, the same on every architecture."""
+ASK_VERSION, BENEATH = 1, 1
+READ_FILE, READ_DIRECTORY, WRITE_FILE, TRUNCATE = 1 << 2, 1 << 3, 1 << 1, 1 << 14
+FILE_RIGHTS_OF_VERSION = ((1, 13), (2, 14), (3, 15), (5, 16))
+"""From a version on, so many rights of files are known."""
+NET_VERSION, SCOPE_VERSION = 4, 6
+NO_NEW_PRIVILEGES, SECCOMP, GET_SECCOMP, FILTER = 38, 22, 21, 2
+LOAD, JUMP_EQUAL, JUMP_FROM, RETURN = 0x20, 0x15, 0x35, 0x06
+"""Instructions of the filter: load a word, compare (equal; at least), return (linux/bpf_common.h)."""
+ALLOW, REFUSE = 0x7FFF0000, 0x00050000
+REFUSED = 1
+"""EPERM."""
+OTHER_CALLS = 0x40000000
+"""From here on calls of another way of calling (x32), which would go past the list."""
+ARCHITECTURES = {"x86_64": (0xC000003E, 0), "aarch64": (0xC00000B7, 1)}
+FORBIDDEN = {
+    "socket": (41, 198), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201), "accept4": (288, 242),
+    "sendto": (44, 206), "execve": (59, 221), "execveat": (322, 281), "ptrace": (101, 117), "kill": (62, 129),
+    "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "pidfd_getfd": (438, 438), "mount": (165, 40),
+    "umount2": (166, 39), "chroot": (161, 51), "pivot_root": (155, 41), "setns": (308, 268), "unshare": (272, 97),
+    "bpf": (321, 280), "perf_event_open": (298, 241), "keyctl": (250, 219), "add_key": (248, 217),
+    "request_key": (249, 218), "userfaultfd": (323, 282), "io_uring_setup": (425, 425), "io_uring_enter": (426, 426),
+    "open_by_handle_at": (304, 265), "init_module": (175, 105), "kexec_load": (246, 104), "setuid": (105, 146),
+    "setgid": (106, 144),
+}  # fmt: skip
+"""What reading a file never needs, with its numbers on x86-64 and on AArch64."""
+SYSTEM: tuple[str, ...] = (
+    "/usr",
+    "/lib",
+    "/lib64",
+    "/bin",
+    "/etc/ld.so.cache",
+    "/etc/localtime",
+    "/sys/devices/system",
+    "/dev/null",
+)
+SYSTEM += ("/dev/zero", "/dev/urandom", "/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat")
+
+
+@dataclass(frozen=True)
+class Confinement:
+    """What this machine's kernel has for it."""
+
+    landlock: int
+    """Version; 0: none."""
+    seccomp: bool
+
+    @property
+    def text(self) -> str:
+        """Say what is on."""
+        files = f"files and scopes by Landlock {self.landlock}" if self.landlock else "no Landlock"
+        return f"{files}, {'system calls by seccomp' if self.seccomp else 'no seccomp'}"
+
+
+def available() -> Confinement:
+    """Find out what there is, without changing anything."""
+    if sys.platform != "linux":
+        return Confinement(0, False)
+    library = ctypes.CDLL(None, use_errno=True)
+    version = library.syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint(ASK_VERSION))
+    known = platform.machine() in ARCHITECTURES and library.prctl(GET_SECCOMP, 0, 0, 0, 0) >= 0
+    return Confinement(max(0, int(version)), bool(known))
+
+
+def confine(file: Path, scratch: Path, data_dir: Path) -> Confinement:
+    """Leave this process one file to read, one directory to write in, and the libraries. There is no way back.
+
+    Parameters
+    ----------
+    file
+        What is read.
+    scratch
+        May be written to.
+    data_dir
+        Is not read beyond these, even where a path of libraries leads there.
+
+    Raises
+    ------
+    OSError
+        The kernel has what it takes, and refuses it.
+    """
+    found = available()
+    if found.landlock or found.seccomp:
+        _checked(ctypes.CDLL(None, use_errno=True).prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0), "no_new_privs")
+    if found.landlock:
+        readable = [*map(Path, SYSTEM), *_libraries(data_dir.resolve())]
+        _restrict_files(found.landlock, [file.resolve(), *readable], [scratch.resolve(), Path("/dev/null")])
+    if found.seccomp:
+        _restrict_calls()
+    return found
+
+
+def _libraries(data_dir: Path) -> Iterable[Path]:
+    """Give where this program and its libraries lie, but no directory in which the data lie as well."""
+    ours = (sys.modules[name] for name in ("service", "schemas", "algorithms") if name in sys.modules)
+    packages = [Path(place) for module in ours for place in module.__path__]
+    roots = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, sys.exec_prefix) if place]
+    for place in (*packages, *roots):
+        resolved = place.resolve()
+        if not data_dir.is_relative_to(resolved):
+            yield resolved
+
+
+def _restrict_files(version: int, readable: Sequence[Path], writable: Sequence[Path]) -> None:
+    library = ctypes.CDLL(None, use_errno=True)
+    rights = max(number for since, number in FILE_RIGHTS_OF_VERSION if since <= version)
+    every = (1 << rights) - 1
+    parts = [every]
+    if version >= NET_VERSION:
+        parts.append(0b11)  # to bind and to connect
+    if version >= SCOPE_VERSION:
+        parts.append(0b11)  # abstract sockets and signals of others
+    attributes = struct.pack(f"{len(parts)}Q", *parts)
+    ruleset = _checked(library.syscall(CREATE_RULESET, attributes, ctypes.c_size_t(len(attributes)), 0), "Landlock")
+    try:
+        for paths, allowed in ((readable, READ_FILE | READ_DIRECTORY), (writable, every)):
+            for path in paths:
+                _allow(library, ruleset, path, allowed & every)
+        _checked(library.syscall(RESTRICT_SELF, ruleset, 0), "Landlock")
+    finally:
+        os.close(ruleset)
+
+
+def _allow(library: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
+    try:
+        descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except OSError:  # not here: nothing to allow
+        return
+    try:
+        of_files = READ_FILE | WRITE_FILE | TRUNCATE
+        rule = struct.pack("=Qi", rights if path.is_dir() else rights & of_files, descriptor)
+        _checked(library.syscall(ADD_RULE, ruleset, BENEATH, rule, 0), f"Landlock for {path}")
+    finally:
+        os.close(descriptor)
+
+
+def _restrict_calls() -> None:
+    """Let the kernel refuse what is forbidden, and everything in another way of calling."""
+    architecture, column = ARCHITECTURES[platform.machine()]
+    numbers = sorted(each[column] for each in FORBIDDEN.values())
+    refuse = (RETURN, 0, 0, REFUSE | REFUSED)
+    program = [
+        (LOAD, 0, 0, 4),
+        (JUMP_EQUAL, 1, 0, architecture),
+        refuse,
+        (LOAD, 0, 0, 0),
+        (JUMP_FROM, 0, 1, OTHER_CALLS),
+        refuse,
+    ]
+    for number in numbers:
+        program += [(JUMP_EQUAL, 0, 1, number), refuse]
+    program.append((RETURN, 0, 0, ALLOW))
+    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *each) for each in program))
+    whole = ctypes.create_string_buffer(struct.pack("H6xP", len(program), ctypes.addressof(code)))
+    library = ctypes.CDLL(None, use_errno=True)
+    _checked(library.prctl(SECCOMP, FILTER, ctypes.c_void_p(ctypes.addressof(whole)), 0, 0), "seccomp")
+
+
+def _checked(code: int, what: str) -> int:
+    if code < 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{what}: {os.strerror(number)}")
+    return int(code)

@@ -1,0 +1,124 @@
+"""The steps of all jobs: which wait, which are computed, and what came out."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+from service.ports.documents import Json
+from service.ports.steps import StepCall
+
+
+@dataclass(frozen=True)
+class StepPlace:
+    """One step of one job."""
+
+    job_id: str
+    stage: int
+    index: int
+
+
+@dataclass(frozen=True)
+class ClaimedStep:
+    """A step whose turn it is, and that one worker has now."""
+
+    place: StepPlace
+    name: str
+    arguments: Json
+    label: str
+    request_id: str
+    """Correlation id of the request that made the job."""
+    deaths: float
+    """Workers that died while they computed it."""
+
+    @property
+    def suspect(self) -> bool:
+        """Tell whether it may take its worker down, so that nothing else is computed there meanwhile."""
+        return self.deaths >= 1.0
+
+
+@dataclass(frozen=True)
+class FreshJob:
+    """A job whose turn it is, and of which no step is known yet."""
+
+    id: str
+
+
+@dataclass(frozen=True)
+class LostStep:
+    """A step whose worker is gone."""
+
+    place: StepPlace
+    executor_id: str
+
+
+@dataclass(frozen=True)
+class LeftBehind:
+    """What workers that are gone have left."""
+
+    steps: Sequence[LostStep]
+    jobs: Sequence[str]
+    """Those whose stage has ended, and nobody has looked what comes next."""
+
+
+@dataclass(frozen=True)
+class StepFigures:
+    """How it stands with steps, and what was computed since the service was set up."""
+
+    waiting: int
+    running: int
+    longest_wait_s: float
+    """Of those that wait."""
+    totals: Mapping[str, Mapping[str, float]]
+    """By name and label: ``step_seconds``, ``step_wait_seconds``, ``steps`` by name of the step, ``job_failures`` by
+    kind, ``deaths`` of workers that computed."""
+
+
+class StepQueue(Protocol):
+    """Hand out steps in order. Every method is one transaction; times are those of the database machine."""
+
+    def look(self) -> bool:
+        """Tell whether anything waits, as cheaply as possible."""
+
+    def take_turn(self, executor_id: str, now: datetime, *, alone: bool) -> ClaimedStep | FreshJob | None:
+        """Claim the step whose turn it is, and mark its job as running, or tell which job is to be begun.
+
+        None when nothing waits, or when the next step wants to be alone on its worker and is not.
+        """
+
+    def plan_stage(self, job_id: str, stage: int, calls: Sequence[StepCall], total_weight: float) -> None:
+        """Put the steps of a stage on the queue; doing so again changes nothing."""
+
+    def outputs(self, job_id: str) -> Sequence[Sequence[Json]] | None:
+        """Give the outputs of all stages; None while a step waits or is computed."""
+
+    def report_step(self, place: StepPlace, executor_id: str, fraction: float, message: str, now: datetime) -> bool:
+        """Record how far a step is; False when the job is gone or final, or another worker has the step."""
+
+    def finish_step(self, place: StepPlace, executor_id: str, output: Json, now: datetime) -> bool:
+        """Record what came out; False as for `report_step`."""
+
+    def hand_back(self, executor_id: str, kept: Collection[StepPlace] = ()) -> None:
+        """Put back what a worker has and does not compute, or will not."""
+
+    def tidy(self, now: datetime) -> LeftBehind:
+        """Find what workers that are gone have left, and mark jobs as waiting of which no step has run for a while."""
+
+    def put_back(self, lost: LostStep, death: float, now: datetime) -> float:
+        """Let another worker compute a step whose worker is gone; give how many have died of it by now.
+
+        Parameters
+        ----------
+        lost
+            The step.
+        death
+            How much the end of the worker counts.
+        now
+            Time for the job's record.
+        """
+
+    def begin_stale_again(self) -> Sequence[str]:
+        """Forget the steps of jobs that were planned in another order of steps, unless a living worker computes one."""
+
+    def figures(self) -> StepFigures:
+        """Give what Prometheus is told."""

@@ -1,0 +1,83 @@
+"""What `tieline register` sends, from its options and files."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from schemas.register_inputs import RegisterInputs
+from service.errors import InvalidRequestError
+from service.register_request import RequestOptions, parsed_pairs, read_request
+
+IDENTITY = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
+
+
+def written(path: Path, document: Any) -> Path:
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_nothing_said_is_nothing_sent() -> None:
+    assert read_request(RequestOptions(), []).inputs == {}
+
+
+def test_options_of_the_command_line_make_a_request_that_is_accepted(tmp_path: Path) -> None:
+    reference = written(tmp_path / "poses.json", {"B": IDENTITY})
+    said = RequestOptions(method="lines", pairs="A:B, A:C", reference=reference, levelled_std_gon=0.01)
+    inputs = read_request(said, []).inputs
+    names = [said.completed({"name": name, "scan": {"file": "f"}}) for name in "ABC"]
+    sent = RegisterInputs.model_validate({**inputs, "stations": names})
+    assert (sent.method.method, sent.pairs) == ("lines", [("A", "B"), ("A", "C")])
+    assert sent.reference is not None
+    assert {station.levelled_std_gon for station in sent.stations} == {0.01}
+
+
+def test_what_is_said_of_every_station_gives_way_to_what_a_file_says_of_one() -> None:
+    said = RequestOptions(levelled_std_gon=0.01, unit="ft")
+    assert said.completed({"scan": {"file": "f"}}) == {"levelled_std_gon": 0.01, "scan": {"file": "f", "unit": "ft"}}
+    own = {"levelled_std_gon": 0.1, "scan": {"file": "f", "unit": "mm"}}
+    assert said.completed(own) == own
+
+
+def test_every_input_of_the_request_may_come_from_a_file(tmp_path: Path) -> None:
+    said = {"method": {"method": "planes", "max_tilt_gon": 3}, "pairs": [["A", "B"]], "photo_lines": {"x": 1}}
+    options = written(tmp_path / "options.json", {"inputs": said})
+    assert read_request(RequestOptions(options=options), []).inputs == said
+
+
+@pytest.mark.parametrize(("method", "sent"), [("planes", {"method": "planes", "n": 3}), ("icl", {"method": "icl"})])
+def test_a_method_of_the_command_line_comes_before_that_of_a_file_and_keeps_its_options(
+    tmp_path: Path, method: str, sent: dict[str, Any]
+) -> None:
+    options = written(tmp_path / "options.json", {"method": {"method": "planes", "n": 3}})
+    assert read_request(RequestOptions(options=options, method=method), []).inputs["method"] == sent
+
+
+def test_a_list_of_photos_and_a_file_of_options_are_joined(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(b"")
+    photos = written(tmp_path / "photos.json", {"stations": [{"photos": [{"file": "a.jpg"}]}]})
+    options = written(tmp_path / "options.json", {"pairs": [["A", "B"]], "stations": [{"levelled_std_gon": 0.1}]})
+    listed = read_request(RequestOptions(photos=photos, options=options), [])
+    assert (listed.paths, listed.inputs["pairs"]) == ([tmp_path / "a.jpg"], [["A", "B"]])
+    assert listed.inputs["stations"][0]["photos"][0]["file"] == str(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize(("text", "pairs"), [("auto", "auto"), ("A:B", [["A", "B"]]), ("S 1:S 2,B:C", None)])
+def test_pairs_are_read(text: str, pairs: object) -> None:
+    assert parsed_pairs(text) == (pairs or [["S 1", "S 2"], ["B", "C"]])
+
+
+@pytest.mark.parametrize("text", ["", "A", "A:B:C", "A:B,", "A:"])
+def test_what_names_no_pairs_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(InvalidRequestError) as refused:
+        parsed_pairs(text)
+    assert "A:B,A:C" in refused.value.faults[0].detail
+
+
+@pytest.mark.parametrize("content", ["[1]", "{", '"x"'])
+def test_a_reference_that_is_no_object_is_refused_by_its_name(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "poses.json"
+    path.write_text(content)
+    with pytest.raises(InvalidRequestError, match=r"poses\.json"):
+        read_request(RequestOptions(reference=path), [])
