@@ -24,10 +24,15 @@ class MemoryWatch:
 
     def _watch(self) -> None:
         while not self._stop.wait(0.1):
-            total = 0
-            for process in psutil.Process().children(recursive=True):
-                try:
-                    total += process.memory_full_info().pss
-                except (psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess):
-                    continue
-            self.peak = max(self.peak, total)
+            self.peak = max(self.peak, memory_below())
+
+
+def memory_below() -> int:
+    """Give the proportional memory of this process's descendants, all together."""
+    total = 0
+    for process in psutil.Process().children(recursive=True):
+        try:
+            total += process.memory_full_info().pss
+        except (psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess):
+            continue
+    return total
