@@ -19,6 +19,8 @@ POINTS_PER_BLOCK = 4.0
 """Least mean number of points in a block."""
 ITERATIONS = 20
 """Least-squares steps at most; three or four suffice without outliers."""
+STRIPS_PER_STEP, MOST_STRIPS = 2.0, 16
+"""So many strips around a pipe go into the step of rounded coordinates, and so many at most into a block."""
 ARC_BINS = 72
 """Bins of 5 degrees in which the seen arc is counted."""
 
@@ -117,15 +119,21 @@ def _block_covariance(
     variances = (n * np.maximum(within, 0.0) + 10.0 * noise**2) / (n + 9.0) / n + NUMERICAL_STD_M**2
     jacobian = np.stack([s * u, s * v, u, v, np.ones_like(u)], axis=1)
     scatter = float(np.sqrt(max(noise**2 - steps.std_m**2, 0.0)))
-    rounded = _rounded(s, u, v, radius, (length / rows, 2 * np.pi * radius / columns), scatter, frame, steps)
-    shared = np.sum([own.variances for own in rounded], axis=0) if rounded else 0.0
+    sides = length / rows, 2 * np.pi / columns
+    waves = [_waves(own, len(used)) for own in _rounded(s, u, v, radius, sides, scatter, frame, steps)]
+    shared = np.sum([np.sum(own**2, axis=1) for own in waves], axis=0) if waves else 0.0
     waviness = estimate_waviness(jacobian, r, variances + shared)
     covariance = honest_covariance(jacobian, r, variances, waviness)
     gain = np.linalg.pinv(jacobian / np.sqrt(variances + waviness)[:, None]) / np.sqrt(variances + waviness)
-    for own in rounded:
-        covariance += gain @ own.covariance() @ gain.T
+    for own in waves:
+        covariance += (gain @ own) @ (gain @ own).T
     fill = len(used) / (rows * len(np.unique(used % columns)))
     return fill, waviness, covariance
+
+
+def _waves(pieces: RoundedPieces, blocks: int) -> Array:
+    """Give the error of each block by rounding, from those of its parts: columns are independent (blocks, 12) [m]."""
+    return np.hstack([part.reshape(blocks, -1, part.shape[1]).mean(axis=1) for part in pieces.waves()])
 
 
 def _rounded(
@@ -138,12 +146,22 @@ def _rounded(
     frame: Matrix3,
     steps: CoordinateSteps,
 ) -> list[RoundedPieces]:
-    """Say how the blocks meet the steps of rounded coordinates: a pipe along an axis meets them alike everywhere."""
-    normals = np.column_stack([cosines, sines, np.zeros_like(along)])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    positions = radius * normals + np.outer(along, [0.0, 0.0, 1.0])
-    around = np.column_stack([-normals[:, 1], normals[:, 0], np.zeros_like(along)])
-    extents = np.stack([np.tile([0.0, 0.0, sides[0]], (len(along), 1)), sides[1] * around], axis=1) @ frame.T
-    scatter = np.full(len(along), scatter_m)
+    """Say how the blocks meet the steps of rounded coordinates: a pipe along an axis meets them alike everywhere.
+
+    A block of `sides` (length [m], arc [rad]) is cut into strips along the pipe, those of a block in a row: where
+    the surface lies across an axis only a strip as narrow as the step is wide lies on one step.
+    """
+    finest = float(np.max(steps.axes_m, initial=0.0))
+    if finest == 0.0:
+        return []
+    strips = int(np.clip(np.ceil(STRIPS_PER_STEP * sides[1] * radius / finest), 1, MOST_STRIPS))
+    offsets = ((np.arange(strips) + 0.5) / strips - 0.5) * sides[1]
+    angles = (np.arctan2(sines, cosines)[:, None] + offsets).ravel()
+    normals = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
+    positions = radius * normals + np.outer(np.repeat(along, strips), [0.0, 0.0, 1.0])
+    around = np.column_stack([-normals[:, 1], normals[:, 0], np.zeros_like(angles)])
+    lengthwise = np.tile([0.0, 0.0, sides[0]], (len(angles), 1))
+    extents = np.stack([lengthwise, sides[1] * radius / strips * around], axis=1) @ frame.T
+    scatter = np.full(len(angles), scatter_m)
     pieces = rounded_pieces(steps, positions @ frame.T, normals @ frame.T, extents, scatter, None)
     return [own for own in pieces if own.damping.any()]

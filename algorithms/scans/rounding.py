@@ -38,6 +38,15 @@ class RoundedPieces:
         """(p,) variance of the mean of each piece [m2]."""
         return np.asarray(np.square(self.step_m * self.slopes) * (np.square(self.damping) @ SHARES))
 
+    def waves(self) -> tuple[Array, Array]:
+        """Give the cosine and the sine part of each harmonic of the error of each piece, (p, 6) each [m].
+
+        Parts of a piece have the mean of theirs; the covariance of pieces is the sum of the products of both parts.
+        """
+        angles = 2.0 * np.pi * self.places[:, None] * HARMONICS
+        size = self.step_m * self.slopes[:, None] * self.damping * np.sqrt(SHARES)
+        return size * np.cos(angles), size * np.sin(angles)
+
     def covariance(self, losses: Array | None = None) -> Array:
         """Give the covariance (p, p) of the means of all pieces [m2].
 
@@ -46,12 +55,10 @@ class RoundedPieces:
         losses
             (p, p) variance of what is not known of the difference of two places, in squared steps; None: all is known.
         """
-        angles = 2.0 * np.pi * self.places[:, None] * HARMONICS
-        size = self.step_m * self.slopes[:, None] * self.damping * np.sqrt(SHARES)
-        cosines, sines = size * np.cos(angles), size * np.sin(angles)
+        cosines, sines = self.waves()
         if losses is None:
             return np.asarray(cosines @ cosines.T + sines @ sines.T)
-        total = np.zeros((len(size), len(size)))
+        total = np.zeros((len(cosines), len(cosines)))
         for m, harmonic in enumerate(HARMONICS.tolist()):
             own = np.outer(cosines[:, m], cosines[:, m]) + np.outer(sines[:, m], sines[:, m])
             total += own * np.exp(-2.0 * (np.pi * harmonic) ** 2 * losses)
