@@ -77,8 +77,10 @@ def distortion_of(kind, place, seed):
 
 def said_of(pair, factor):
     """Say what a pair's result states, and how far it is off."""
-    scale = getattr(pair.result, "scale", None)
-    stated = f"; scale: {scale}" if scale is not None else ""
+    tested = pair.result.rigidity
+    stated = ""
+    if tested is not None and tested.scale is not None:
+        stated = f"; {tested.kind}, scale {tested.scale.value:.5f} ± {tested.scale.std:.5f}, gain {tested.gain:.3f}"
     return f"{factor:.5f}: {pair}{stated}; {'; '.join(pair.reasons)}"
 
 
