@@ -48,7 +48,7 @@ def test_of_twelve_equal_jobs_the_first_ends_early_and_only_those_run_of_which_s
     assert most_running <= SLOTS + 1
 
 
-def test_under_a_flood_of_one_project_the_first_step_of_another_begins_within_two_steps(service: Harness) -> None:
+def test_under_a_flood_of_one_project_another_begins_within_the_time_of_two_steps(service: Harness) -> None:
     flood = [three_stages(service, f"flood{number}", owner="flood") for number in range(40)]
     service.start_worker()
     wait_until(lambda: len(service.events("end")) >= 4, WITHIN_S)
@@ -56,6 +56,7 @@ def test_under_a_flood_of_one_project_the_first_step_of_another_begins_within_tw
     begun = len(service.events("start"))
     service.finished(other, WITHIN_S)
     order = [words[1] for words in service.events("start")]
-    assert next(place for place, name in enumerate(order) if name.startswith("other")) - begun <= 2
+    # two steps' time: what the slots had taken before, and may not have told yet, and one step more of each
+    assert next(place for place, name in enumerate(order) if name.startswith("other")) - begun <= 2 * SLOTS
     for job in flood:
         service.jobs.dismiss(job, service.job(job).created)
