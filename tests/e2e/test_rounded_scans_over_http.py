@@ -12,6 +12,8 @@ from algorithms.simulation.scenes import SCENES
 from tests.e2e.running_service import Document, RunningService
 from tests.e2e.virtual_scans import simulate
 
+pytestmark = pytest.mark.slow
+
 STEP_M = 0.01
 SHIFT_M = np.array([0.0037, -0.0043, 0.0031])
 """Of the second scan, so that walls lie elsewhere between its steps."""

@@ -12,6 +12,8 @@ from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scenes import SCENES
 
+pytestmark = pytest.mark.slow
+
 SMALL = ((240, 540),)
 """Rows and columns of scans that take a second."""
 NUMBERS = (3, 8, 9)

@@ -12,6 +12,8 @@ from algorithms.features.merged_lines import merge_lines
 from algorithms.features.projection_options import MergeOptions
 from algorithms.geometry.lines import Lines
 
+pytestmark = pytest.mark.slow
+
 EXACT = MergeOptions(alpha=1e-12, max_distance_m=1.0, rounding_std_m=0.0)
 BOTH, ONLY_SCAN, ONLY_PHOTO = 3, 1, 6
 """Edges that scan and photo see, and those that only one of them sees."""

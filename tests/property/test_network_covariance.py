@@ -1,6 +1,7 @@
 """The joint adjustment of many stations is as good as it says (chi-square over simulated networks)."""
 
 import numpy as np
+import pytest
 from line_scenes import pose_error
 from scipy import stats
 from station_networks import station_network
@@ -11,6 +12,7 @@ NETWORKS = 12
 STATIONS = 6
 
 
+@pytest.mark.slow
 def test_errors_of_all_stations_together_and_of_each_are_as_large_as_their_covariance_says() -> None:
     rng = np.random.default_rng(1984)
     together, single, removed, used = [], [], 0, 0

@@ -153,6 +153,7 @@ def test_planes_that_are_known_much_better_give_the_pose_alone() -> None:
     assert error_m(result) < 0.0001
 
 
+@pytest.mark.slow
 def test_errors_of_joined_poses_are_as_large_as_their_covariances_say() -> None:
     rooms, nees = 12, []
     for seed in range(rooms):

@@ -81,6 +81,7 @@ def test_surfaces_are_slid_along_each_other_over_any_distance() -> None:
     assert abs(offsets[0, 0]) < 4e9 / sliding_kernels.MOST_BINS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("metres", [1e3, 1e6])
 def test_a_pair_in_another_unit_ends_with_an_answer(metres: float) -> None:
     rng = np.random.default_rng(8)

@@ -140,6 +140,7 @@ def test_features_do_not_depend_on_the_order_of_the_points(points, seen):
     assert np.sort(other.lines.lengths) == pytest.approx(np.sort(seen.lines.lengths), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_covariance_of_a_plane_seen_from_near_to_far_is_honest():
     squares = []
     for seed in range(20):

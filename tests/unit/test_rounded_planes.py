@@ -49,6 +49,7 @@ def fitted(rng: np.random.Generator, crossed: float, noise_m: float) -> tuple[np
     return found - np.array([-slope[0], -slope[1], offset]), np.sqrt(np.diag(covariance))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crossed", [1.0, 2.5, 6.0, 30.0, 1000.0])
 @pytest.mark.parametrize("noise_m", [0.0002, 0.002, 0.005])
 def test_offset_and_tilts_err_as_they_say_however_many_steps_a_plane_crosses(crossed: float, noise_m: float) -> None:
