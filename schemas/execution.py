@@ -1,8 +1,10 @@
 """The body of an execution request, whatever the process."""
 
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, Generic, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, create_model
 
 from schemas.base import RequestModel
 from schemas.subscriber import Subscriber
@@ -28,6 +30,13 @@ class OutputRequest(RequestModel):
     format: OutputFormat | None = None
 
 
+class FileOutputRequest(RequestModel):
+    """How an output of files is wanted. Each such output adds its `format`, a choice of names, and its options."""
+
+    transmission_mode: Literal["reference"] = Field(default="reference", alias="transmissionMode")
+    """Only by reference: the result has links to the files."""
+
+
 class ExecuteRequest(RequestModel, Generic[InputsT]):
     """Inputs of a process and how its outputs are wanted."""
 
@@ -39,3 +48,63 @@ class ExecuteRequest(RequestModel, Generic[InputsT]):
     """`raw`: a single wanted output comes without the enclosing document, several as parts of `multipart/related`."""
     subscriber: Subscriber | None = None
     """Who is told how a run in the background goes; a synchronous run tells nobody."""
+
+    def wanted(self) -> tuple[str, ...]:
+        """Name the outputs that are wanted; none: all, but for files."""
+        return tuple(self.outputs or ())
+
+    def wanted_files(self) -> dict[str, FileOutputRequest]:
+        """Give how those outputs are wanted that are files."""
+        return {}
+
+
+class WantedOutputs(RequestModel):
+    """Wanted outputs by name: of files as each allows, all others as JSON."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, OutputRequest]
+
+
+class ExecuteForFiles(ExecuteRequest[InputsT], Generic[InputsT]):
+    """Inputs of a process that can make files, and how its outputs are wanted."""
+
+    outputs: WantedOutputs | None = None  # type: ignore[assignment]
+    """Wanted outputs; left out: all but files."""
+
+    def wanted(self) -> tuple[str, ...]:
+        """Name the outputs that are wanted; none: all, but for files."""
+        return () if self.outputs is None else (*self.wanted_files(), *(self.outputs.__pydantic_extra__ or ()))
+
+    def wanted_files(self) -> dict[str, FileOutputRequest]:
+        """Give how those outputs are wanted that are files."""
+        if self.outputs is None:
+            return {}
+        named = {name: getattr(self.outputs, name) for name in type(self.outputs).model_fields}
+        return {name: wanted for name, wanted in named.items() if wanted is not None}
+
+
+def request_model(
+    inputs: type[RequestModel], file_outputs: Mapping[str, type[FileOutputRequest]]
+) -> type[ExecuteRequest[Any]]:
+    """Give the model of execution requests of a process.
+
+    Parameters
+    ----------
+    inputs
+        Its inputs.
+    file_outputs
+        How those of its outputs are asked for that are files.
+    """
+    return _request_model(inputs, tuple(file_outputs.items()))
+
+
+@lru_cache(maxsize=100)
+def _request_model(
+    inputs: type[RequestModel], file_outputs: tuple[tuple[str, type[FileOutputRequest]], ...]
+) -> type[ExecuteRequest[Any]]:
+    if not file_outputs:
+        return ExecuteRequest.__class_getitem__(inputs)  # type: ignore[return-value]
+    fields: dict[str, Any] = {name: (wanted | None, Field(default=None)) for name, wanted in file_outputs}
+    outputs = create_model(f"{inputs.__name__.removesuffix('Inputs')}Outputs", __base__=WantedOutputs, **fields)
+    base: type[ExecuteRequest[Any]] = ExecuteForFiles.__class_getitem__(inputs)  # type: ignore[assignment]
+    return create_model(base.__name__, __base__=base, outputs=(outputs | None, Field(default=None)))

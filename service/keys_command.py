@@ -13,10 +13,10 @@ from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Key
+from service.processes import OFFERED_PROCESSES
 from service.refusals import NoSuchKeyError
 from service.settings import Settings
 from service.use_cases.callback_signatures import UNSIGNED, derived_secret
-from service.use_cases.describe_processes import OFFERED_PROCESSES
 from service.use_cases.manage_keys import create_key, revoke_key, shown_project
 
 DAYS = re.compile(r"([1-9][0-9]{0,4})d")

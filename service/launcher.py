@@ -38,7 +38,7 @@ from service.use_cases.adopt_files import adopt_files
 from service.use_cases.content_keys import INCOMING
 from service.use_cases.service_proof import LOCK, new_secret
 
-DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+DEFAULT_PLANS = "service.processes:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
 CHECK_INTERVAL_S = 0.2
 STOP_WITHIN_S = 8.0

@@ -38,6 +38,7 @@ from service.adapters.shared_uploads import upload_store_of
 from service.dependencies import AccessStores, Adapters
 from service.errors import ServiceError
 from service.ports import UploadStore
+from service.processes import PROCESSES
 from service.routes import (
     audit,
     files,
@@ -63,7 +64,7 @@ from service.settings import Settings
 from service.use_cases.check_access import Gatekeeper
 from service.use_cases.check_readiness import ReadinessWatch, check_readiness
 from service.use_cases.clean_up import Cleaner
-from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
+from service.use_cases.describe_processes import inlined
 from service.use_cases.forget_old import forget_old
 from service.use_cases.quotas import Belongings
 from service.use_cases.receive_uploads import UploadDesk
@@ -216,8 +217,7 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
         components["ProblemDocument"] = {key: value for key, value in PROBLEM_SCHEMA.items() if key != "$defs"}
         components["Execute"] = {
             "anyOf": [
-                {**inlined(process.request_model.model_json_schema()), "title": process.title}
-                for process in OFFERED_PROCESSES.values()
+                {**inlined(process.request_model.model_json_schema()), "title": process.title} for process in PROCESSES
             ]
         }
         _drop_422(document)

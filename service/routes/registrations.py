@@ -19,6 +19,7 @@ from service.dependencies import (
 )
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
 from service.ports import Subscription
+from service.processes.register import REGISTER
 from service.routes.files import COLUMNS, file_intake
 from service.routes.leaving_clients import marked, unless_client_leaves
 from service.routes.problems import PROBLEM_RESPONSES
@@ -127,7 +128,7 @@ async def register(
     intake = file_intake(belongings, adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
     now = datetime.now(UTC)
-    work = register_uploads(intake, form, subscribe, now, origin)
+    work = register_uploads(REGISTER, intake, form, subscribe, now, origin)
     job = await unless_client_leaves(request, work, form.read)
     return created_job(job, url)
 

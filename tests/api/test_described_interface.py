@@ -21,8 +21,8 @@ from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobL
 from service.dependencies import Adapters
 from service.main import create_app
 from service.ports import Job, JobStatus
+from service.processes import OFFERED_PROCESSES
 from service.settings import Settings
-from service.use_cases.describe_processes import OFFERED_PROCESSES
 from tests.api.conftest import Client, FakeSteps
 
 pytestmark = pytest.mark.service

@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 import pytest
 
 from service.ports import StoredFile
+from service.processes import PLANS
 from service.use_cases.feature_keys import feature_key, features_of_content
-from service.use_cases.plans import PLANS
 
 SHA256 = "a" * 64
 

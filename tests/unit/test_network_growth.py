@@ -15,7 +15,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, next_pairs
 from algorithms.network.similarity import distance_profile, similarities
 from algorithms.network.whereabouts import Whereabouts, whereabouts_of
-from service.use_cases.plans import RegisterPlan
+from service.processes.register.plan import RegisterPlan
 
 NO_LINES = LineScene(np.empty((0, 3)), np.empty((0, 3)))
 

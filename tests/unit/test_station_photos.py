@@ -21,10 +21,10 @@ from service.adapters.memory import MemoryBlobStore
 from service.errors import UnreadableFileError
 from service.formats.photo import PhotoInfo, camera_document
 from service.ports import StepContext
+from service.processes.extract_lines import ExtractLinesPlan
 from service.settings import Settings
 from service.use_cases.edges_drawing import LINE_COLORS, lines_png
 from service.use_cases.feature_keys import feature_key, photos_identity
-from service.use_cases.plans import ExtractLinesPlan
 from service.use_cases.station_photos import pose_of_camera, read_station_photo
 from tests.photo_wall import CAMERA, CORNERS, SCAN_FROM_CAMERA, wall_photo, wall_scan
 from tests.unit.test_formats_e57_photos import Picture, written

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from service.use_cases.describe_processes import OFFERED_PROCESSES
+from service.processes import OFFERED_PROCESSES
 from service.use_cases.validate_request import validated
 
 CAMERA = {"width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
