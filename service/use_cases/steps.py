@@ -5,5 +5,6 @@ from collections.abc import Mapping
 SHARED_STEPS: Mapping[str, str] = {
     "inspect-file": "service.use_cases.run_features:inspect_uploaded_file",
     "fetch-file": "service.use_cases.run_fetch:fetch_file",
+    "read-poses": "service.use_cases.job_poses:read_poses",
     "features": "service.use_cases.run_features:extract_features_with_kernels",
 }

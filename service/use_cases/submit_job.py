@@ -16,6 +16,7 @@ from service.settings import Settings
 from service.use_cases.fetch_files import Fetch, without_absence
 from service.use_cases.identifiers import MakeIdentifier, new_identifier
 from service.use_cases.quotas import Belongings, admit_job
+from service.use_cases.stations_of_jobs import with_stations_of_jobs
 from service.use_cases.validate_request import WRONG_FIELDS, pointer_to, validated
 
 
@@ -63,16 +64,17 @@ def check_execution(process: Process[Any], body: Any, stored: Stored, fetches: t
             WRONG_FIELDS,
             [FieldFault(pointer_to("outputs", name), f"'{process.id}' has no such output") for name in unknown],
         )
+    inputs = with_stations_of_jobs(request.inputs, stored)
     try:
-        process.check(request.inputs, stored)
+        process.check(inputs, stored)
     except InvalidRequestError as error:
         other = without_absence(error, fetches)
         if other is not None:
             raise other from None
     return Execution(
         process,
-        _as_stored(process, request.inputs),
-        _files_of(request.inputs),
+        _as_stored(process, inputs),
+        _files_of(inputs),
         wanted or None,
         request.response == "raw",
         request.subscriber,
