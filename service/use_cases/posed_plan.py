@@ -29,7 +29,8 @@ class PosesFirst:
         if not wanted:
             return self.plan.next_stage(_with_poses(job, {}), outputs)
         if not outputs:
-            arguments = {"job_id": job["id"], "stations": wanted}
+            results = [f"jobs/{job_id}/result.json" for job_id in dict.fromkeys(job_id for job_id, _ in wanted)]
+            arguments = {"job_id": job["id"], "stations": wanted, "reads": results}
             return [StepCall("read-poses", arguments, "reading the poses", weight=READING_WEIGHT)]
         return self.plan.next_stage(_with_poses(job, outputs[0][0]["poses"]), outputs[1:])
 

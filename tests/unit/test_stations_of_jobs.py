@@ -157,6 +157,7 @@ def test_jobs_of_other_projects_do_not_exist(stored: Stored) -> None:
 def test_poses_are_read_first_and_stations_without_one_are_left_out_with_the_reason(stored: Stored) -> None:
     job = job_of(checked(stored, {"jobID": "done"}))
     (reading,) = MOVE.plan.next_stage(job, []) or []
+    assert reading.arguments["reads"] == ["jobs/done/result.json"]
     blobs = MemoryBlobStore()
     blobs.write_bytes("jobs/done/result.json", json.dumps(RESULT).encode())
     poses = read_poses(context(blobs), reading.arguments)
