@@ -19,8 +19,10 @@ class ProcessSummary(ResponseModel):
     version: str
     job_control_options: list[JobControlOption] = Field(serialization_alias="jobControlOptions")
     """How it may be run."""
-    output_transmission: list[Literal["value"]] = Field(default=["value"], serialization_alias="outputTransmission")
-    """How outputs are handed over."""
+    output_transmission: list[Literal["value", "reference"]] = Field(
+        default=["value"], serialization_alias="outputTransmission"
+    )
+    """How outputs are handed over; by reference: those that are files."""
     links: list[Link]
 
 

@@ -141,6 +141,7 @@ def _summary(process: Process[Any], url: BaseUrl) -> ProcessSummary:
         description=process.description,
         version=process.version,
         job_control_options=list(process.job_control),
+        output_transmission=["value", "reference"] if process.file_outputs else ["value"],
         links=[
             Link(href=here, rel="self", title="Description of the process"),
             Link(href=f"{here}/execution", rel=EXECUTE, title="POST to run it"),
