@@ -18,6 +18,7 @@ class OutputFormat(RequestModel):
     media_type: Literal["application/json"] = Field(default="application/json", alias="mediaType")
     """Outputs are JSON."""
     encoding: Literal["utf-8", "UTF-8"] | None = None
+    """Of the text."""
     json_schema: Any = Field(default=None, alias="schema")
     """Schema that the client expects; only noted."""
 
@@ -28,6 +29,7 @@ class OutputRequest(RequestModel):
     transmission_mode: Literal["value"] = Field(default="value", alias="transmissionMode")
     """Only by value."""
     format: OutputFormat | None = None
+    """Null: JSON."""
 
 
 class FileOutputRequest(RequestModel):

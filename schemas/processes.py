@@ -14,9 +14,13 @@ class ProcessSummary(ResponseModel):
     """What a process is."""
 
     id: str
+    """As in addresses."""
     title: str
+    """What a person calls it."""
     description: str
+    """What it does."""
     version: str
+    """Changes with what goes in and comes out."""
     job_control_options: list[JobControlOption] = Field(serialization_alias="jobControlOptions")
     """How it may be run."""
     output_transmission: list[Literal["value", "reference"]] = Field(
@@ -24,23 +28,29 @@ class ProcessSummary(ResponseModel):
     )
     """How outputs are handed over; by reference: those that are files."""
     links: list[Link]
+    """Where to go from here."""
 
 
 class ProcessList(ResponseModel):
     """Every process of this service."""
 
     processes: list[ProcessSummary]
+    """The processes."""
     links: list[Link]
+    """Where to go from here."""
 
 
 class InputDescription(ResponseModel):
     """One input of a process."""
 
     title: str
+    """What a person calls it."""
     description: str
+    """What it is, in words."""
     min_occurs: int = Field(default=1, serialization_alias="minOccurs")
     """0 when it may be left out."""
     max_occurs: int = Field(default=1, serialization_alias="maxOccurs")
+    """How many values it may have."""
     json_schema: dict[str, Any] = Field(serialization_alias="schema")
     """JSON Schema of its value."""
 
@@ -49,7 +59,9 @@ class OutputDescription(ResponseModel):
     """One output of a process."""
 
     title: str
+    """What a person calls it."""
     description: str
+    """What it is, in words."""
     json_schema: dict[str, Any] = Field(serialization_alias="schema")
     """JSON Schema of its value."""
 
@@ -58,4 +70,6 @@ class ProcessDescription(ProcessSummary):
     """A process with its inputs and outputs."""
 
     inputs: dict[str, InputDescription]
+    """What goes in, by name."""
     outputs: dict[str, OutputDescription]
+    """What comes out, by name."""
