@@ -104,9 +104,15 @@ def request_model(
 def _request_model(
     inputs: type[RequestModel], file_outputs: tuple[tuple[str, type[FileOutputRequest]], ...]
 ) -> type[ExecuteRequest[Any]]:
+    """Make the model, which is called after the inputs."""
+    stem = inputs.__name__.removesuffix("Inputs")
+    doc = ExecuteRequest.__doc__
     if not file_outputs:
-        return ExecuteRequest.__class_getitem__(inputs)  # type: ignore[return-value]
+        base: type[ExecuteRequest[Any]] = ExecuteRequest.__class_getitem__(inputs)  # type: ignore[assignment]
+        return create_model(f"Execute{stem}", __base__=base, __doc__=doc)
     fields: dict[str, Any] = {name: (wanted | None, Field(default=None)) for name, wanted in file_outputs}
-    outputs = create_model(f"{inputs.__name__.removesuffix('Inputs')}Outputs", __base__=WantedOutputs, **fields)
-    base: type[ExecuteRequest[Any]] = ExecuteForFiles.__class_getitem__(inputs)  # type: ignore[assignment]
-    return create_model(base.__name__, __base__=base, outputs=(outputs | None, Field(default=None)))
+    outputs = create_model(f"{stem}Outputs", __base__=WantedOutputs, __doc__=WantedOutputs.__doc__, **fields)
+    base = ExecuteForFiles.__class_getitem__(inputs)  # type: ignore[assignment]
+    text = ExecuteForFiles.model_fields["outputs"].description
+    wanted: Any = (outputs | None, Field(default=None, description=text))
+    return create_model(f"Execute{stem}", __base__=base, __doc__=doc, outputs=wanted)

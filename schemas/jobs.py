@@ -7,6 +7,7 @@ from pydantic import Field
 
 from schemas.base import ResponseModel
 from schemas.links import Link
+from schemas.registration_result import Artifact
 
 
 class StatusInfo(ResponseModel):
@@ -49,19 +50,6 @@ class JobList(ResponseModel):
     """Jobs on this page."""
     links: list[Link]
     """Where to go from here."""
-
-
-class Artifact(ResponseModel):
-    """One download of a finished job."""
-
-    name: str
-    """What the download is called."""
-    type: str
-    """Media type."""
-    bytes: int
-    """Size [bytes]."""
-    href: str
-    """Where it is."""
 
 
 class ArtifactList(ResponseModel):

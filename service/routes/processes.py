@@ -22,6 +22,7 @@ from service.dependencies import (
 )
 from service.ports import Job, Process, Stored
 from service.processes import PROCESSES, offered_process
+from service.routes.described_processes import REFERENCE_TO_RESULTS
 from service.routes.documents import page_links, status_info
 from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
@@ -84,7 +85,10 @@ def get_process(process_id: str, url: BaseUrlDependency) -> ProcessDescription:
     summary="Run a process",
     response_model=StatusInfo,
     responses={
-        200: {"description": "The outputs of a process that answers at once.", "content": OUTPUTS},
+        200: {
+            "description": "The outputs of a process that answers at once.",
+            "content": {**OUTPUTS, "application/json": {"schema": REFERENCE_TO_RESULTS}},
+        },
         204: {"description": NO_OUTPUT},
     },
     openapi_extra={

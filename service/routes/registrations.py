@@ -34,7 +34,6 @@ from service.routes.request_bodies import (
     require_filename,
 )
 from service.use_cases.check_subscriber import checked_subscription
-from service.use_cases.describe_processes import inlined
 from service.use_cases.register_uploads import FormContents, register_uploads
 from service.use_cases.stated_columns import FIELD, HEADER, stated_columns
 from service.use_cases.store_files import FileIntake, Upload
@@ -96,7 +95,7 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
                             "subscriber": {
                                 "type": "string",
                                 "contentMediaType": "application/json",
-                                "contentSchema": inlined(Subscriber.model_json_schema()),
+                                "contentSchema": {"$ref": "#/components/schemas/Subscriber"},
                                 "description": SUBSCRIBER,
                             },
                         },
