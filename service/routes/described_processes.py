@@ -23,6 +23,8 @@ def process_components(processes: Sequence[Process[Any]]) -> dict[str, Schema]:
     found, definitions = models_json_schema([*requests, *results], ref_template=COMPONENTS + "{model}")
     names = {name: _short(name) for name in definitions["$defs"]}
     components = {names[name]: _renamed(schema, names) for name, schema in definitions["$defs"].items()}
+    for name, component in components.items():
+        component["title"] = name  # by which generators call what they make of it
     components[SOME_OUTPUTS] = {
         "title": SOME_OUTPUTS,
         "description": "The outputs that were wanted by name; where one was wanted `raw`, its value.",

@@ -30,6 +30,7 @@ from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import (
+    FILE,
     FormReader,
     body_of,
     columns_of_form,
@@ -63,18 +64,16 @@ UPLOAD_BODY = {
         "content": {
             "multipart/form-data": {
                 "schema": {
+                    "title": "FilesForm",
                     "type": "object",
                     "required": ["file"],
                     "properties": {
-                        "file": {
-                            "type": "array",
-                            "items": {"type": "string", "contentMediaType": "application/octet-stream"},
-                        },
+                        "file": {"type": "array", "items": FILE, "description": "The files, one or more."},
                         "columns": {"type": "string", "description": COLUMNS},
                     },
                 }
             },
-            "application/octet-stream": {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}},
+            "application/octet-stream": {"schema": FILE},
         },
     },
 }

@@ -25,6 +25,7 @@ from service.routes.leaving_clients import marked, unless_client_leaves
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.processes import CALLBACKS, created_job
 from service.routes.request_bodies import (
+    FILE,
     FormReader,
     columns_of_form,
     content_length,
@@ -73,17 +74,18 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
             "content": {
                 "multipart/form-data": {
                     "schema": {
+                        "title": "RegistrationForm",
                         "type": "object",
                         "required": ["scan"],
                         "properties": {
                             "scan": {
                                 "type": "array",
-                                "items": {"type": "string", "contentMediaType": "application/octet-stream"},
+                                "items": FILE,
                                 "description": "Scan files; every scan in them is a station named after its file.",
                             },
                             "photo": {
                                 "type": "array",
-                                "items": {"type": "string", "contentMediaType": "application/octet-stream"},
+                                "items": FILE,
                                 "description": "Photos taken from the stations; `stations` of the options tell where.",
                             },
                             "columns": {"type": "string", "description": COLUMNS},
