@@ -27,8 +27,8 @@ from schemas.correspondences import (
     Removal,
     Triple,
 )
+from service.use_cases.feature_names import line_name, plane_name
 from service.use_cases.pose_documents import PARAMETERS
-from service.use_cases.run_lines_report import line_name, plane_name
 
 STATE_NAMES = {
     CorrespondenceState.USED: "used",

@@ -10,7 +10,7 @@ from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import Member, Tracks
 from schemas.network import LoopClosure, Network, NetworkAdjustment, NetworkLink, RemovedFeature, TrackCounts
 from service.use_cases.adjustment_documents import global_test_document
-from service.use_cases.run_lines_report import line_name, plane_name
+from service.use_cases.feature_names import line_name, plane_name
 
 
 def network_document(

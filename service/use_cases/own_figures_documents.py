@@ -6,8 +6,8 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import OptionalTriple
 from algorithms.registration.base import PairResult
 from schemas.own_figures import OwnFigures, OwnStep
+from service.use_cases.feature_names import line_name
 from service.use_cases.pose_documents import pose_document
-from service.use_cases.run_lines_report import line_name
 
 
 def own_figures_document(result: PairResult, *, target: str, source: str) -> OwnFigures | None:

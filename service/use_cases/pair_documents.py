@@ -32,6 +32,7 @@ from service.use_cases.adjustment_documents import (
     weak_direction_documents,
 )
 from service.use_cases.correspondence_documents import line_correspondences, outliers, plane_correspondences
+from service.use_cases.feature_names import line_name
 from service.use_cases.final_pose_documents import (
     final_rank_document,
     final_weak_directions,
@@ -40,7 +41,6 @@ from service.use_cases.final_pose_documents import (
 )
 from service.use_cases.own_figures_documents import own_figures_document
 from service.use_cases.pose_documents import matrix_rows, pose_document
-from service.use_cases.run_lines_report import line_name
 
 
 def pair_document(

@@ -12,7 +12,7 @@ from algorithms.geometry.lines import Lines
 from schemas.registration_result import Pair, Station
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
 from service.formats.ply_edges_writer import ply_edges
-from service.use_cases.run_lines_report import line_name
+from service.use_cases.feature_names import line_name
 
 COLORS = {
     "used": (0, 128, 96),

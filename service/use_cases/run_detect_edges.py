@@ -19,7 +19,7 @@ from service.formats.photo import camera_document
 from service.ports import Json, StepContext
 from service.use_cases.check_photos import camera_of
 from service.use_cases.content_keys import content_key
-from service.use_cases.run_features import read_limits
+from service.use_cases.read_limits import read_limits
 from service.use_cases.run_lines_report import software
 
 GON = 200.0 / math.pi

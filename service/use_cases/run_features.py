@@ -16,11 +16,11 @@ from algorithms.matching.options import MatchingOptions
 from algorithms.progress import ProgressSection
 from algorithms.scans.scan import Scan
 from schemas.text_columns import checked_columns
-from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
 from service.use_cases.content_keys import content_key
 from service.use_cases.feature_keys import feature_key, photos_identity
 from service.use_cases.feature_store import load_features, save_features
+from service.use_cases.read_limits import read_limits
 
 SEED = 0
 """Every computation draws from a generator with this seed: the same input gives the same answer."""
@@ -180,8 +180,3 @@ def read_stored_scan(context: StepContext, arguments: Json) -> Scan:
         columns=arguments.get("columns") or "",
         unit=arguments.get("unit") or "",
     )
-
-
-def read_limits(context: StepContext) -> ReadLimits:
-    """Give what one file may ask for, from the settings."""
-    return ReadLimits(max_points=context.limits["max_points"], max_pixels=context.limits["max_photo_pixels"])

@@ -22,6 +22,7 @@ from schemas.lines_result import (
 )
 from schemas.registration_result import Artifact, FeatureCount, InputFile, Provenance
 from service.ports import Json, StepContext
+from service.use_cases.feature_names import line_name, plane_name
 from service.use_cases.feature_store import load_features
 from service.use_cases.run_features import SEED
 
@@ -132,16 +133,6 @@ def software() -> str:
 def vector(values: Array) -> Vector:
     """Turn a (3,) array into a JSON triple."""
     return cast("Vector", tuple(float(value) for value in values))
-
-
-def line_name(number: int) -> str:
-    """Name a line of a scan; numbers start at 1."""
-    return f"L{number + 1}"
-
-
-def plane_name(number: int) -> str:
-    """Name a plane of a scan; numbers start at 1."""
-    return f"P{number + 1}"
 
 
 def _lines(features: ScanFeatures) -> list[ExtractedLine]:
