@@ -22,7 +22,7 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
-from service.adapters import database
+from service.adapters.database import let_shrink, migrate
 from service.adapters.child_process import remove_left_scratch
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_keys import DatabaseKeyStore
@@ -104,7 +104,7 @@ def prepare(settings: Settings) -> None:
     """
     keep_private(settings)
     try:
-        database.migrate(settings)
+        migrate(settings)
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
@@ -168,7 +168,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
 def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
     """Bind when it is known that not everybody is let in."""
     prepare(settings)
-    database.let_shrink(settings)
+    let_shrink(settings)
     tables = connect(settings)
     try:
         if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():
