@@ -22,21 +22,21 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
-from service.adapters import database
-from service.adapters.child_process import remove_left_scratch
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_keys import DatabaseKeyStore
-from service.adapters.database_tables import connect
-from service.adapters.impatient_server import ImpatientConnection, allow_many_files
-from service.adapters.local_files import LocalFiles
-from service.adapters.log_output import configure_log
-from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.database import jobs as database
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.keys import DatabaseKeyStore
+from service.adapters.database.tables import connect
+from service.adapters.files.local_files import LocalFiles
+from service.adapters.processes.child_process import remove_left_scratch
+from service.adapters.processes.log_output import configure_log
+from service.adapters.processes.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.web.impatient_server import ImpatientConnection, allow_many_files
 from service.errors import StorageError
+from service.names.content_keys import INCOMING
 from service.refusals import OpenToAllError
 from service.settings import Settings
-from service.use_cases.adopt_files import adopt_files
-from service.use_cases.content_keys import INCOMING
-from service.use_cases.service_proof import LOCK, new_secret
+from service.use_cases.access.service_proof import LOCK, new_secret
+from service.use_cases.uploads.adopt_files import adopt_files
 
 DEFAULT_PLANS = "service.processes:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"

@@ -29,7 +29,7 @@ from service.register_command import (
     wait_for_job,
 )
 from service.register_request import object_in
-from service.use_cases.validate_request import parse_json
+from service.use_cases.inputs.validate_request import parse_json
 
 Document: TypeAlias = dict[str, Any]
 Way: TypeAlias = tuple[str, ...]

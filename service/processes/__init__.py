@@ -14,8 +14,8 @@ from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
 from service.processes.register import REGISTER
-from service.use_cases.fetching_plan import FetchingPlan
-from service.use_cases.steps import SHARED_STEPS
+from service.use_cases.steps.fetching_plan import FetchingPlan
+from service.use_cases.steps.table import SHARED_STEPS
 
 PROCESSES: tuple[Process[Any], ...] = (REGISTER, EXTRACT_LINES, DETECT_EDGES, ECHO)
 

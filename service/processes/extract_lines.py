@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from schemas.extract_lines_inputs import ExtractLinesInputs
 from schemas.lines_result import LinesDocument
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.check_stations import check_station
-from service.use_cases.station_calls import REPORT_WEIGHT, features_call, photos_of
+from service.use_cases.inputs.check_stations import check_station
+from service.use_cases.steps.station_calls import REPORT_WEIGHT, features_call, photos_of
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,6 @@ EXTRACT_LINES = Process(
     inputs=ExtractLinesInputs,
     outputs=LinesDocument,
     plan=ExtractLinesPlan(),
-    steps={"report-lines": "service.use_cases.run_lines_report:report_lines"},
+    steps={"report-lines": "service.use_cases.steps.run_lines_report:report_lines"},
     check=_check,
 )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from schemas.detect_edges_inputs import DetectEdgesInputs
 from schemas.edges_result import EdgesDocument
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.check_photos import check_photo
+from service.use_cases.inputs.check_photos import check_photo
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from schemas.edges_result import DetectedEdge, DetectedPhoto, EdgeCount, EdgesDo
 from schemas.registration_result import Artifact
 from service.formats import read_photo
 from service.formats.photo import camera_document
+from service.names.content_keys import content_key
 from service.ports import Json, StepContext
-from service.use_cases.check_photos import camera_of
-from service.use_cases.content_keys import content_key
-from service.use_cases.run_features import read_limits
-from service.use_cases.run_lines_report import software
+from service.use_cases.inputs.check_photos import camera_of
+from service.use_cases.limits.read_limits import read_limits
+from service.use_cases.steps.run_lines_report import software
 
 GON = 200.0 / math.pi
 CSV_COLUMNS = (
@@ -33,7 +33,7 @@ CSV_COLUMNS = (
 def detect_edges_of_photo(context: StepContext, arguments: Json) -> Json:
     """Detect, and store result document and downloads."""
     from algorithms.photos.detector import detect_edges
-    from service.use_cases.edges_drawing import edges_png
+    from service.use_cases.reports.edges_drawing import edges_png
 
     reference = arguments["inputs"]["photo"]
     options = TypeAdapter(EdgeOptions).validate_python(arguments["inputs"]["edges"])

@@ -4,7 +4,7 @@ from schemas.register_inputs import RegisterInputs
 from schemas.registration_result import RegistrationDocument
 from service.ports import Process, Stored
 from service.processes.register.plan import RegisterPlan
-from service.use_cases.check_stations import check_register_inputs
+from service.use_cases.inputs.check_stations import check_register_inputs
 
 
 def _check(inputs: RegisterInputs, stored: Stored) -> None:
@@ -21,10 +21,10 @@ REGISTER = Process(
     outputs=RegistrationDocument,
     plan=RegisterPlan(),
     steps={
-        "register-pair": "service.use_cases.run_pair:register_pair",
-        "choose-pairs": "service.use_cases.run_network_growth:choose_pairs",
-        "adjust-network": "service.use_cases.run_network:adjust_network",
-        "report-registration": "service.use_cases.run_registration_report:report_registration",
+        "register-pair": "service.use_cases.steps.run_pair:register_pair",
+        "choose-pairs": "service.use_cases.steps.run_network_growth:choose_pairs",
+        "adjust-network": "service.use_cases.steps.run_network:adjust_network",
+        "report-registration": "service.use_cases.steps.run_registration_report:report_registration",
     },
     check=_check,
 )

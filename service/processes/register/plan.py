@@ -6,7 +6,7 @@ from itertools import combinations
 
 from algorithms.network.options import ALL_PAIRS_UP_TO
 from service.ports import Json, StepCall
-from service.use_cases.station_calls import REPORT_WEIGHT, features_call, scan_of
+from service.use_cases.steps.station_calls import REPORT_WEIGHT, features_call, scan_of
 
 PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT = 2.0, 0.3, 0.3
 MOST_ROUNDS = 12

@@ -1,0 +1,10 @@
+"""Steps that the plans of all processes may call, and those of files that arrive: ``module:function`` by name."""
+
+from collections.abc import Mapping
+
+SHARED_STEPS: Mapping[str, str] = {
+    "inspect-file": "service.use_cases.steps.run_features:inspect_uploaded_file",
+    "fetch-file": "service.use_cases.steps.run_fetch:fetch_file",
+    "read-poses": "service.use_cases.steps.job_poses:read_poses",
+    "features": "service.use_cases.steps.run_features:extract_features_with_kernels",
+}
