@@ -85,8 +85,8 @@ def register(
     photos: Annotated[
         Path | None,
         typer.Option(
-            help="JSON file that names the photos of each station with their cameras and poses (see service/PHOTOS.md); its "
-            "stations may also have `levelled_std_gon`, `approximate_pose` and `point_std_m`.",
+            help="JSON file that names the photos of each station with their cameras and poses (see service/PHOTOS.md); "
+            "its stations may also have `levelled_std_gon`, `approximate_pose` and `point_std_m`.",
             exists=True,
             dir_okay=False,
         ),
