@@ -85,7 +85,7 @@ def register(
     photos: Annotated[
         Path | None,
         typer.Option(
-            help="JSON file that names the photos of each station with their cameras and poses (see service/PHOTOS.md); "
+            help="JSON file that names the photos of each station with cameras and poses (see service/PHOTOS.md); "
             "its stations may also have `levelled_std_gon`, `approximate_pose` and `point_std_m`.",
             exists=True,
             dir_okay=False,
