@@ -101,8 +101,9 @@ class AttackedService:
         """Do something to a victim that it, or the service, must survive; what needs the operator is mended at once."""
         getattr(self, f"_kill_{victim}")()
 
-    def victims(self) -> Sequence[str]:
-        return [*VICTIMS, *([] if self.server is None else ["database"])]
+    @property
+    def kind(self) -> str:
+        return "sqlite" if self.server is None else "postgresql"
 
     def _kill_computation(self) -> None:
         for process in self.running.computations()[:1]:
@@ -209,6 +210,11 @@ class AttackedService:
 
 
 VICTIMS = ("computation", "worker", "api", "everything", "in_order", "life_of_worker", "breath_of_worker")
+
+
+def victims_beside(kind: str) -> Sequence[str]:
+    """Name what may die where a kind of database is used."""
+    return [*VICTIMS, *(["database"] if kind == "postgresql" else [])]
 
 
 def _end(process: psutil.Process) -> None:
