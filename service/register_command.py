@@ -161,7 +161,7 @@ def wait_for_job(client: ServiceClient, job_id: str, console: Console) -> Docume
     """
     try:
         if not console.is_terminal:
-            return client.wait(job_id, _Lines(console).tell)
+            return client.wait(job_id, ProgressLines(console).tell)
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console) as bars:
             bar = bars.add_task("waiting", total=100)
@@ -173,19 +173,20 @@ def wait_for_job(client: ServiceClient, job_id: str, console: Console) -> Docume
         raise
 
 
-class _Lines:
+class ProgressLines:
     """Print what a job does as lines: each step when it begins, and what is said of it now and then."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._step, self._message, self._next = "", "", 0.0
+        self._told: dict[str, tuple[str, float]] = {}
 
     def tell(self, percent: int, message: str) -> None:
-        """Print a line if there is news."""
+        """Print a line if there is news of the step, several of which may take turns in what is said."""
         step, now = message.partition(":")[0], time.monotonic()
-        if message != self._message and (step != self._step or now >= self._next):
-            self._console.print(f"{percent:3d} % {message}", markup=False, highlight=False)
-            self._step, self._message, self._next = step, message, now + LINE_INTERVAL_S
+        last, next_time = self._told.get(step, ("", 0.0))
+        if message != last and now >= next_time:
+            self._console.print(f"{percent:3d} % {message}", markup=False, highlight=False, soft_wrap=True)
+            self._told[step] = message, now + LINE_INTERVAL_S
 
 
 def stations_with_photos(listed: PhotoList, scans: Sequence[Document], photos: Sequence[Document]) -> list[Document]:

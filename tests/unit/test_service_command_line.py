@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from service.demo import print_comparison
 from service.dependencies import Adapters
 from service.main import create_app
 from service.ports import Job
-from service.register_command import keep_results, stations_of, upload_files, wait_for_job
+from service.register_command import ProgressLines, keep_results, stations_of, upload_files, wait_for_job
 from service.result_tables import print_result
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.settings import Settings
@@ -150,6 +151,21 @@ def test_where_nothing_moves_on_the_screen_steps_are_told_line_by_line(client: S
     console = Console(record=True, width=100, force_terminal=False)
     wait_for_job(client, job, console)
     assert console.export_text().splitlines() == ["100 % done"]
+
+
+def test_of_steps_side_by_side_each_is_told_now_and_then_on_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.register_command.LINE_INTERVAL_S", math.inf)
+    console = Console(record=True, width=40, force_terminal=False)
+    lines = ProgressLines(console)
+    for number in range(3):
+        for station in "AB":
+            lines.tell(number, f"features of {station}: compiling the numerical kernels: {number} done")
+    lines.tell(100, "done")
+    assert console.export_text().splitlines() == [
+        "  0 % features of A: compiling the numerical kernels: 0 done",
+        "  0 % features of B: compiling the numerical kernels: 0 done",
+        "100 % done",
+    ]
 
 
 def test_a_refused_request_is_an_error_that_names_the_fields(client: ServiceClient) -> None:
