@@ -1,6 +1,8 @@
 """Register scan files from the command line, through a running service or an embedded one."""
 
+import errno
 import json
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -67,6 +69,7 @@ def register_files(
         The results cannot be written.
     """
     listed = read_request(said, paths)
+    check_writable(output)
     with chosen_service(url, console) as address, ServiceClient(address, key=key) as client:
         files = upload_files(client, paths, console, said.columns) + upload_files(client, listed.paths, console)
         for file in files[: len(paths)]:
@@ -85,6 +88,24 @@ def register_files(
 def default_output(now: datetime) -> Path:
     """Name the folder in which results are kept where nothing is said."""
     return Path(f"tieline-{now:%Y%m%d-%H%M%S}")
+
+
+def check_writable(output: Path) -> None:
+    """Find out before anything is computed whether its results can be written.
+
+    Raises
+    ------
+    OSError
+        They cannot.
+    """
+    place = output.absolute()
+    while not place.exists():
+        place = place.parent
+    wants_file = place == output.absolute() and output.suffix.lower() == ".json"
+    if not place.is_dir() and not wants_file:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
+    if not os.access(place, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
 
 
 def keep_results(client: ServiceClient, job_id: str, result: Document, output: Path) -> None:

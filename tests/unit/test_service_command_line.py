@@ -16,7 +16,14 @@ from service.demo import print_comparison
 from service.dependencies import Adapters
 from service.main import create_app
 from service.ports import Job
-from service.register_command import ProgressLines, keep_results, stations_of, upload_files, wait_for_job
+from service.register_command import (
+    ProgressLines,
+    check_writable,
+    keep_results,
+    stations_of,
+    upload_files,
+    wait_for_job,
+)
 from service.result_tables import print_result
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.settings import Settings
@@ -145,6 +152,15 @@ def test_a_file_for_the_result_gets_the_result_alone(client: ServiceClient, job:
     keep_results(client, job, client.wait(job), tmp_path / "new" / "only.json")
     (kept,) = (tmp_path / "new").iterdir()
     assert json.loads(kept.read_text()) == {"status": "registered"}
+
+
+def test_that_results_cannot_be_written_is_known_before_anything_is_computed(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for output in (tmp_path / "new" / "folder", tmp_path / "only.json", tmp_path):
+        check_writable(output)
+    for output in (tmp_path / "file", tmp_path / "file" / "folder"):
+        with pytest.raises(NotADirectoryError, match="file"):
+            check_writable(output)
 
 
 def test_where_nothing_moves_on_the_screen_steps_are_told_line_by_line(client: ServiceClient, job: str) -> None:
