@@ -8,8 +8,8 @@ from typing import Any
 
 from schemas.register_inputs import RegisterInputs
 from service.errors import FieldFault, InvalidRequestError
-from service.use_cases.read_photo_list import PhotoList, read_photo_list
-from service.use_cases.validate_request import parse_json, validated
+from service.use_cases.inputs.read_photo_list import PhotoList, read_photo_list
+from service.use_cases.inputs.validate_request import parse_json, validated
 
 Document = dict[str, Any]
 ANY_STATIONS = [{"name": name, "scan": {"file": name}} for name in "AB"]
