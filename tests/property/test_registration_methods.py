@@ -136,6 +136,7 @@ def test_swapping_the_scans_changes_neither_status_nor_estimator(method: Any) ->
     )
 
 
+@pytest.mark.slow
 def test_swapping_scans_of_like_rooms_that_share_little_inverts_the_answer() -> None:
     scene = SCENES["office"]()
     scans = simulate_stations(scene, [scene.stations[k] for k in (1, 3)], SCANNER, np.random.default_rng(3))
