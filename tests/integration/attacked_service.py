@@ -101,10 +101,6 @@ class AttackedService:
         """Do something to a victim that it, or the service, must survive; what needs the operator is mended at once."""
         getattr(self, f"_kill_{victim}")()
 
-    @property
-    def kind(self) -> str:
-        return "sqlite" if self.server is None else "postgresql"
-
     def _kill_computation(self) -> None:
         for process in self.running.computations()[:1]:
             _end(process)

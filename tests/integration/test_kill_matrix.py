@@ -7,7 +7,9 @@ part of it. Computation, worker and everything are also killed in tests/e2e/test
 import os
 import random
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,6 +30,8 @@ SMALL = {
     "postgresql": [("worker", 2), ("api", 1), ("everything", 0), ("database", 0), ("database", 1)],
 }
 """What is done where in the small matrix; computations are killed in tests/e2e/test_kill_during_registration.py."""
+Services = Callable[[str], AttackedService]
+"""Give the service on a kind of database."""
 SPARED = {"computation", "api", "in_order", "breath_of_worker", "database"}
 """Those whose worker lives, or stopped in order, are not attempts of the job."""
 
@@ -47,17 +51,17 @@ def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def service(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, scans: Path
-) -> Iterator[AttackedService]:
-    with attacked_service(tmp_path_factory.mktemp(request.param), request.param, scans) as made:
-        yield made
+def services(tmp_path_factory: pytest.TempPathFactory, scans: Path) -> Iterator[Services]:
+    """Run a service for each kind of database, from the first test that wants it to the end of all."""
+    with ExitStack() as running:
+        yield cache(lambda kind: running.enter_context(attacked_service(tmp_path_factory.mktemp(kind), kind, scans)))
 
 
-@pytest.mark.parametrize(("service", "victim", "step"), cells(), indirect=["service"])
+@pytest.mark.parametrize(("kind", "victim", "step"), cells())
 def test_whatever_is_killed_wherever_the_job_ends_right_and_no_finished_step_is_repeated(
-    service: AttackedService, victim: str, step: str
+    services: Services, kind: str, victim: str, step: str
 ) -> None:
+    service = services(kind)
     job = service.register_up_to(step)
     begin = time.monotonic()
     service.attack(victim)
@@ -68,11 +72,12 @@ def test_whatever_is_killed_wherever_the_job_ends_right_and_no_finished_step_is_
         assert service.attempts_of(job) == 1
 
 
-@pytest.mark.parametrize("service", list(SMALL), indirect=True)
+@pytest.mark.parametrize("kind", SMALL)
 @pytest.mark.timeout(1800)
-def test_random_kills_lose_nothing_and_leave_nothing(service: AttackedService) -> None:
+def test_random_kills_lose_nothing_and_leave_nothing(services: Services, kind: str) -> None:
+    service = services(kind)
     rng = random.Random(6)
-    victims = victims_beside(service.kind)
+    victims = victims_beside(kind)
     jobs = [service.register() for _ in range(JOBS_AT_ONCE)]
     begin = time.monotonic()
     for _ in range(KILLS):
