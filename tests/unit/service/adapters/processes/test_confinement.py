@@ -11,6 +11,7 @@ from service.adapters.processes.confinement import available
 from service.adapters.processes.process_limits import DEFAULT_STEPS
 from service.names.content_keys import incoming_key
 from service.settings import Settings
+from tests.measures.patience import patience
 from tests.scenes.hostile.confined_steps import SECRETS
 from tests.unit.service.formats.test_formats_units import COMPOUND, POINTS, las
 
@@ -56,7 +57,7 @@ async def _tried(settings: Settings) -> dict[str, Any]:
             "bytes": 7,
             "others": {**{name: str(path) for name, path in others.items()}, "passwords": "/etc/passwd"},
         }
-        found = await runner.run("inspect-file", arguments, timeout_s=120.0)
+        found = await runner.run("inspect-file", arguments, timeout_s=120.0 * patience())
     finally:
         runner.close()
     assert mine.read_bytes() == b"content"
@@ -104,7 +105,7 @@ def test_the_unit_of_a_reference_system_is_found_by_a_reader_that_sees_its_file_
     runner = ChildProcesses(Settings(data_dir=tmp_path), DEFAULT_STEPS, reads_only=True)
     arguments = {"key": key, "filename": "a.las", "bytes": written.stat().st_size, "columns": ""}
     try:
-        found = asyncio.run(runner.run("inspect-file", arguments, timeout_s=120.0))
+        found = asyncio.run(runner.run("inspect-file", arguments, timeout_s=120.0 * patience()))
     finally:
         runner.close()
     assert found["scans"][0]["unit"] == "us-ft, height m"
