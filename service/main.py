@@ -79,7 +79,7 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings, reserve=True, fresh_s=FRESH_S)
     step_back(settings.niceness)
-    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"), reads_only=True)
+    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"))
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
@@ -203,7 +203,7 @@ def create_app(
 
 def _confinement(settings: Settings) -> str:
     """Say how what reads uploaded files is confined."""
-    return available().text if settings.confine_readers else "off: TIELINE_CONFINE_READERS=false"
+    return available().text if settings.confine_children else "off: TIELINE_CONFINE_CHILDREN=false"
 
 
 def _openapi(app: FastAPI) -> dict[str, Any]:

@@ -55,9 +55,9 @@ class Settings(BaseSettings):
     where a command starts the service for itself, to 19; each step costs a fifth of their share of a processor."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
-    confine_readers: bool = True
-    """Let the process that reads an uploaded file see that file and the libraries only, and no network, where the
-    kernel can do it (Linux: Landlock, seccomp)."""
+    confine_children: bool = True
+    """Let each computation see the files that it reads, and the libraries, only, write to a directory of its own only,
+    and reach no network unless it fetches a file, where the kernel can do it (Linux: Landlock, seccomp)."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
     """Largest upload."""
     max_points: int = Field(default=200_000_000, ge=1)

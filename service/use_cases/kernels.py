@@ -8,6 +8,7 @@ others wait for it and tell how far it is, for to compile the same in each of th
 
 import fcntl
 import hashlib
+import importlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -33,6 +34,22 @@ def practise_once() -> None:
     """Compile the kernels unless they are, or load them."""
     ensure_compiled(_Silence())
     practise()
+
+
+def import_kernels() -> None:
+    """Import all modules with kernels, which look whether they could keep what is compiled."""
+    for path in sorted(KERNELS.rglob("*_kernels.py")):
+        importlib.import_module(".".join((KERNELS.name, *path.relative_to(KERNELS).with_suffix("").parts)))
+
+
+def keep_kernels_as_they_are() -> None:
+    """Load kernels in this process from now on, and compile those that are missing, but keep none for others."""
+    from numba.core.caching import Cache
+
+    def forget(_cache: Cache, _signature: Any, _compiled: Any) -> None:
+        """Do not write to where kernels are kept."""
+
+    Cache.save_overload = forget
 
 
 def compile_once(

@@ -19,7 +19,7 @@ from schemas.text_columns import checked_columns
 from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
 from service.use_cases.content_keys import content_key
-from service.use_cases.feature_keys import feature_key, photos_identity
+from service.use_cases.feature_keys import features_of_step
 from service.use_cases.feature_store import load_features, save_features
 
 SEED = 0
@@ -49,10 +49,7 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
 
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
-    photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
-    owner = arguments.get("owner", "")
-    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
-    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner, reading)
+    key = features_of_step(arguments)
     timings = {"read": 0.0, "features": 0.0}
     if context.blobs.exists(key):
         features = load_features(context.blobs.local_path(key))

@@ -5,7 +5,25 @@ Each imports its module when it runs, because every step starts a process: only 
 
 from collections.abc import Callable, Mapping
 
-from service.ports import Json, StepContext
+from service.ports import Json, StepContext, StepProgress
+
+
+def prepare(step: str, progress: StepProgress) -> None:
+    """Do what a step may do only before it has seen anything of a stranger: load and keep compiled kernels.
+
+    Parameters
+    ----------
+    step
+        Its name.
+    progress
+        Hears what it waits for.
+    """
+    if step in WITH_KERNELS:
+        from service.use_cases.kernels import ensure_compiled, import_kernels, keep_kernels_as_they_are
+
+        ensure_compiled(progress)
+        import_kernels()
+        keep_kernels_as_they_are()
 
 
 def _inspect_file(context: StepContext, arguments: Json) -> Json:
@@ -21,10 +39,8 @@ def _fetch_file(context: StepContext, arguments: Json) -> Json:
 
 
 def _features(context: StepContext, arguments: Json) -> Json:
-    from service.use_cases.kernels import ensure_compiled
     from service.use_cases.run_features import extract_features_of_scan
 
-    ensure_compiled(context.progress)
     return extract_features_of_scan(context, arguments)
 
 
@@ -82,3 +98,5 @@ STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     "detect-edges": _detect_edges,
     "echo": _echo,
 }
+WITH_KERNELS = STEPS.keys() - {"inspect-file", "fetch-file", "echo"}
+"""Those that may call compiled kernels."""
