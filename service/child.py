@@ -83,7 +83,7 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
         tempfile.tempdir = str(scratch)
         if settings.confine_children:
             # compiled kernels are read only from then on: who could write them would be in all computations to come
-            prepare(request["step"], pipe)
+            prepare(request["step"], arguments, pipe)
             confine(
                 [Path(path) for path in request["paths"].values()],
                 scratch,
@@ -92,8 +92,8 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
             )
         result = steps[request["step"]](context, arguments)
         pipe.send({"result": result})
-    except WantedError as error:
-        pipe.send({"wanted": error.key})
+    except WantedError as wanted:
+        pipe.send({"wanted": wanted.key})
     except MemoryError:
         traceback.print_exc()
         limit = memory_bytes / GIGABYTE

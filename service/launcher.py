@@ -24,6 +24,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.adapters import database
 from service.adapters.child_process import remove_left_scratch
+from service.adapters.database_callbacks import seal_old_secrets
 from service.adapters.database_files import DatabaseFileStore
 from service.adapters.database_keys import DatabaseKeyStore
 from service.adapters.database_tables import connect
@@ -36,6 +37,7 @@ from service.refusals import OpenToAllError
 from service.settings import Settings
 from service.use_cases.adopt_files import adopt_files
 from service.use_cases.content_keys import INCOMING
+from service.use_cases.sealed_secrets import seal_of
 from service.use_cases.service_proof import LOCK, new_secret
 
 DEFAULT_PLANS = "service.use_cases.plans:PLANS"
@@ -108,10 +110,11 @@ def prepare(settings: Settings) -> None:
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
+    tables = connect(settings)
+    seal_old_secrets(tables, seal_of(settings))
     if not settings.storage_url:
-        tables = connect(settings)
         adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
-        tables.dispose()
+    tables.dispose()
 
 
 def serve(

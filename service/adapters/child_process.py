@@ -148,18 +148,14 @@ class ChildProcesses:
             raise StepFailedError(to_problem(error)) from error
         return code
 
-    async def _converse(
-        self, request: Json, heard: _Conversation, on_progress: Callable[[float, str], None]
-    ) -> int:
+    async def _converse(self, request: Json, heard: _Conversation, on_progress: Callable[[float, str], None]) -> int:
         """Start the child, listen until it ends; kill it and all it started whatever happens."""
         try:
             return await self._attempt(request, heard, on_progress)
         except NotWarmError:
             return await self._attempt(request, heard, on_progress)
 
-    async def _attempt(
-        self, request: Json, heard: _Conversation, on_progress: Callable[[float, str], None]
-    ) -> int:
+    async def _attempt(self, request: Json, heard: _Conversation, on_progress: Callable[[float, str], None]) -> int:
         reports, reports_end = os.pipe()
         output, output_end = os.pipe()
         try:

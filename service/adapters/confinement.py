@@ -141,10 +141,17 @@ def _libraries(data_dir: Path) -> Iterable[Path]:
     ours = (sys.modules[name] for name in ("service", "schemas", "algorithms") if name in sys.modules)
     packages = [Path(place) for module in ours for place in module.__path__]
     roots = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, sys.exec_prefix) if place]
-    for place in (*packages, *roots):
+    for place in (*packages, *roots, *_kernels()):
         resolved = place.resolve()
         if not data_dir.is_relative_to(resolved):
             yield resolved
+
+
+def _kernels() -> Iterable[Path]:
+    """Give where compiled kernels may be kept other than beside the program."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(os.environ["NUMBA_CACHE_DIR"])
+    yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
 
 
 def _restrict_files(version: int, readable: Sequence[Path], writable: Sequence[Path], *, network: bool) -> None:

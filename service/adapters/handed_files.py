@@ -1,7 +1,8 @@
 """What a computing process is handed, and what it hands back: it knows no store, and has no credentials of one.
 
-Who starts it looks up the blobs that the step needs (`hand_out`); the process reads these paths, and makes blobs in a
-directory of its own (`HandedFiles`), from which those that it may make come into the store when it has ended (`take_in`).
+Who starts it looks up the blobs that the step needs (`hand_out`). The process reads these paths, and makes blobs in a
+directory of its own (`HandedFiles`). From there those that it may make come into the store when it has ended
+(`take_in`).
 """
 
 import os

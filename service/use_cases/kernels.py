@@ -16,23 +16,26 @@ from pathlib import Path
 from typing import Any
 
 from service.ports import StepProgress
-from service.use_cases.warm_up import practise
+from service.use_cases.warm_up import practise, practise_on_photos
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
 LOOK_S = 0.5
 KERNELS = Path(__file__).parents[2] / "algorithms"
+SCANS, PHOTOS = "scans", "photos"
+PRACTICES = {SCANS: practise, PHOTOS: practise_on_photos}
 
 
-def ensure_compiled(progress: StepProgress) -> None:
-    """Return when the kernels are compiled; compile them where nobody has done so, and nobody does."""
+def ensure_compiled(progress: StepProgress, part: str = SCANS) -> None:
+    """Return when the kernels of a part are compiled; compile them where nobody has done so, and nobody does."""
     folder = kept_in()
     if folder is not None:
-        compile_once(folder, practise, counted_kernels, progress)
+        compile_once(folder, PRACTICES[part], counted_kernels, progress, part)
 
 
 def practise_once() -> None:
-    """Compile the kernels unless they are, or load them."""
-    ensure_compiled(_Silence())
+    """Compile the kernels unless they are; load those that most computations need."""
+    for part in PRACTICES:
+        ensure_compiled(_Silence(), part)
     practise()
 
 
@@ -49,7 +52,7 @@ def keep_kernels_as_they_are() -> None:
     def forget(_cache: Cache, _signature: Any, _compiled: Any) -> None:
         """Do not write to where kernels are kept."""
 
-    Cache.save_overload = forget
+    Cache.save_overload = forget  # type: ignore[method-assign]
 
 
 def compile_once(
@@ -57,6 +60,7 @@ def compile_once(
     compile_all: Callable[[], None],
     counted: Callable[[Callable[[int], None]], Any],
     progress: StepProgress,
+    part: str = SCANS,
 ) -> None:
     """Let one process compile, whoever else wants it.
 
@@ -70,8 +74,10 @@ def compile_once(
         Makes the context in which kernels are counted as they are compiled.
     progress
         Hears that, and how far, something is compiled.
+    part
+        Names what is compiled.
     """
-    mark, told = folder / f"tieline-{_fingerprint()}.compiled", folder / "tieline-compiling"
+    mark, told = folder / f"tieline-{part}-{_fingerprint()}.compiled", folder / "tieline-compiling"
     if mark.exists():
         return
     with (folder / "tieline-compiling.lock").open("w") as lock:

@@ -8,20 +8,25 @@ from collections.abc import Callable, Mapping
 from service.ports import Json, StepContext, StepProgress
 
 
-def prepare(step: str, progress: StepProgress) -> None:
+def prepare(step: str, arguments: Json, progress: StepProgress) -> None:
     """Do what a step may do only before it has seen anything of a stranger: load and keep compiled kernels.
 
     Parameters
     ----------
-    step
-        Its name.
+    step, arguments
+        Its name, and what it is told.
     progress
         Hears what it waits for.
     """
-    if step in WITH_KERNELS:
+    parts = [
+        *(["scans"] if step in WITH_KERNELS - {"detect-edges"} else []),
+        *(["photos"] if step == "detect-edges" or (step == "features" and arguments.get("photos")) else []),
+    ]
+    if parts:
         from service.use_cases.kernels import ensure_compiled, import_kernels, keep_kernels_as_they_are
 
-        ensure_compiled(progress)
+        for part in parts:
+            ensure_compiled(progress, part)
         import_kernels()
         keep_kernels_as_they_are()
 

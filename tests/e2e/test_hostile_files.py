@@ -54,7 +54,7 @@ class Inspection:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
         try:
-            answer = asyncio.run(self._run({"key": "incoming/hostile", "filename": name}))
+            answer = asyncio.run(self._run({"key": "incoming/hostile", "filename": name, "bytes": len(content)}))
         except StepFailedError as error:
             pytest.fail(f"{name}: {error.problem}")
         except ComputationFailedError as error:
@@ -67,7 +67,7 @@ class Inspection:
         return answer
 
     async def _run(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        return await self.runner.run("inspect", arguments, timeout_s=PATIENCE_S * patience())
+        return await self.runner.run("inspect-file", arguments, timeout_s=PATIENCE_S * patience())
 
     def is_bounded(self, answer: Mapping[str, Any], content: bytes) -> bool:
         """Tell whether memory kept to what the limits and the length of the file allow."""
