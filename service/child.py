@@ -36,7 +36,7 @@ from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
 from service.use_cases.machine_shares import machine_shares
 from service.use_cases.step_needs import FETCH
-from service.use_cases.steps import prepare
+from service.use_cases.step_preparation import prepare
 
 REPORT_INTERVAL_S = 0.1
 Steps = Mapping[str, Callable[[StepContext, Json], Json]]

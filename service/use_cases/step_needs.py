@@ -11,7 +11,10 @@ from service.use_cases.machine_shares import INSPECT
 
 FETCH = "fetch-file"
 """The step that reaches other servers."""
-FEATURES_OF_SCAN, PAIR, EDGES = "features", "register-pair", "detect-edges"
+FEATURES_OF_SCAN, EDGES = "features", "detect-edges"
+"""Those that always read what was uploaded; others hardly ever do, though they know of it."""
+READS = "reads"
+"""Member of arguments in which a plan lists other blobs, such as results of other jobs of the project."""
 SAID_BY_CLIENTS = "inputs"
 """What a client wrote is not asked for names of blobs."""
 
@@ -53,9 +56,10 @@ def needs_of(step: str, arguments: Json) -> StepNeeds:
         return StepNeeds(contents | {key}, makes=(key,), done_before=key)
     own = f"jobs/{arguments['job_id']}/" if arguments.get("job_id") else ""
     made = frozenset(text for _, text in _texts(named) if text.startswith((FEATURES, own or FEATURES)))
+    made |= frozenset(arguments.get(READS, ()))
     return StepNeeds(
         reads=made | contents if step == EDGES else made,
-        seldom_reads=contents if step == PAIR else frozenset(),
+        seldom_reads=frozenset() if step == EDGES else contents,
         makes=(own,) if own else (),
     )
 

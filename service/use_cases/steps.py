@@ -5,30 +5,7 @@ Each imports its module when it runs, because every step starts a process: only 
 
 from collections.abc import Callable, Mapping
 
-from service.ports import Json, StepContext, StepProgress
-
-
-def prepare(step: str, arguments: Json, progress: StepProgress) -> None:
-    """Do what a step may do only before it has seen anything of a stranger: load and keep compiled kernels.
-
-    Parameters
-    ----------
-    step, arguments
-        Its name, and what it is told.
-    progress
-        Hears what it waits for.
-    """
-    parts = [
-        *(["scans"] if step in WITH_KERNELS - {"detect-edges"} else []),
-        *(["photos"] if step == "detect-edges" or (step == "features" and arguments.get("photos")) else []),
-    ]
-    if parts:
-        from service.use_cases.kernels import ensure_compiled, import_kernels, keep_kernels_as_they_are
-
-        for part in parts:
-            ensure_compiled(progress, part)
-        import_kernels()
-        keep_kernels_as_they_are()
+from service.ports import Json, StepContext
 
 
 def _inspect_file(context: StepContext, arguments: Json) -> Json:
@@ -44,8 +21,10 @@ def _fetch_file(context: StepContext, arguments: Json) -> Json:
 
 
 def _features(context: StepContext, arguments: Json) -> Json:
+    from service.use_cases.kernels import ensure_compiled
     from service.use_cases.run_features import extract_features_of_scan
 
+    ensure_compiled(context.progress)
     return extract_features_of_scan(context, arguments)
 
 
@@ -103,5 +82,3 @@ STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     "detect-edges": _detect_edges,
     "echo": _echo,
 }
-WITH_KERNELS = STEPS.keys() - {"inspect-file", "fetch-file", "echo"}
-"""Those that may call compiled kernels."""
