@@ -107,8 +107,9 @@ class Settings(BaseSettings):
     """Allow these addresses to be those of private networks and of this machine."""
     callback_secret: Literal[""] | CallbackSecret = Field(default="", repr=False)
     """From which the secrets are derived that sign callbacks, one for each project, receiver and process (`tieline keys
-    callback` tells them): `whsec_` and a key in base64, or any text of 16 characters or more; empty: only those whose
-    subscriber brought a secret are signed."""
+    callback` tells them), and the key that encrypts secrets which subscribers bring: `whsec_` and a key in base64, or
+    any text of 16 characters or more; empty: only callbacks whose subscriber brought a secret are signed, and with
+    PostgreSQL such secrets are refused."""
     allow_private_callbacks: bool = False
     """Allow callbacks to addresses of private networks and of this machine."""
     callback_ports: str = Field(default="80,443,8080,8443", pattern=r"^\s*(\d{1,5}\s*(,\s*\d{1,5}\s*)*)?$")

@@ -79,6 +79,10 @@ class HandedFiles:
             raise WantedError(key)
         return self._made.local_path(key)
 
+    def size(self, key: str) -> int:
+        """Give the number of bytes of a blob that was handed or made. FileNotFoundError when absent."""
+        return self.local_path(key).stat().st_size
+
     def exists(self, key: str) -> bool:
         """Tell whether a blob was handed or made."""
         return key in self._paths or self._made.exists(key)

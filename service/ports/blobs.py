@@ -27,6 +27,9 @@ class StepFiles(Protocol):
     def local_path(self, key: str) -> Path:
         """Give a local, readable copy of a blob (the blob itself for a local store). FileNotFoundError when absent."""
 
+    def size(self, key: str) -> int:
+        """Give the number of bytes of a blob. FileNotFoundError when absent."""
+
     def exists(self, key: str) -> bool:
         """Tell whether the key is stored."""
 
@@ -51,9 +54,6 @@ class BlobStore(StepFiles, Protocol):
 
     def move(self, key: str, new_key: str) -> None:
         """Rename a blob; what lay under the new key is replaced. FileNotFoundError when absent."""
-
-    def size(self, key: str) -> int:
-        """Give the number of bytes of a blob. FileNotFoundError when absent."""
 
     def keys(self, prefix: str) -> Sequence[str]:
         """List the keys under a prefix."""
