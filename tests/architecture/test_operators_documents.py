@@ -199,7 +199,7 @@ def test_the_object_store_has_a_user_of_one_bucket_and_a_root_account_whose_pass
         "VGW_IAM_DIR": str(tmp_path / "accounts"),
         "STORAGE_PASSWORD": "password",
     }
-    script = (DOCKER / "storage.sh").read_text().replace("/tmp/ready", str(tmp_path / "ready"))
+    script = (DOCKER / "storage.sh").read_text().replace("/tmp/ready", str(tmp_path / "ready"))  # noqa: S108
     store = subprocess.Popen(["/bin/sh", "-c", script], env=environment)
     try:
         deadline = time.monotonic() + 60.0
