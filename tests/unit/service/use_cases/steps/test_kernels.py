@@ -12,7 +12,7 @@ import pytest
 from numba import njit
 from numba.core.caching import Cache
 
-from service.use_cases import kernels
+from service.use_cases.steps import kernels
 from service.use_cases.steps.kernels import (
     COMPILING,
     compile_once,
