@@ -94,7 +94,7 @@ def app_from_environment() -> FastAPI:
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
-        log.info("what reads uploaded files is confined", by=_confinement(settings))
+        log.info("computations are confined", by=_confinement(settings))
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         try:
             await asyncio.to_thread(reserve_connections, database)
@@ -200,7 +200,7 @@ def create_app(
 
 
 def _confinement(settings: Settings) -> str:
-    """Say how what reads uploaded files is confined."""
+    """Say how computations are confined."""
     return available().text if settings.confine_children else "off: TIELINE_CONFINE_CHILDREN=false"
 
 

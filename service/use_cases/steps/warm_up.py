@@ -28,6 +28,7 @@ def load_for_registration() -> None:
     import algorithms.registration.auto_registration
     import algorithms.registration.line_registration  # noqa: F401 - loaded for the computations
     from service.use_cases.documents import line_counts, pair_documents  # noqa: F401
+    from service.use_cases.steps import link_store, run_pair, station_priors  # noqa: F401
 
     load_for_reading()
 
