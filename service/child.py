@@ -20,9 +20,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
+from service.adapters.files.handed_files import HandedFiles
 from service.adapters.outgoing.remote_sources import RemoteSources
 from service.adapters.processes.confinement import confine
-from service.adapters.processes.handed_files import HandedFiles, WantedError
+from service.adapters.processes.handing import WantedError
 from service.adapters.processes.nursery import Nursery
 from service.adapters.processes.process_limits import (
     DEFAULT_STEPS,

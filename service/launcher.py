@@ -36,8 +36,8 @@ from service.errors import StorageError
 from service.names.content_keys import INCOMING
 from service.refusals import OpenToAllError
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.access.service_proof import LOCK, new_secret
-from service.use_cases.callbacks.sealed_secrets import seal_of
 from service.use_cases.uploads.adopt_files import adopt_files
 
 DEFAULT_PLANS = "service.use_cases.steps.plans:PLANS"

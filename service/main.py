@@ -78,7 +78,7 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings, reserve=True, fresh_s=FRESH_S)
     step_back(settings.niceness)
-    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"))
+    readers = ChildProcesses(settings, blob_store, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"))
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(

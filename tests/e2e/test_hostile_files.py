@@ -14,6 +14,7 @@ from typing import Any
 import psutil
 import pytest
 
+from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.adapters.processes.nursery_client import WarmUp
 from service.errors import ComputationFailedError
@@ -81,9 +82,8 @@ def inspection(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Inspection]
     settings = Settings(
         data_dir=home, max_points=MAX_POINTS, max_photo_pixels=MAX_PIXELS, step_memory_bytes=2_000_000_000
     )
-    runner = ChildProcesses(
-        settings, "tests.scenes.hostile.hostile_steps:STEPS", WarmUp("service.use_cases.steps.warm_up:load_for_reading")
-    )
+    warm_up = WarmUp("service.use_cases.steps.warm_up:load_for_reading")
+    runner = ChildProcesses(settings, blob_store, "tests.scenes.hostile.hostile_steps:STEPS", warm_up)
     before = set(psutil.Process().children(recursive=True))
     made = Inspection(runner, settings)
     yield made

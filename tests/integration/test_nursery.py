@@ -15,6 +15,7 @@ import pytest
 from engine_harness import alive, wait_until
 from engine_steps import PRACTISING
 
+from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.adapters.processes.nursery import SCOUT
 from service.adapters.processes.nursery_client import WarmUp
@@ -34,7 +35,7 @@ def not_confined(folder: Path, **settings: bool) -> Settings:
 
 @pytest.fixture
 def runner(tmp_path: Path) -> Iterator[ChildProcesses]:
-    made = ChildProcesses(not_confined(tmp_path), STEPS)
+    made = ChildProcesses(not_confined(tmp_path), blob_store, STEPS)
     yield made
     made.close()
 
@@ -120,7 +121,7 @@ def test_the_death_of_the_nursery_ends_its_computations_and_is_got_over(runner: 
 
 def test_a_closed_runner_leaves_no_process(tmp_path: Path) -> None:
     async def closed() -> list[int]:
-        runner = ChildProcesses(not_confined(tmp_path), STEPS)
+        runner = ChildProcesses(not_confined(tmp_path), blob_store, STEPS)
         task, process = await napping(runner, tmp_path, "long")
         family = [process, nursery_of(process)]
         runner.close()
@@ -138,7 +139,7 @@ def test_where_there_is_no_nursery_computations_load_their_own_libraries(
     tmp_path: Path, settings: dict[str, bool]
 ) -> None:
     warm_up = WarmUp("engine_steps:not_there") if settings["nursery"] else WarmUp()
-    runner = ChildProcesses(not_confined(tmp_path, **settings), STEPS, warm_up)
+    runner = ChildProcesses(not_confined(tmp_path, **settings), blob_store, STEPS, warm_up)
     result = asyncio.run(runner.run("nap", nap(tmp_path, "cold"), timeout_s=60.0 * patience()))
     runner.close()
     assert result == {"name": "cold"}
@@ -160,7 +161,7 @@ class Practice:
 def practice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Practice]:
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # of the variables that the steps get
     warm_up = WarmUp(kernels="engine_steps:practise")
-    made = Practice(ChildProcesses(not_confined(tmp_path), STEPS, warm_up), tmp_path / "practised")
+    made = Practice(ChildProcesses(not_confined(tmp_path), blob_store, STEPS, warm_up), tmp_path / "practised")
     yield made
     made.runner.close()
 

@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from service.adapters.database.executors import clock
 from service.adapters.database.tables import callbacks, executors, jobs
 from service.ports import CallbackEvent, ClaimedCallback, Job, JobStatus, Subscription
-from service.use_cases.callbacks.sealed_secrets import Seal, is_sealed
+from service.use_cases.access.sealed_secrets import Seal, is_sealed
 
 EVENTS = {
     JobStatus.RUNNING: CallbackEvent.IN_PROGRESS,

@@ -21,12 +21,11 @@ from typing import IO
 import psutil
 import structlog
 
-from service.adapters.files.object_files import blob_store
-from service.adapters.processes.handed_files import hand_out, take_in
+from service.adapters.processes.handing import hand_out, take_in
 from service.adapters.processes.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
 from service.adapters.processes.process_limits import DEFAULT_STEPS, is_harmless, this_host
 from service.errors import ComputationFailedError, ServiceError, to_problem
-from service.ports import Json, StepFailedError
+from service.ports import BlobStore, Json, StepFailedError
 from service.settings import Settings
 from service.use_cases.steps.step_needs import FETCH, StepNeeds, needs_of
 
@@ -71,14 +70,22 @@ class ChildProcesses:
     ----------
     settings
         Limits, number of threads and place of the data; handed to the child.
+    store
+        Gives the store of blobs; copies of what is elsewhere are kept in a directory as long as it is there.
     steps
         ``module:attribute`` of the mapping of step names to functions.
     warm_up
         What they find loaded.
     """
 
-    def __init__(self, settings: Settings, steps: str = DEFAULT_STEPS, warm_up: WarmUp = NOTHING_WARM) -> None:
-        self._settings = settings
+    def __init__(
+        self,
+        settings: Settings,
+        store: Callable[[Settings, Path], BlobStore],
+        steps: str = DEFAULT_STEPS,
+        warm_up: WarmUp = NOTHING_WARM,
+    ) -> None:
+        self._settings, self._store = settings, store
         self._steps = steps
         self._nursery = NurseryClient(steps, warm_up, partial(environment, settings), settings.niceness)
         self._scratch = settings.data_dir.resolve() / "scratch"
@@ -136,7 +143,7 @@ class ChildProcesses:
         """Hand the child what it needs, listen to it, and take in what it made."""
         own = directory / "own"  # beside copies that others read as well, to which it must not write
         own.mkdir()
-        blobs = blob_store(self._settings, directory)
+        blobs = self._store(self._settings, directory)
         try:
             handed = await asyncio.to_thread(hand_out, needs, blobs, seldom=seldom)
             code = await self._converse({**request, **handed, "scratch": str(own)}, heard, on_progress)

@@ -6,7 +6,7 @@ from schemas.subscriber import Subscriber
 from service.errors import AddressRefusedError, FieldFault, InvalidRequestError
 from service.ports import CallbackEvent, CallbackSender, Subscription
 from service.settings import Settings
-from service.use_cases.callbacks.sealed_secrets import seal_of
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
 
 NO_SECRETS = (

@@ -30,8 +30,8 @@ from service.ports import (
     Subscription,
 )
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import is_sealed, seal_of
 from service.use_cases.callbacks.callback_signatures import UNSIGNED, derived_secret, signed_headers
-from service.use_cases.callbacks.sealed_secrets import is_sealed, seal_of
 from service.use_cases.jobs.describe_job import status_info
 from service.use_cases.jobs.find_job import wanted_outputs
 

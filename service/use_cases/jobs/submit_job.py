@@ -16,7 +16,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import MakeIdentifier, new_identifier
 from service.ports import USUAL_URGENCY, FileStore, Job, JobStatus, Json, Subscription
 from service.settings import Settings
-from service.use_cases.callbacks.sealed_secrets import seal_of
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.inputs.check_photos import check_photo
 from service.use_cases.inputs.check_stations import check_register_inputs, check_station
 from service.use_cases.inputs.fetch_files import Fetch, without_absence

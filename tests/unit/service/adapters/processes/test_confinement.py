@@ -9,6 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
+from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.adapters.processes.confinement import available
 from service.adapters.processes.process_limits import DEFAULT_STEPS
@@ -82,7 +83,7 @@ async def _tried(settings: Settings, step: str) -> dict[str, Any]:
 
 
 async def _run(settings: Settings, step: str, arguments: dict[str, Any]) -> dict[str, Any]:
-    runner = ChildProcesses(settings, STEPS)
+    runner = ChildProcesses(settings, blob_store, STEPS)
     try:
         return await runner.run(step, arguments, timeout_s=120.0)
     finally:
@@ -185,7 +186,7 @@ def test_the_unit_of_a_reference_system_is_found_by_a_reader_that_sees_its_file_
     key = incoming_key(IDENTIFIER)
     (tmp_path / "blobs" / key).parent.mkdir(parents=True)
     written = las(tmp_path / "a.las", POINTS, COMPOUND).rename(tmp_path / "blobs" / key)
-    runner = ChildProcesses(Settings(data_dir=tmp_path), DEFAULT_STEPS)
+    runner = ChildProcesses(Settings(data_dir=tmp_path), blob_store, DEFAULT_STEPS)
     arguments = {"key": key, "filename": "a.las", "bytes": written.stat().st_size, "columns": ""}
     try:
         found = asyncio.run(runner.run("inspect-file", arguments, timeout_s=120.0))

@@ -13,7 +13,7 @@ from service.adapters.database.tables import connect, jobs
 from service.errors import StorageError
 from service.ports import CallbackEvent, Job, JobStatus, Subscription
 from service.settings import Settings
-from service.use_cases.callbacks.sealed_secrets import KEY_FILE, is_sealed, seal_of
+from service.use_cases.access.sealed_secrets import KEY_FILE, is_sealed, seal_of
 
 SECRET = "a secret of the subscriber"  # noqa: S105
 OPERATORS = "the operator's secret of callbacks"
