@@ -117,7 +117,7 @@ async def execute(
     execution = await asyncio.to_thread(check_execution, process, body, adapters.files, settings, fetches)
     subscription = None
     if execution.subscriber is not None:
-        subscription = await checked_subscription(execution.subscriber, callbacks, url.url)
+        subscription = await checked_subscription(execution.subscriber, callbacks, url.url, settings)
     if process.synchronous and not asynchronous:
         await asyncio.sleep(execution.inputs.get("pause") or 0)
         outputs = answer_at_once(execution)

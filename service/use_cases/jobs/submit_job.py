@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -16,6 +16,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import MakeIdentifier, new_identifier
 from service.ports import USUAL_URGENCY, FileStore, Job, JobStatus, Json, Subscription
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.inputs.check_photos import check_photo
 from service.use_cases.inputs.check_stations import check_register_inputs, check_station
 from service.use_cases.inputs.fetch_files import Fetch, without_absence
@@ -142,7 +143,7 @@ def submit_job(
         file_ids=execution.file_ids,
         wanted=_wanted(execution),
         fetches=tuple(fetch.to_json() for fetch in execution.fetches),
-        subscriber=None if subscription is None else subscription.to_json(),
+        subscriber=None if subscription is None else _kept(subscription, settings, belongings.owner),
         urgency=origin.urgency,
         request_id=origin.request_id,
     )
@@ -158,6 +159,14 @@ def answer_at_once(execution: Execution) -> Json:
     """Give the outputs of `echo`: its inputs, or the wanted ones of them."""
     wanted = execution.outputs or tuple(execution.inputs)
     return {name: execution.inputs[name] for name in wanted if name in execution.inputs}
+
+
+def _kept(subscription: Subscription, settings: Settings, owner: str) -> Json:
+    """Give what is stored of a subscription."""
+    seal = seal_of(settings) if subscription.secret else None
+    if seal is not None:
+        subscription = replace(subscription, secret=seal.sealed(subscription.secret, owner))
+    return subscription.to_json()
 
 
 def _wanted(execution: Execution) -> Json | None:
