@@ -253,6 +253,17 @@ def test_where_nothing_tells_whether_planes_or_surfaces_err_the_deviations_hold_
     assert error_m(result) < 1.5 * std
 
 
+@pytest.mark.parametrize(("plane_std", "status"), [(0.0003, "doubtful"), (0.003, "accepted")])
+def test_a_contradiction_far_beyond_chance_is_never_accepted(plane_std: float, status: str) -> None:
+    seen = {"planes": "xyzX", "plane_std": plane_std}
+    source = scan(POSE, 2, **seen)
+    moved = replace(source, planes=shifted(source.planes, 0.012))
+    result = registered(scan(RigidTransform.identity(), 1, **seen), moved)
+    assert "contradict the surfaces" in document(result).reasons[0]
+    assert result.status.value == status
+    assert any("far beyond chance" in reason for reason in result.reasons) == (status == "doubtful")
+
+
 def test_a_pose_must_be_known_to_two_centimetres_or_to_half_the_distance_of_the_points() -> None:
     dense, sparse = (replace(some_features(), surface=scan(POSE, 1).surface, point_count=n) for n in (10**6, 1000))
     assert allowed_m(RegistrationProblem(dense, dense)) == 0.02
