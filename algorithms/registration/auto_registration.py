@@ -50,11 +50,11 @@ NOISES_APART = 2.0
 contradict each other, however significant it is: so far off are uneven surfaces. Farther apart one of them errs; while
 that is within what is asked of a pose (`allowed_m`), the standard deviations hold both."""
 MOST_CONTRADICTION = 3.0
-"""So many times the limit may the test value be where features and surfaces differ by more than chance. Farther beyond it
+"""So many times the limit may the test value be where features and surfaces differ by more than chance. Farther beyond
 the variances of either are no measure of its errors, and neither enlarged ones nor such that hold both may be signed:
-one large plane is off, or the scans differ by more than a motion where they hardly show it. In 81 registrations of car
-park, yard, hall and street with references the value was at most 1.6 times the limit, in scans stretched by 0.2 and 1 %
-in height, with one floor in common, 3.3 and 20 times."""
+one large plane is off, or the scans differ by more than a motion where they hardly show it. In a car park, a yard, a
+hall and a street with references the value was at most 1.6 times the limit, in scans stretched by 0.2 and 1 % in
+height, with one floor in common, 20 and 3.3 times."""
 NEAR = ((0.02, 0.05),) * 3
 """Gates for correspondences found anew near the surfaces' pose."""
 
@@ -248,8 +248,8 @@ def _is_far_beyond_chance(comparison: Comparison) -> bool:
 def _far_beyond_chance(comparison: Comparison) -> str:
     return (
         f"lines and planes contradict the surfaces far beyond chance ({in_words(comparison)}; "
-        f"{MOST_CONTRADICTION:g} times the limit would be allowed): a large plane is off, or the scans differ by more than "
-        "a motion that hardly shows in what they have in common, such as another scale of heights"
+        f"{MOST_CONTRADICTION:g} times the limit would be allowed): a large plane is off, or the scans differ by more "
+        "than a motion, such as another scale of heights, which hardly shows in what they have in common"
     )
 
 

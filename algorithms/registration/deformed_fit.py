@@ -121,11 +121,18 @@ class DeformedFit:
     """Surface that fits within three such standard deviations, by weight."""
     fitting_rigidly: float
     """The same in the pose that was asked about."""
+    rigid_spread_m: float = 0.0
+    """Robust standard deviation of the gaps in that pose, those within the last gate [m]."""
 
     @property
     def gain(self) -> float:
         """How much more surface fits than in the pose, relative to that."""
         return self.fitting / max(self.fitting_rigidly, 1e-9) - 1.0
+
+    @property
+    def explained_m(self) -> float:
+        """How large the gaps are that the deformation closes, as a standard deviation [m]."""
+        return max(self.rigid_spread_m**2 - self.spread_m**2, 0.0) ** 0.5
 
     def apply(self, points: Points) -> Points:
         """Take points of the source (n, 3) to the target frame, deformed."""
@@ -213,6 +220,7 @@ def fit_deformed(
     gaps = _measure(target, source, found, bent, centre, gate, most)
     system = _System.of(gaps, bent, centre, None)
     fits_m = FITS_SPREADS * system.spread_m
+    rigid = _measure(target, source, pose, None, centre, gate, most)
     return DeformedFit(
         target_from_source=found,
         centre_m=centre,
@@ -221,8 +229,14 @@ def fit_deformed(
         covariance=system.covariance(),
         spread_m=system.spread_m,
         fitting=_weight_within(gaps, fits_m),
-        fitting_rigidly=_weight_within(_measure(target, source, pose, None, centre, gate, most), fits_m),
+        fitting_rigidly=_weight_within(rigid, fits_m),
+        rigid_spread_m=_spread(rigid),
     )
+
+
+def _spread(gaps: _Gaps) -> float:
+    """Give the robust standard deviation of gaps [m]."""
+    return max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
 
 
 def _weight_within(gaps: _Gaps, distance_m: float) -> float:
@@ -298,7 +312,7 @@ class _System:
     @staticmethod
     def of(gaps: _Gaps, bent: Deformation, centre: Vector3, doubtful_m: float | None) -> "_System":
         """Weigh gaps: those of `doubtful_m` count a quarter; None: Tukey's weights by the spread of the gaps."""
-        spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
+        spread = _spread(gaps)
         if doubtful_m is None:
             squares = np.square(gaps.gaps_m / (TUKEY * spread))
             inside = squares < 1.0
