@@ -6,11 +6,12 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Labels, Matrix3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Labels, Matrix3, Points, Scalars, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
+from algorithms.registration.rounding_covariance import least_spread, rounding_covariance
 from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
 from algorithms.scans.surface_index import EvidenceLimits
 from algorithms.scans.surface_matches import nearest_surface
@@ -158,6 +159,16 @@ class _Gaps:
     gaps_m: Scalars
     weights: Scalars
     planes: Labels
+    of_target: Indices
+    of_source: Indices
+    least_spread_m: float
+    """Gaps scatter by so much at least, by the rounding of coordinates, whatever the misfits say [m]."""
+
+    @property
+    def spread_m(self) -> float:
+        """Robust standard deviation of the gaps [m]."""
+        spread_m = MAD_TO_STD * float(np.median(np.abs(self.gaps_m)))
+        return max(spread_m, self.least_spread_m)
 
 
 def fit_deformed(
@@ -226,17 +237,12 @@ def fit_deformed(
         centre_m=centre,
         deformation=bent,
         determined=system.determined,
-        covariance=system.covariance(),
+        covariance=system.covariance(target, source),
         spread_m=system.spread_m,
         fitting=_weight_within(gaps, fits_m),
         fitting_rigidly=_weight_within(rigid, fits_m),
-        rigid_spread_m=_spread(rigid),
+        rigid_spread_m=rigid.spread_m,
     )
-
-
-def _spread(gaps: _Gaps) -> float:
-    """Give the robust standard deviation of gaps [m]."""
-    return max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
 
 
 def _weight_within(gaps: _Gaps, distance_m: float) -> float:
@@ -290,6 +296,9 @@ def _measure(
         ),
         weights=np.concatenate([there.weights[:points][on], here.weights[:points][on_back]]),
         planes=np.concatenate([labels[match[on]], labels[:points][on_back]]),
+        of_target=np.concatenate([match[on], on_back]),
+        of_source=np.concatenate([on, rematch[on_back]]),
+        least_spread_m=max(LEAST_SPREAD_M, least_spread(target, source)),
     )
 
 
@@ -312,7 +321,7 @@ class _System:
     @staticmethod
     def of(gaps: _Gaps, bent: Deformation, centre: Vector3, doubtful_m: float | None) -> "_System":
         """Weigh gaps: those of `doubtful_m` count a quarter; None: Tukey's weights by the spread of the gaps."""
-        spread = _spread(gaps)
+        spread = gaps.spread_m
         if doubtful_m is None:
             squares = np.square(gaps.gaps_m / (TUKEY * spread))
             inside = squares < 1.0
@@ -347,8 +356,8 @@ class _System:
         k = self.known.shape[1]
         return self.known @ x[:k], self.determined @ x[k:] / self.radius_m
 
-    def covariance(self) -> Array:
-        """Give the covariance (r, r) of the determined deformations."""
+    def covariance(self, target: ScanFeatures, source: ScanFeatures) -> Array:
+        """Give the covariance (r, r) of the determined deformations; rounded coordinates of both scans add theirs."""
         reduced, k = self.reduced, self.known.shape[1]
         found = neighbourhood_covariance(
             reduced, self.weights, self.gaps.gaps_m, self.gaps.positions, self.gaps.normals,
@@ -358,4 +367,7 @@ class _System:
         pieces = wall_pieces(self.gaps.planes, self.gaps.positions)
         walls = wall_covariance(reduced, self.weights, self.gaps.gaps_m, pieces, slopes=self.slopes)
         whole = covering((found.axes * variances) @ found.axes.T, walls)
+        weighted = reduced * self.weights[:, None]
+        gain = np.linalg.solve(weighted.T @ reduced, weighted.T)
+        whole = whole + rounding_covariance(gain, target, source, self.gaps.of_target, self.gaps.of_source)
         return np.asarray(whole[k:, k:] / self.radius_m**2)

@@ -72,6 +72,23 @@ def test_two_scans_of_one_office_differ_by_a_motion_only() -> None:
     assert abs(found.scale.value) < 4.0 * found.scale.std
 
 
+@pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
+def test_scans_whose_coordinates_are_rounded_differ_by_a_motion_only(axes: slice) -> None:
+    # in the building's axes, so that every wall falls on one step
+    rounded = []
+    for pose, points in zip(*stations(), strict=True):
+        levelled = pose.rotation.apply(points)
+        levelled[:, axes] = np.round(levelled[:, axes] / 0.01) * 0.01
+        rounded.append(features(levelled))
+    first, second = stations()[0]
+    shift = RigidTransform.from_translation(np.asarray(second.translation) - np.asarray(first.translation))
+    found = rigidity(rounded[0], rounded[1], shift)
+    assert rounded[0].rounding is not None
+    assert found.kind is None
+    assert found.scale is not None
+    assert abs(found.scale.value) < 4.0 * found.scale.std
+
+
 @pytest.mark.parametrize("factor", [1.003])
 def test_a_scale_is_found_to_its_standard_deviation(factor: float) -> None:
     found = rigidity(target(), source(lambda points: scaled(points, factor)), pose())
