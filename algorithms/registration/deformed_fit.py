@@ -121,13 +121,13 @@ class DeformedFit:
     fitting: float
     """Surface that fits within three such standard deviations, by weight."""
     fitting_rigidly: float
-    """The same in the pose that was asked about."""
+    """The same in the pose that was asked about, or in the best one near it without any deformation."""
     rigid_spread_m: float = 0.0
-    """Robust standard deviation of the gaps in that pose, those within the last gate [m]."""
+    """Robust standard deviation of the gaps there, those within the last gate [m]."""
 
     @property
     def gain(self) -> float:
-        """How much more surface fits than in the pose, relative to that."""
+        """How much more surface fits than without the deformation, relative to that."""
         return self.fitting / max(self.fitting_rigidly, 1e-9) - 1.0
 
     @property
@@ -231,7 +231,7 @@ def fit_deformed(
     gaps = _measure(target, source, found, bent, centre, gate, most)
     system = _System.of(gaps, bent, centre, None)
     fits_m = FITS_SPREADS * system.spread_m
-    rigid = _measure(target, source, pose, None, centre, gate, most)
+    rigid = _best_without(target, source, pose, bent, centre, gate, most, fits_m)
     return DeformedFit(
         target_from_source=found,
         centre_m=centre,
@@ -243,6 +243,32 @@ def fit_deformed(
         fitting_rigidly=_weight_within(rigid, fits_m),
         rigid_spread_m=rigid.spread_m,
     )
+
+
+def _best_without(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    pose: RigidTransform,
+    bent: Deformation,
+    centre: Vector3,
+    gate: float,
+    most: int,
+    fits_m: float,
+) -> _Gaps:
+    """Give the gaps in a pose, or in the best one near it where more fits: what a motion closes no deformation must.
+
+    Poses rest on lines and planes too, and on rounded coordinates: they may be off by more than the gaps scatter.
+    """
+    found = pose
+    straight = replace(bent, coefficients=np.zeros_like(bent.coefficients))
+    for _ in range(MOST_LAST_STEPS):
+        system = _System.of(_measure(target, source, found, None, centre, gate, FEW_POINTS), straight, centre, None)
+        step = system.motion()
+        found = _moved(found, step, centre, bent.radius_m)
+        if float(np.linalg.norm(step)) < SETTLED_SPREADS * system.spread_m:
+            break
+    given, best = (_measure(target, source, each, None, centre, gate, most) for each in (pose, found))
+    return max(given, best, key=lambda gaps: _weight_within(gaps, fits_m))
 
 
 def _weight_within(gaps: _Gaps, distance_m: float) -> float:
@@ -355,6 +381,12 @@ class _System:
         x = np.linalg.solve(weighted.T @ reduced, weighted.T @ self.gaps.gaps_m)
         k = self.known.shape[1]
         return self.known @ x[:k], self.determined @ x[k:] / self.radius_m
+
+    def motion(self) -> Array:
+        """Give the motion (6,) [m] that closes the gaps without any change of the coefficients."""
+        reduced = self.design[:, :6] @ self.known
+        weighted = reduced * self.weights[:, None]
+        return np.asarray(self.known @ np.linalg.solve(weighted.T @ reduced, weighted.T @ self.gaps.gaps_m))
 
     def covariance(self, target: ScanFeatures, source: ScanFeatures) -> Array:
         """Give the covariance (r, r) of the determined deformations; rounded coordinates of both scans add theirs."""
