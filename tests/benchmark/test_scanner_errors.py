@@ -62,7 +62,7 @@ BUILDINGS, SEED = (int(os.environ.get(key, default)) for key, default in (
     ("TIELINE_ERRORS", "2"), ("TIELINE_ERRORS_SEED", "0")
 ))  # fmt: skip
 MOST_MEAN_NEES = 8.0
-"""That the mean over the accepted pairs may reach; 6 is expected of honest standard deviations. There is no lower bound:
+"""That the mean over the accepted pairs may reach; 6 is expected of honest standard deviations. It has no lower bound:
 variances of lines and planes count four times (`UNEVEN_WALLS`), whether the walls are uneven or not, so where they are
 even, or a centimetre of rounding is all that errs, means of 1.5 to 2 are printed: too cautious, by a factor of about
 1.8 in the standard deviations."""

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 from service.ports import Json, StoredFile
 
-
 TAKEN_FOR_METRES = "the coordinates are taken for metres"
 """So warnings begin that hold only while nobody states a unit (`algorithms.scans.scale_plausibility`)."""
 
