@@ -133,7 +133,7 @@ class DeformedFit:
     @property
     def explained_m(self) -> float:
         """How large the gaps are that the deformation closes, as a standard deviation [m]."""
-        return max(self.rigid_spread_m**2 - self.spread_m**2, 0.0) ** 0.5
+        return float(np.sqrt(max(self.rigid_spread_m**2 - self.spread_m**2, 0.0)))
 
     def apply(self, points: Points) -> Points:
         """Take points of the source (n, 3) to the target frame, deformed."""
