@@ -32,75 +32,67 @@ def _bent(ranges: Array, i: int, j: int, step: int, closed: bool, limit: float) 
 
 
 @njit(cache=True, nogil=True)
-def _block_fit(
-    points: Array, index: Array, sensor: Array, own: Array, block: Array, i: int, j: int, closed: bool, out: Array
-) -> bool:
-    """Lay a plane through the points of a block, and see where it meets the beam of the pixel.
-
-    Inverse depths along the beam are linear in the directions for points of a plane, so the plane follows from a
-    linear fit of three unknowns. Writes (predicted range, its standard deviation for points of standard deviation 1,
-    standard deviation of the block's points along the beam); False where points are missing or the block is no surface.
-    """
-    rows, columns = index.shape
-    r = math.sqrt(own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
-    dx, dy, dz = own[0] / r, own[1] / r, own[2] / r
-    # any two axes across the beam
+def _axes_across(direction: Array, out: Array) -> None:
+    """Write two axes across a unit direction into (2, 3)."""
+    dx, dy, dz = direction
     if abs(dz) < 0.9:
         norm = math.sqrt(dx * dx + dy * dy)
         ax, ay, az = -dy / norm, dx / norm, 0.0
     else:
         norm = math.sqrt(dy * dy + dz * dz)
         ax, ay, az = 0.0, -dz / norm, dy / norm
-    bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-    count = block.shape[0]
-    s, t, w = np.empty(count), np.empty(count), np.empty(count)
-    ms, mt, mw = 0.0, 0.0, 0.0
-    for k in range(count):
+    out[0, 0], out[0, 1], out[0, 2] = ax, ay, az
+    out[1, 0], out[1, 1], out[1, 2] = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+
+
+@njit(cache=True, nogil=True)
+def _seen_along(
+    points: Array, index: Array, sensor: Array, axes: Array, block: Array, i: int, j: int, closed: bool, out: Array
+) -> bool:
+    """Write direction (2) and inverse depth along the beam of the pixel of a block's points; False where one misses."""
+    rows, columns = index.shape
+    for k in range(block.shape[0]):
         row, column = i + block[k, 0], j + block[k, 1]
         if closed:
             column %= columns
-        if row < 0 or row >= rows or column < 0 or column >= columns:
+        if row < 0 or row >= rows or column < 0 or column >= columns or index[row, column] < 0:
             return False
-        p = index[row, column]
-        if p < 0:
-            return False
-        x, y, z = points[p, 0] - sensor[0], points[p, 1] - sensor[1], points[p, 2] - sensor[2]
-        depth = x * dx + y * dy + z * dz
+        ray = points[index[row, column]] - sensor
+        depth = ray[0] * axes[2, 0] + ray[1] * axes[2, 1] + ray[2] * axes[2, 2]
         if depth <= 0.0:
             return False
-        s[k] = (x * ax + y * ay + z * az) / depth
-        t[k] = (x * bx + y * by + z * bz) / depth
-        w[k] = 1.0 / depth
-        ms += s[k]
-        mt += t[k]
-        mw += w[k]
-    ms /= count
-    mt /= count
-    mw /= count
-    ss, st, tt, sw, tw = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(count):
-        cs, ct, cw = s[k] - ms, t[k] - mt, w[k] - mw
-        ss += cs * cs
-        st += cs * ct
-        tt += ct * ct
-        sw += cs * cw
-        tw += ct * cw
+        for axis in range(2):
+            out[axis, k] = (ray[0] * axes[axis, 0] + ray[1] * axes[axis, 1] + ray[2] * axes[axis, 2]) / depth
+        out[2, k] = 1.0 / depth
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _plane_fit(seen: Array, out: Array) -> bool:
+    """Lay a plane through the points of a block, and see where it meets the beam of the pixel.
+
+    Inverse depths along the beam are linear in the directions for points of a plane, so the plane follows from a
+    linear fit of three unknowns. Writes (predicted range, its standard deviation for points of standard deviation 1,
+    standard deviation of the block's points along the beam); False where the points do not tell a plane.
+    """
+    count = seen.shape[1]
+    ms, mt, mw = seen[0].mean(), seen[1].mean(), seen[2].mean()
+    s, t, w = seen[0] - ms, seen[1] - mt, seen[2] - mw
+    ss, st, tt = (s * s).sum(), (s * t).sum(), (t * t).sum()
+    sw, tw = (s * w).sum(), (t * w).sum()
     det = ss * tt - st * st
     if det <= 1e-6 * (ss + tt) * (ss + tt):
         return False
     gs, gt = (tt * sw - st * tw) / det, (ss * tw - st * sw) / det
-    squares = 0.0
-    for k in range(count):
-        residual = w[k] - mw - gs * (s[k] - ms) - gt * (t[k] - mt)
-        squares += (residual / (w[k] * w[k])) ** 2
     predicted = mw - gs * ms - gt * mt
     if predicted <= 0.0:
         return False
+    residuals = (w - gs * s - gt * t) / (seen[2] * seen[2])
     leverage = 1.0 / count + (tt * ms * ms - 2.0 * st * ms * mt + ss * mt * mt) / det
     out[0] = 1.0 / predicted
     # the points of the block lie at other ranges than the pixel
     out[1] = math.sqrt(leverage) * (mw / predicted) ** 2
-    out[2] = math.sqrt(squares / (count - 3))
+    out[2] = math.sqrt((residuals * residuals).sum() / (count - 3))
     return True
 
 
@@ -121,29 +113,27 @@ def hanging_pixels(
     out: Array,
 ) -> None:
     """Mark the pixels of some rows that none of the first blocks explains although some block is a surface."""
-    rows, columns = index.shape
-    fit = np.empty(3)
-    own = np.empty(3)
+    fit, seen, axes = np.empty(3), np.empty((3, blocks.shape[1])), np.empty((3, 3))
     for i in range(first_row, end_row):
-        for j in range(columns):
+        for j in range(index.shape[1]):
             out[i, j] = False
-            p = index[i, j]
-            if p < 0:
+            if index[i, j] < 0:
                 continue
             r = ranges[i, j]
             limit = times * noise_m / (r * r)
             if not (_bent(ranges, i, j, 1, closed, limit) or _bent(ranges, i, j, 2, closed, limit)):
                 continue
-            for axis in range(3):
-                own[axis] = points[p, axis] - sensor[axis]
+            axes[2] = (points[index[i, j]] - sensor) / r
+            _axes_across(axes[2], axes[:2])
             surfaces = 0
             explained = False
             for b in range(blocks.shape[0]):
-                if not _block_fit(points, index, sensor, own, blocks[b], i, j, closed, fit):
+                if not _seen_along(points, index, sensor, axes, blocks[b], i, j, closed, seen):
                     continue
-                if fit[2] > rough * noise_m:
+                if not _plane_fit(seen, fit) or fit[2] > rough * noise_m:
                     continue
                 surfaces += 1
-                if abs(fit[0] - r) <= times * noise_m * math.sqrt(1.0 + fit[1] * fit[1]):
-                    explained = explained or b < beside
-            out[i, j] = surfaces > 0 and explained == 0
+                if b < beside and abs(fit[0] - r) <= times * noise_m * math.sqrt(1.0 + fit[1] * fit[1]):
+                    explained = True
+                    break
+            out[i, j] = surfaces > 0 and not explained

@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from algorithms.arrays import Flags, Points, Vector3
 from algorithms.cleaning.options import MovedObjects
 from algorithms.scans import surface_index_kernels as kernels
 from algorithms.scans.range_image import SphericalRangeImage, conservative_nearest_m, spherical_range_image
+from algorithms.scans.voxel_grid import voxel_cells
 
 CELL_RAD = float(np.radians(0.5))
 """Angular cell of the range images, unless the points of a station are farther apart."""
@@ -17,7 +17,7 @@ CELL_STEPS = 2.5
 MARGIN_RELATIVE = 0.002
 """Of the range, added to the margin: errors of rotation."""
 GAP_M = 0.10
-"""Points of one piece are no farther apart than this, or some of their spacings [m]."""
+"""Pieces hang together through cubes of this edge that touch, or of some spacings of the points [m]."""
 SPACINGS = 3.0
 
 
@@ -61,9 +61,11 @@ def whole_pieces(points: Points, marked: Flags, spacing_m: float, least_points: 
     if len(numbers) < least_points:
         return out
     some = points[numbers]
-    pairs = cKDTree(some).query_pairs(max(GAP_M, SPACINGS * spacing_m), output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(some), len(some)))
-    labels = connected_components(links, directed=False)[1]
+    cells = voxel_cells(some, max(GAP_M, SPACINGS * spacing_m))
+    rows, columns = np.nonzero(cells.neighbours >= 0)
+    ends = (rows, cells.neighbours[rows, columns])
+    links = coo_array((np.ones(len(rows), dtype=bool), ends), shape=(len(cells), len(cells)))
+    labels = connected_components(links, directed=False)[1][cells.cell_of_point]
     counts = np.bincount(labels)
     out[numbers[counts[labels] >= least_points]] = True
     return out

@@ -1,5 +1,6 @@
 """Smooth a cloud in passes, and say of each how far it moved the points."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -94,7 +95,7 @@ def neighbourhood_m(points: Points) -> float:
     known = np.isfinite(surfaces.residual_std_m)
     noise = float(np.median(surfaces.residual_std_m[known])) if known.any() else 0.0
     # a cell of fitting size is 1.3 times the distance to the sixth neighbour
-    return max(SPACINGS * cells.size_m / 1.3 / np.sqrt(2.0), NOISES * noise)
+    return max(SPACINGS * cells.size_m / (1.3 * math.sqrt(2.0)), NOISES * noise)
 
 
 def _cloud(points: Points) -> Any:
