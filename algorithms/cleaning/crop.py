@@ -1,9 +1,9 @@
 """Crop points to a box, a polygon or a distance."""
 
 import numpy as np
-from numba import njit
 
-from algorithms.arrays import Array, Flags, Points, Scalars, Vector3
+from algorithms.arrays import Flags, Points, Scalars, Vector3
+from algorithms.cleaning import crop_kernels as kernels
 from algorithms.cleaning.options import BoxCrop, DistanceCrop, PolygonCrop
 from algorithms.errors import InvalidInputError
 
@@ -71,7 +71,7 @@ def in_polygon(points: Points, polygon: PolygonCrop, origin_m: Vector3) -> Flags
     Parts of a ring that crosses itself are inside where a ray to them crosses the ring an odd number of times.
     """
     ring = np.array(polygon.corners_m) - origin_m[:2]
-    inside = _inside_ring(np.ascontiguousarray(points), np.ascontiguousarray(ring))
+    inside = kernels.inside_ring(np.ascontiguousarray(points), np.ascontiguousarray(ring))
     if polygon.lowest_m is not None:
         inside &= points[:, 2] >= polygon.lowest_m - origin_m[2]
     if polygon.highest_m is not None:
@@ -82,24 +82,3 @@ def in_polygon(points: Points, polygon: PolygonCrop, origin_m: Vector3) -> Flags
 def at_distance(ranges_m: Scalars, distance: DistanceCrop) -> Flags:
     """Tell which points lie at a wanted distance (n,) from their instrument."""
     return np.asarray((ranges_m >= distance.nearest_m) & (ranges_m <= distance.farthest_m))
-
-
-@njit(cache=True, nogil=True)
-def _inside_ring(points: Array, ring: Array) -> Array:
-    """Count the crossings of a ray along x with the sides of a ring."""
-    out = np.zeros(points.shape[0], dtype=np.bool_)
-    low_x, high_x = ring[:, 0].min(), ring[:, 0].max()
-    low_y, high_y = ring[:, 1].min(), ring[:, 1].max()
-    corners = ring.shape[0]
-    for k in range(points.shape[0]):
-        x, y = points[k, 0], points[k, 1]
-        if x < low_x or x > high_x or y < low_y or y > high_y:
-            continue
-        inside = False
-        for a in range(corners):
-            b = (a + 1) % corners
-            ya, yb = ring[a, 1], ring[b, 1]
-            if (ya > y) != (yb > y) and x < ring[a, 0] + (y - ya) * (ring[b, 0] - ring[a, 0]) / (yb - ya):
-                inside = not inside
-        out[k] = inside
-    return out

@@ -9,7 +9,6 @@ from jaxtyping import Float64, UInt8
 from algorithms.arrays import Array, Colors, Flags, Indices, Points, Scalars
 from algorithms.colouring.balance import Balance, balance_of
 from algorithms.colouring.options import ColouringOptions
-from algorithms.colouring.photo_misfits import PhotoMisfit, photo_misfits
 from algorithms.colouring.photo_views import PlacedPhoto, View, sampled, view_of
 from algorithms.progress import Progress
 
@@ -40,8 +39,6 @@ class ColouredCloud:
     """(n,) how many photos show each point."""
     photos: Sequence[PhotoCount]
     balance: Balance
-    misfits: Sequence[PhotoMisfit]
-    """By how much each photo seems to be turned against the others."""
 
     @property
     def coloured(self) -> Flags:
@@ -101,13 +98,11 @@ def coloured_cloud(
     counts = [
         _count(view, colors, blended[sample], times[sample]) for view, colors in zip(views, balanced, strict=True)
     ]
-    misfits = photo_misfits(points[sample], views, photos, place, balance)
     return ColouredCloud(
         colors=_eight_bits(blended),
         views=times,
         photos=counts,
         balance=balance,
-        misfits=misfits,
     )
 
 
