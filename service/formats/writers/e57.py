@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array
 from algorithms.progress import Progress
+from service.formats.e57_photos import DISTORTION_URI
 from service.formats.writers.base import CloudFacts, PointPiece, StationCloud, Written
-from service.formats.writers.e57_images import add_images
+from service.formats.writers.e57_images import DISTORTION_PREFIX, add_images, is_distorted
 from service.formats.writers.e57_values import set_numbers, set_pose
 from service.formats.writers.placed import placed, scalar_of
 from service.formats.writers.whole_files import whole_file
@@ -48,6 +48,8 @@ class E57Writer:
             root = image_file.root()
             if everything.scalars:
                 image_file.extensionsAdd(SCALARS_PREFIX, SCALARS_URI)
+            if any(is_distorted(image) for cloud in clouds for image in cloud.images):
+                image_file.extensionsAdd(DISTORTION_PREFIX, DISTORTION_URI)
             if everything.crs_wkt:
                 root.set("coordinateMetadata", libe57.StringNode(image_file, everything.crs_wkt))
             data = libe57.VectorNode(image_file, True)

@@ -4,7 +4,7 @@ from typing import Any
 
 from algorithms.geometry.camera_mounts import CameraAxes, camera_from_axes
 from algorithms.geometry.cameras import Camera
-from service.formats.e57_photos import CENTRE_FROM_CORNER_PX, DISTORTION_URI
+from service.formats.e57_photos import CENTRE_FROM_CORNER_PX
 from service.formats.writers.base import StationCloud, StationImage
 from service.formats.writers.e57_values import set_numbers, set_pose
 
@@ -28,12 +28,17 @@ def add_images(image_file: Any, images: Any, cloud: StationCloud, scan_guid: str
             camera_from_e57 = camera_from_axes(CameraAxes.RIGHT_UP_BACKWARD)
             set_pose(image_file, node, cloud.pose * image.scan_from_camera * camera_from_e57)
         _set_representation(image_file, node, image)
-        if image.camera is not None:
+        if image.camera is not None and is_distorted(image):
             _set_distortion(image_file, node, image.camera)
         images.append(node)
         content = image.content()
         blob = node[_representation(image)][CONTENTS[image.media_type]]
         blob.write(content, 0, len(content))
+
+
+def is_distorted(image: StationImage) -> bool:
+    """Tell whether the extension for lens distortion is needed."""
+    return image.camera is not None and any(getattr(image.camera, name) for name in DISTORTION.values())
 
 
 def _representation(image: StationImage) -> str:
@@ -61,10 +66,6 @@ def _set_representation(image_file: Any, node: Any, image: StationImage) -> None
 def _set_distortion(image_file: Any, node: Any, camera: Camera) -> None:
     """Write the extension with OpenCV's parameters, which count pixels from their centres."""
     values = {key: float(getattr(camera, name)) for key, name in DISTORTION.items()}
-    if not any(values.values()):
-        return
     values |= {"FX": camera.fx, "FY": camera.fy, "CX": camera.cx, "CY": camera.cy}
-    if not image_file.extensionsLookupUri(DISTORTION_URI):
-        image_file.extensionsAdd(DISTORTION_PREFIX, DISTORTION_URI)
     numbers = {f"{DISTORTION_PREFIX}:CV_{key}": value for key, value in values.items()}
     set_numbers(image_file, node, {f"{DISTORTION_PREFIX}:distortion": numbers})

@@ -84,7 +84,8 @@ class OctreeSorter:
         yield from self._left(key)
         while len(self.path) < level:
             depth = len(self.path)
-            self.path.append(_Ancestor((depth, *(number >> (level - depth) for number in key[1:]))))
+            x, y, z = (number >> (level - depth) for number in key[1:])
+            self.path.append(_Ancestor((depth, x, y, z)))
         rest = np.arange(len(records))
         for ancestor in self.path:
             depth = ancestor.key[0]

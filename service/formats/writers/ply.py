@@ -14,7 +14,8 @@ from service.formats.writers.placed import PlacedClouds, in_world, placed, scala
 from service.formats.writers.whole_files import whole_file
 
 WORDS = {
-    "f8": "double", "f4": "float", "u1": "uchar", "i1": "char", "u2": "ushort", "i2": "short", "u4": "uint", "i4": "int",
+    "f8": "double", "f4": "float", "u1": "uchar", "i1": "char",
+    "u2": "ushort", "i2": "short", "u4": "uint", "i4": "int",
 }  # fmt: skip
 COLORS = ("red", "green", "blue")
 NO_POSES = "the points are in the world frame: PLY has no place for poses and grids"

@@ -68,5 +68,4 @@ def _write_points(stream: TextIO, cloud: StationCloud, piece: PointPiece) -> Non
         line += " %d %d %d"
     if missing.any():
         columns = [np.where(missing, 0.0, column) for column in columns]
-    for lines in text_lines(columns, line):
-        stream.write(lines)
+    stream.writelines(text_lines(columns, line))

@@ -115,4 +115,4 @@ def _pts_intensity(cloud: StationCloud, piece: PointPiece) -> Array:
         return np.zeros(len(piece))
     if limits[0] < 0.0 and limits[0] >= LEAST_PTS and limits[1] <= LARGEST_PTS:
         return np.rint(piece.intensity)  # they are such already
-    return np.rint(LEAST_PTS + (LARGEST_PTS - LEAST_PTS) * unit_intensities(piece.intensity, limits))
+    return np.asarray(np.rint(LEAST_PTS + (LARGEST_PTS - LEAST_PTS) * unit_intensities(piece.intensity, limits)))
