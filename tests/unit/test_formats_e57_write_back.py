@@ -229,7 +229,7 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
         '<vectorChild type="Structure"><pose type="Structure"/></vectorChild>',
         '<vectorChild type="Structure"><pose type="Structure"></pose></vectorChild>',
         '<vectorChild type="Structure"><pose type="Structure"><translation><x>1</x></translation></pose></vectorChild>',
-        '<vectorChild><pose v:a="1 > 0"><v:own>7</v:own><rotation><w>1</w></rotation></pose><name>ä</name></vectorChild>',
+        '<vectorChild><pose v:a="1 > 0"><v:own>7</v:own><rotation/></pose><name>ä</name></vectorChild>',
     ],
 )
 def test_a_pose_is_set_whatever_stood_there(entry: str) -> None:

@@ -114,5 +114,5 @@ def _pts_intensity(cloud: StationCloud, piece: PointPiece) -> Array:
     if piece.intensity is None or limits is None:
         return np.zeros(len(piece))
     if limits[0] < 0.0 and limits[0] >= LEAST_PTS and limits[1] <= LARGEST_PTS:
-        return np.rint(piece.intensity)  # they are such already
+        return np.asarray(np.rint(piece.intensity))  # they are such already
     return np.asarray(np.rint(LEAST_PTS + (LARGEST_PTS - LEAST_PTS) * unit_intensities(piece.intensity, limits)))
