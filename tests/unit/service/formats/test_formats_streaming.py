@@ -13,7 +13,7 @@ from service.formats.base import ScanFile
 from service.formats.streaming import stream_scan
 from service.formats.writers import StationCloud, surveyed, write_scans
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "formats"
+SHARED = Path(__file__).resolve().parents[5] / "shared" / "data" / "formats"
 ROWS, COLUMNS = 40, 30
 FAR = np.array([500_000.0, 5_400_000.0, 300.0])
 

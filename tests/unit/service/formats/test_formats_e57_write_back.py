@@ -20,9 +20,9 @@ from service.formats.base import ScanFile
 from service.formats.writers import StationImage, cloud_of, writer_of
 from service.formats.writers.e57_edits import entries_of, with_poses
 from service.formats.writers.e57_write_back import write_back
-from tests.e57_pages import checksum, xml_of
+from tests.scenes.hostile.e57_pages import checksum, xml_of
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "formats" / "e57"
+SHARED = Path(__file__).resolve().parents[5] / "shared" / "data" / "formats" / "e57"
 DAMAGED = {"bad-crc.e57", "corrupt_crc.e57"}
 POSE = RigidTransform.from_components([512_345.6789, 5_412_345.6789, 321.0987], Rotation.from_rotvec([0.1, -0.2, 2.7]))
 PAGE, HEADER = 1024, 48
