@@ -22,8 +22,8 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
+from service.adapters.database import jobs as database
 from service.adapters.database.files import DatabaseFileStore
-from service.adapters.database.jobs import let_shrink, migrate
 from service.adapters.database.keys import DatabaseKeyStore
 from service.adapters.database.tables import connect
 from service.adapters.files.local_files import LocalFiles
@@ -38,7 +38,7 @@ from service.settings import Settings
 from service.use_cases.access.service_proof import LOCK, new_secret
 from service.use_cases.uploads.adopt_files import adopt_files
 
-DEFAULT_PLANS = "service.use_cases.steps.plans:PLANS"
+DEFAULT_PLANS = "service.processes:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
 CHECK_INTERVAL_S = 0.2
 STOP_WITHIN_S = 8.0
@@ -104,7 +104,7 @@ def prepare(settings: Settings) -> None:
     """
     keep_private(settings)
     try:
-        migrate(settings)
+        database.migrate(settings)
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
@@ -168,7 +168,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
 def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
     """Bind when it is known that not everybody is let in."""
     prepare(settings)
-    let_shrink(settings)
+    database.let_shrink(settings)
     tables = connect(settings)
     try:
         if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():

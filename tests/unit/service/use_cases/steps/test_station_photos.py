@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
+from tests.unit.test_formats_e57_photos import Picture, written
+from tests.unit.test_photo_lines import scan_lines
 
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
@@ -21,14 +23,12 @@ from service.errors import UnreadableFileError
 from service.formats.photo import PhotoInfo, camera_document
 from service.names.feature_keys import feature_key, photos_identity
 from service.ports import StepContext
+from service.processes.extract_lines import ExtractLinesPlan
 from service.settings import Settings
 from service.use_cases.reports.edges_drawing import LINE_COLORS, lines_png
-from service.use_cases.steps.plans import ExtractLinesPlan
 from service.use_cases.steps.station_photos import pose_of_camera, read_station_photo
 from tests.doubles.memory import MemoryBlobStore
 from tests.scenes.photos.photo_wall import CAMERA, CORNERS, SCAN_FROM_CAMERA, wall_photo, wall_scan
-from tests.unit.algorithms.features.photo_lines.test_photo_lines import scan_lines
-from tests.unit.service.formats.test_formats_e57_photos import Picture, written
 
 POSE = RigidTransform.from_components([0.1, -0.2, 0.3], Rotation.from_rotvec([0.4, 1.1, -0.3]))
 STORED = PhotoInfo(0, "", 640, 480, scan_from_camera=SCAN_FROM_CAMERA, scan=0)
