@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Flags, Indices, Labels, Points, Scalars, Vector3
+from algorithms.arrays import Array, Flags, Indices, Labels, Points, Scalars, Vector3
 from algorithms.cleaning.best_view import beam_cosines, best_views, point_normals
 from algorithms.cleaning.comet_tails import comet_tails
 from algorithms.cleaning.crop import (
@@ -95,8 +95,9 @@ class _Work:
 
     stations: Sequence[PlacedScan]
     origin_m: Vector3
-    kept: list[Indices]
-    moved: list[Flags]
+    kept: list[Array]
+    """(m,) per station, the points that are left; stations have different numbers of points."""
+    moved: list[Array]
     """(n,) per station, of all its points."""
     steps: list[StepCount]
     remarks: list[str]
