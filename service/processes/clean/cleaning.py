@@ -30,7 +30,8 @@ def clean(context: StepContext, arguments: Json) -> Json:
     options = TypeAdapter(CleaningOptions).validate_python(arguments["options"])
     frame = read_stations(context, arguments["stations"])
     cleaned = clean_stations(frame.stations, frame.origin_m, options, ProgressSection(context.progress, 0.2, 0.85))
-    files, notes = None, ()
+    files: list[Artifact] | None = None
+    notes: tuple[str, ...] = ()
     if arguments["wanted"] is not None:
         files, notes = _write(context, job_id, arguments["wanted"]["format"], frame, cleaned)
     document = CleaningDocument(
