@@ -64,8 +64,8 @@ def _crop_faults(inputs: CleanInputs) -> list[FieldFault]:
         if len(options.polygon.corners_m) < LEAST_CORNERS:
             few = f"{len(options.polygon.corners_m)} corners enclose nothing; give three or more"
             faults.append(FieldFault("/inputs/options/polygon/corners_m", few))
-        low, high = options.polygon.lowest_m, options.polygon.highest_m
-        if low is not None and high is not None and not low < high:
+        floor, ceiling = options.polygon.lowest_m, options.polygon.highest_m
+        if floor is not None and ceiling is not None and not floor < ceiling:
             faults.append(FieldFault("/inputs/options/polygon", "the least height is not below the largest"))
     if options.distance is not None and not options.distance.nearest_m < options.distance.farthest_m:
         faults.append(FieldFault("/inputs/options/distance", "the least distance is not below the largest"))
