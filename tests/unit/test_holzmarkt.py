@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def test_the_data_sheet_is_the_printed_one() -> None:
 def test_other_people_and_cars_pass_at_each_set_up() -> None:
     vertices = [each.scene.vertices for each in set_ups().values()]
     standing = len(holzmarkt_scene().vertices) // 2
-    for here, there in zip(vertices, vertices[1:], strict=False):
+    for here, there in pairwise(vertices):
         np.testing.assert_array_equal(here[:standing], there[:standing])
         assert len(here) != len(there) or not np.array_equal(here[standing:], there[standing:])
 
