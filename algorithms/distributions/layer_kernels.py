@@ -13,7 +13,14 @@ LEAST_POINTS = 5
 
 @nb.njit(cache=True, nogil=True)
 def cell_distributions(
-    points: Array, layers: Array, low: Array, cell: float, least_std: float, means: Array, precisions: Array, found: Array
+    points: Array,
+    layers: Array,
+    low: Array,
+    cell: float,
+    least_std: float,
+    means: Array,
+    precisions: Array,
+    found: Array,
 ) -> None:
     """Give every cell of four grids, shifted by half a cell each, mean and inverse covariance of its points.
 
@@ -133,4 +140,4 @@ def score(
 
 @nb.njit(cache=True, nogil=True, inline="always")
 def _column(value: float, low: float, cell: float, shifted: int) -> int:
-    return int(math.floor((value - low) / cell + 0.5 * shifted))
+    return math.floor((value - low) / cell + 0.5 * shifted)

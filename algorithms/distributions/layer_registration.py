@@ -21,6 +21,9 @@ HALVINGS = 6
 NARROW_CELLS_M = 16.0
 """While cells are larger than this all starts are followed; then only the best ones."""
 KEPT_STARTS = 12
+SHIFTS_PER_CELL, HEADINGS_OF_SHIFTS = 0.5, 36
+"""Then also shifts so many cells apart are tried, in so many headings: from the largest cells all starts come to where
+the middles of the scans meet, which is wrong where they have little in common."""
 SAME_M, SAME_RAD = 0.5, np.radians(2.0)
 """Answers nearer to each other than this are one."""
 
@@ -42,11 +45,11 @@ class LayerMatch:
 
 def cell_sizes(coarsest_m: float, finest_m: float, steps: int) -> list[float]:
     """Give the edges of the cells, falling by the same factor from step to step [m]."""
-    return np.geomspace(coarsest_m, finest_m, steps).tolist()
+    return [float(size) for size in np.geomspace(coarsest_m, finest_m, steps)]
 
 
 def match_layers(
-    target: Layers, source: Layers, sizes_m: Sequence[float], starts: Array
+    target: Layers, source: Layers, sizes_m: Sequence[float], starts: Array, reach_m: float
 ) -> list[LayerMatch]:
     """Follow every start from the largest cells to the smallest; give the distinct answers, the best first.
 
@@ -58,6 +61,8 @@ def match_layers(
         Edges of the cells, falling [m].
     starts
         (k, 3) translations [m] and headings [rad].
+    reach_m
+        As far from the first start other shifts are tried in cells of middle size [m].
     """
     poses = [np.array(start, dtype=np.float64) for start in starts]
     some = source.thinned(FEW_POINTS)
@@ -66,7 +71,8 @@ def match_layers(
     for size in sizes_m:
         distributions = distributions_of(target, size)
         if size <= NARROW_CELLS_M and not narrowed:
-            poses, some, narrowed = _best_of(distributions, some, poses), source.thinned(MANY_POINTS), True
+            poses = _best_of(distributions, some, [*poses, *_shifted(starts[0], size, reach_m)])
+            some, narrowed = source.thinned(MANY_POINTS), True
         matches = [ascended(distributions, some, pose) for pose in poses]
         poses = [match.pose for match in matches]
     return _distinct(sorted(matches, key=lambda match: -match.score.value))
@@ -113,6 +119,14 @@ def _newton_step(score: Score, reach_m: float, cell_m: float) -> Array:
         float(np.linalg.norm(step[:2])) / (LARGEST_STEP_CELLS * cell_m), abs(float(step[2])) / LARGEST_TURN_RAD, 1.0
     )
     return np.asarray(step / longest)
+
+
+def _shifted(start: Scalars, cell_m: float, reach_m: float) -> list[Scalars]:
+    """Give poses all around a start, in every heading."""
+    steps = np.arange(-reach_m, reach_m + 1e-9, SHIFTS_PER_CELL * cell_m)
+    headings = np.linspace(0.0, 2.0 * np.pi, HEADINGS_OF_SHIFTS, endpoint=False)
+    grid = np.stack(np.meshgrid(steps, steps, headings, indexing="ij"), axis=-1).reshape(-1, 3)
+    return list(start + grid)
 
 
 def _best_of(distributions: LayerDistributions, source: Layers, poses: list[Scalars]) -> list[Scalars]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from algorithms.arrays import Array, Flags, Indices, Scalars, Vector3, Vectors2
 from algorithms.features.scan_features import ScanFeatures
@@ -61,23 +62,26 @@ class Score:
     """(3, 3) sum of the outer products of the single points' gradients."""
 
 
-def layers_of(features: ScanFeatures, heights_m: Sequence[float], thickness_m: float) -> Layers:
+def layers_of(features: ScanFeatures, heights_m: Sequence[float], thickness_m: float, level: Rotation) -> Layers:
     """Cut slices out of the thinned surface of a scan.
 
     Parameters
     ----------
     features
-        Of the scan; its z axis is taken for the vertical.
+        Of the scan.
     heights_m
         Middles of the slices above the instrument, or above the middle of the surface where that is unknown [m].
     thickness_m
         Of each slice [m].
+    level
+        Turns the scan so that its z axis is vertical; the slices are those of the turned scan.
     """
-    points = features.surface.points
-    level = float(features.sensor_m[2]) if features.sensor_m is not None else float(np.median(points[:, 2]))
+    points = level.apply(features.surface.points)
+    sensor = features.sensor_m
+    middle = float(np.median(points[:, 2])) if sensor is None else float(level.apply(sensor)[2])
     parts, numbers = [], []
     for number, height in enumerate(heights_m):
-        inside: Flags = np.abs(points[:, 2] - level - height) <= 0.5 * thickness_m
+        inside: Flags = np.abs(points[:, 2] - middle - height) <= 0.5 * thickness_m
         parts.append(points[inside, :2])
         numbers.append(np.full(int(inside.sum()), number, dtype=np.int64))
     joined = np.concatenate(parts)

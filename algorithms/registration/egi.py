@@ -1,6 +1,5 @@
 """Extended Gaussian images: the rotation from directions of surfaces alone."""
 
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, ClassVar, final
@@ -25,7 +24,7 @@ class TurnAxes(StrEnum):
     ALL = "all"
     """All three: scanners may lean."""
     VERTICAL = "vertical"
-    """The z axis alone, as in the paper: both scanners are levelled."""
+    """The z axis alone, as in the paper: both scanners are levelled, but for small tilts that their walls tell."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,9 @@ class EgiMethod:
     """Extended Gaussian images propose the rotation (Horn 1984; Dold, Ripperda and Brenner 2007).
 
     The planes' normals, weighed by area, are mapped to a divided icosahedron; the correlation of two such spheres is
-    searched coarse to fine. Beyond the paper, the lost shift is completed from the offsets of parallel planes, and of
-    all rotations of high correlation the one in which surface lies on surface is taken. The service estimates from
+    searched coarse to fine. Beyond the paper, the lost shift is completed from the offsets of parallel planes, of all
+    rotations of high correlation the one in which surface lies on surface is taken, and planes that agree there make
+    the pose finer than the cells. The service estimates from
     there on; what the method says itself stands beside.
     """
 

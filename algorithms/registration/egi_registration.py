@@ -1,10 +1,11 @@
-"""The work of the method `egi`: rotations from sphere images, shifts from offsets of planes, estimated from there on."""
+"""The work of the method `egi`: rotations from sphere images, shifts from offsets of planes, and the estimate."""
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.arrays import Array, Indices, OtherIndexPairs, Scalars
+from algorithms.distributions.levelling import levelling
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
@@ -15,6 +16,7 @@ from algorithms.matching.votes import Motions
 from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.egi import EgiMethod, SphereOptions, TurnAxes
+from algorithms.registration.plane_agreement import Agreement, LargePlanes, agreement_near
 from algorithms.registration.plane_pairs_pose import quaternion_of_normals
 from algorithms.registration.proposals import PoseProposal, ProposingProcedure, register_by_proposal
 from algorithms.scans.pose_scores import PoseScores, score_poses, strict_limits
@@ -28,6 +30,8 @@ SIFT_POINTS, TEST_POINTS, FINALISTS = 300, 3000, 60
 """Surface points of the first and of the last comparison of shifts, and how many come to the last."""
 SIFT_M = 0.5
 """Surface so near counts in the first comparison: rotations are known to a cell of the sphere only."""
+MOST_PLANES, GAP_M = 100, 20.0
+"""Planes that complete the pose: the largest, and how far they may be apart from rim to rim [m]."""
 ROUNDS = 3
 """Of directions that are paired anew in the better rotation."""
 
@@ -71,24 +75,48 @@ def proposed_by_spheres(problem: RegistrationProblem, options: SphereOptions) ->
     fewest = min(len(target.planes), len(source.planes))
     if fewest < LEAST_PLANES:
         raise TooFewCorrespondencesError(fewest, LEAST_PLANES, "planes")
-    ours, theirs = _directions(target.planes), _directions(source.planes)
     about_vertical = options.axes is TurnAxes.VERTICAL
+    levels = [levelling(each) if about_vertical else Rotation.identity() for each in (target, source)]
+    ours, theirs = (_directions(each.planes, level) for each, level in zip((target, source), levels, strict=True))
     peaks = rotation_peaks(
         ours, theirs, finest_level=options.finest_level, about_vertical=about_vertical, most=options.max_peaks
     )
     rotations = np.array(
         [_between_cells(each, ours, theirs, peaks.width_rad, about_vertical=about_vertical) for each in peaks.rotations]
     )
+    rotations = levels[0].inv().as_matrix() @ rotations @ levels[1].as_matrix()
     motions = plane_motions(offset_votes_at(rotations, target, source))
     if len(motions) == 0:
         raise TooFewCorrespondencesError(0, 3, "directions of planes whose offsets fix a shift")
     rotation, shift, score = _best_motion(motions, target, source)
     peak = int(np.argmax(np.einsum("hij,ij->h", rotations, rotation)))
-    std_rad = peaks.width_rad / np.sqrt(12.0)
-    covariance = np.diag([std_rad**2] * 3 + [SIFT_M**2 / 12.0] * 3)
-    pose = PoseEstimate(RigidTransform.from_components(shift, Rotation.from_matrix(rotation)), covariance)
-    step = EstimatorStep("rotation", len(theirs.normals), 1 if about_vertical else 3, None, ROUNDS, 0.0, converged=True)
-    return PoseProposal(pose, (step,), _remarks(peaks, peak, options, len(motions), score))
+    remarks = _remarks(peaks, peak, options, len(motions), score)
+    found = _by_planes(target, source, rotation, shift, 2.0 * peaks.width_rad)
+    rotating = EstimatorStep(
+        "rotation", len(theirs.normals), 1 if about_vertical else 3, None, ROUNDS, 0.0, converged=True
+    )
+    if found is None:
+        std_rad = peaks.width_rad / np.sqrt(12.0)
+        covariance = np.diag([std_rad**2] * 3 + [SIFT_M**2 / 12.0] * 3)
+        pose = PoseEstimate(RigidTransform.from_components(shift, Rotation.from_matrix(rotation)), covariance)
+        return PoseProposal(pose, (rotating,), (*remarks, "too few planes agree to complete the pose by them"))
+    estimate = found.estimate
+    pairs = len(estimate.pairs)
+    completing = EstimatorStep("shift and small turns", 3 * pairs, 6, estimate.sigma0, 1, 0.0, converged=True)
+    completed = (
+        f"completed by {pairs} planes that agree to {1e3 * estimate.offset_rms_m:.0f} mm and "
+        f"{1e3 * estimate.angle_rms_rad:.2f} mrad (rms)"
+    )
+    return PoseProposal(estimate.pose, (rotating, completing), (*remarks, completed))
+
+
+def _by_planes(
+    target: ScanFeatures, source: ScanFeatures, rotation: Array, shift: Array, turn_rad: float
+) -> Agreement | None:
+    """Complete a rotation that is known to a cell, and a shift that is known to half a metre, by planes that agree."""
+    ours, theirs = (LargePlanes.of(features, MOST_PLANES, GAP_M) for features in (target, source))
+    between = rotation @ theirs.centre_m + shift - ours.centre_m
+    return agreement_near(ours, theirs, rotation, between, np.array([np.cos(turn_rad), SIFT_M]))
 
 
 def _remarks(peaks: RotationPeaks, peak: int, options: SphereOptions, shifts: int, score: float) -> tuple[str, ...]:
@@ -97,8 +125,10 @@ def _remarks(peaks: RotationPeaks, peak: int, options: SphereOptions, shifts: in
     like = int(np.count_nonzero(correlations >= options.ambiguity_ratio)) - 1
     cell = np.degrees(peaks.width_rad)
     words = [
-        f"cells of {cell:.1f} degrees; the rotation taken is number {peak + 1} by correlation "
-        f"({correlations[peak]:.0%} of the highest); of {shifts} shifts the best lays {score:.2f} of the surface on surface"
+        (
+            f"cells of {cell:.1f} degrees; the rotation taken is number {peak + 1} by correlation "
+            f"({correlations[peak]:.0%} of the highest); of {shifts} shifts the best lays {score:.0%} of all on surface"
+        )
     ]
     if like > 0:
         words.append(
@@ -108,9 +138,9 @@ def _remarks(peaks: RotationPeaks, peak: int, options: SphereOptions, shifts: in
     return tuple(words)
 
 
-def _directions(planes: Planes) -> Directions:
-    """Weigh normals by the root of the area: a front counts more than a sill, and not as much as all others together."""
-    return Directions(planes.normals, np.sqrt(planes.areas_m2))
+def _directions(planes: Planes, level: Rotation) -> Directions:
+    """Weigh normals by the root of the area: a front counts more than a sill, but not as much as all the rest."""
+    return Directions(level.apply(planes.normals), np.sqrt(planes.areas_m2))
 
 
 def _between_cells(
@@ -129,7 +159,9 @@ def _between_cells(
         t, s = ours.normals[pairs[:, 0]], theirs.normals[pairs[:, 1]]
         if about_vertical:
             cross = float(weights @ (s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0]))
-            rotation = Rotation.from_euler("z", np.arctan2(cross, float(weights @ (s[:, :2] * t[:, :2]).sum(1)))).as_matrix()
+            rotation = Rotation.from_euler(
+                "z", np.arctan2(cross, float(weights @ (s[:, :2] * t[:, :2]).sum(1)))
+            ).as_matrix()
         else:
             rotation = quaternion_of_normals(t, s, weights).as_matrix()
     return rotation

@@ -33,8 +33,11 @@ class LayerOptions:
     """So many sizes from the largest to the smallest."""
     headings: Annotated[int, Ge(1), Le(360)] = 24
     """So many headings, evenly spread over the circle, are starts."""
-    levelled_std_rad: Annotated[float, Gt(0.0), Le(0.2)] = 0.0175
-    """How well the scanners are levelled (standard deviation) [rad]: what the method claims of the tilts."""
+    reach_m: Annotated[float, Ge(0.0), Le(1000.0)] = 40.0
+    """As far apart the instruments are looked for in cells of middle size [m]."""
+    levelled_std_rad: Annotated[float, Gt(0.0), Le(0.2)] = 0.001
+    """How well the scanners are levelled once their walls are made vertical (standard deviation) [rad]: what the method
+    claims of the tilts."""
 
 
 @final
@@ -43,9 +46,10 @@ class NdtMethod:
     """Normal distributions in horizontal slices propose the pose of levelled scanners (Dold et al. 2007).
 
     Biber and Strasser's score (2003), summed over the slices, is climbed from the largest cells to the smallest. Beyond
-    the paper, many headings are tried, the cells of four grids overlap, the step is Newton's with the analytic Hessian,
-    and the height comes from what lies flat. The service estimates from there on; what the method says itself stands
-    beside. Scanners that lean need `ndt-3d`.
+    the paper, many headings and shifts are tried, the cells of four grids overlap, the step is Newton's with the
+    analytic Hessian, walls tell small tilts of the scanners, and the height comes from what lies flat. The service
+    estimates from there on; what the method says itself stands beside. Scanners that lean by more than some degrees are
+    beyond it.
     """
 
     name: ClassVar[str] = "ndt"

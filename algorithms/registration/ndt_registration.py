@@ -7,6 +7,7 @@ from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.arrays import Array, Matrix3, Points
 from algorithms.distributions.layer_registration import LayerMatch, cell_sizes, match_layers
 from algorithms.distributions.layers import layers_of
+from algorithms.distributions.levelling import levelling
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
@@ -62,32 +63,44 @@ def proposed_by_layers(problem: RegistrationProblem, options: LayerOptions) -> P
     TooFewCorrespondencesError
         When the slices of a scan hold next to nothing.
     """
+    levels = levelling(problem.target), levelling(problem.source)
     target, source = (
-        layers_of(features, options.heights_m, options.thickness_m) for features in (problem.target, problem.source)
+        layers_of(features, options.heights_m, options.thickness_m, level)
+        for features, level in zip((problem.target, problem.source), levels, strict=True)
     )
     if min(len(target.points), len(source.points)) < LEAST_POINTS:
         raise TooFewCorrespondencesError(min(len(target.points), len(source.points)), LEAST_POINTS, "points of slices")
     sizes = cell_sizes(options.coarsest_cell_m, options.finest_cell_m, options.steps)
-    matches = match_layers(target, source, sizes, _starts(problem, options.headings))
+    starts = _starts(problem, levels, options.headings)
+    matches = match_layers(target, source, sizes, starts, options.reach_m)
     best = matches[0]
     rival = matches[1] if len(matches) > 1 else None
     horizontal = _covariance(best)
     rotation = Rotation.from_euler("z", best.pose[2])
-    height, height_std = _height(problem.target, problem.source, rotation, best.pose[:2])
+    height, height_std = _height(
+        _flat_points(problem.target, levels[0]), _flat_points(problem.source, levels[1]), rotation, best.pose[:2]
+    )
     covariance = np.zeros((6, 6))
     covariance[0, 0] = covariance[1, 1] = options.levelled_std_rad**2
     order = [3, 4, 2]
     covariance[np.ix_(order, order)] = horizontal
     covariance[5, 5] = height_std**2
-    pose = RigidTransform.from_components([best.pose[0], best.pose[1], height], rotation)
+    between = RigidTransform.from_components([best.pose[0], best.pose[1], height], rotation)
+    pose = RigidTransform.from_rotation(levels[0].inv()) * between * RigidTransform.from_rotation(levels[1])
+    covariance = _turned(covariance, levels[0].inv())
     step = EstimatorStep(
         "heading and horizontal shift", len(source.points), 3, None, best.iterations, best.last_step_m,
         converged=best.converged,
     )  # fmt: skip
     remarks = [
-        f"{len(target.points)} and {len(source.points)} points in {target.count} slices; cells from {sizes[0]:g} m to "
-        f"{sizes[-1]:g} m in {len(sizes)} steps; mean score {best.mean_score:.3f}",
-        "tilts are taken for zero: the method sees levelled scanners only",
+        (
+            f"{len(target.points)} and {len(source.points)} points in {target.count} slices; cells from {sizes[0]:g} m to "
+            f"{sizes[-1]:g} m in {len(sizes)} steps; mean score {best.mean_score:.3f}"
+        ),
+        (
+            "the method sees levelled scanners only; their walls say that they lean by "
+            f"{np.degrees(levels[0].magnitude()) / 0.9:.2f} and {np.degrees(levels[1].magnitude()) / 0.9:.2f} gon"
+        ),
     ]
     if rival is not None:
         remarks.append(
@@ -98,11 +111,11 @@ def proposed_by_layers(problem: RegistrationProblem, options: LayerOptions) -> P
     return PoseProposal(PoseEstimate(pose, covariance), (step,), tuple(remarks))
 
 
-def _starts(problem: RegistrationProblem, headings: int) -> Array:
+def _starts(problem: RegistrationProblem, levels: tuple[Rotation, Rotation], headings: int) -> Array:
     """Start with instrument on instrument, in every heading."""
     centres = [
-        np.zeros(2) if features.sensor_m is None else features.sensor_m[:2]
-        for features in (problem.target, problem.source)
+        np.zeros(2) if features.sensor_m is None else level.apply(features.sensor_m)[:2]
+        for features, level in zip((problem.target, problem.source), levels, strict=True)
     ]
     starts = []
     for heading in np.linspace(0.0, 2.0 * np.pi, headings, endpoint=False).tolist():
@@ -112,6 +125,12 @@ def _starts(problem: RegistrationProblem, headings: int) -> Array:
     return np.array(starts)
 
 
+def _turned(covariance: Array, rotation: Rotation) -> Array:
+    """Tell a covariance of turn and shift in turned axes."""
+    both = np.kron(np.eye(2), rotation.as_matrix())
+    return np.asarray(both @ covariance @ both.T)
+
+
 def _covariance(match: LayerMatch) -> Matrix3:
     """Give the covariance of x, y and heading: the points' gradients between two inverse Hessians."""
     values, vectors = np.linalg.eigh(-match.score.hessian)
@@ -119,28 +138,24 @@ def _covariance(match: LayerMatch) -> Matrix3:
     return np.asarray(inverse @ match.score.outer @ inverse)
 
 
-def _height(target: ScanFeatures, source: ScanFeatures, rotation: Rotation, shift: Array) -> tuple[float, float]:
+def _height(ours: Points, theirs: Points, rotation: Rotation, shift: Array) -> tuple[float, float]:
     """Give the vertical shift that most flat surface agrees on, and its standard deviation [m]."""
-    ours, theirs = _flat_points(target), _flat_points(source)
     moved = rotation.apply(theirs) + np.array([*shift, 0.0])
     heights = _heights_by_cell(ours)
     differences = [
-        found - height
-        for cell, height in _heights_by_cell(moved).items()
-        if (found := heights.get(cell)) is not None
+        found - height for cell, height in _heights_by_cell(moved).items() if (found := heights.get(cell)) is not None
     ]
     if not differences:
-        level = 0.0 if target.sensor_m is None or source.sensor_m is None else target.sensor_m[2] - source.sensor_m[2]
-        return float(level), OPEN_HEIGHT_STD_M
+        return 0.0, OPEN_HEIGHT_STD_M
     values = np.sort(np.array(differences))
     inside = np.searchsorted(values, values + HEIGHT_BIN_M) - np.arange(len(values))
     first = int(np.argmax(inside))
     return float(values[first : first + int(inside[first])].mean()), HEIGHT_STD_M
 
 
-def _flat_points(features: ScanFeatures) -> Points:
+def _flat_points(features: ScanFeatures, level: Rotation) -> Points:
     surface = features.surface
-    return surface.points[surface.normals[:, 2] > FLAT]
+    return np.asarray(level.apply(surface.points)[level.apply(surface.normals)[:, 2] > FLAT])
 
 
 def _heights_by_cell(points: Points) -> dict[tuple[int, int], float]:

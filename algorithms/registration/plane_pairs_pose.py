@@ -57,9 +57,9 @@ def quaternion_of_normals(target: Points, source: Points, weights: Scalars) -> R
 def pose_of_plane_pairs(target: Planes, source: Planes, pairs: OtherIndexPairs) -> PlanePairsPose | None:
     """Estimate the pose in which pairs of planes coincide; None where their normals leave a shift open.
 
-    The rotation starts with that of the normals (quaternion), the translation with n·t = h_target - h_source; then least
-    squares of both together, turns of the normals and offsets at the source's centroids, weighed by what the planes'
-    covariances and uneven walls explain. The covariance is enlarged where the residuals are larger than that.
+    The rotation starts with that of the normals (quaternion), the translation with n·t = h_target - h_source; then
+    least squares of both together, turns of the normals and offsets at the source's centroids, weighed by what the
+    planes' covariances and uneven walls explain. The covariance is enlarged where the residuals are larger than that.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ class TripleOptions:
     """How triples of planes are laid on each other; the paper gives the number of planes only."""
 
     max_planes: Annotated[int, Ge(3), Le(100)] = 50
-    """So many planes of each scan take part, those of the most points."""
+    """So many planes of each scan take part, the largest: most points lie on what is near."""
     max_triples: Annotated[int, Ge(1), Le(20_000)] = 6000
     """So many triples of each scan are tried, those of the largest triple product: three planes that stand square to
     each other have 1."""
@@ -34,6 +34,8 @@ class TripleOptions:
     """Planes agree when their normals differ by less [rad]."""
     max_distance_m: Annotated[float, Gt(0.0), Le(2.0)] = 0.15
     """And when the middle of one lies no farther from the other [m]."""
+    max_gap_m: Annotated[float, Ge(0.0), Le(10_000.0)] = 20.0
+    """And when they are no farther apart from rim to rim: two scans see two pieces of one street [m]."""
     max_shift_m: Annotated[float, Gt(0.0), Le(10_000.0)] = 200.0
     """The middles of the scans are no farther apart [m]."""
     max_poses: Annotated[int, Ge(1), Le(20_000_000)] = 1_500_000
@@ -46,9 +48,9 @@ class PlanesTriplesMethod:
     """Triples of planes propose the pose (Dold, Ripperda and Brenner 2007): the one in which most planes agree.
 
     Triples of both scans are laid on each other, the most orthogonal ones first; the pose comes from the quaternion of
-    the normals and least squares of the offsets. Beyond the paper, planes agree only where they reach each other, and
-    of the best poses the one in which most surface lies on surface is taken. The service estimates from there on; what
-    the method says itself stands beside.
+    the normals and least squares. Beyond the paper, planes agree only where they come near each other, and of the best
+    poses the one in which most surface lies on surface is taken. The service estimates from there on; what the method
+    says itself stands beside.
     """
 
     name: ClassVar[str] = "planes-triples"

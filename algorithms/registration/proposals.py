@@ -92,9 +92,7 @@ def register_by_proposal(problem: RegistrationProblem, procedure: ProposingProce
             free_directions=error.free_directions, advice=error.advice,
         )  # fmt: skip
     own = proposal.pose.target_from_source
-    start = polished(
-        own, problem.target.index, problem.source.index, distances_m=POLISH_M, points=POLISH_POINTS
-    )
+    start = polished(own, problem.target.index, problem.source.index, distances_m=POLISH_M, points=POLISH_POINTS)
     result = estimated_and_judged(
         problem, _beside(problem.source, search, start), procedure.adjustment, procedure.surfaces, progress
     )
@@ -162,9 +160,10 @@ def _comparison(problem: RegistrationProblem, own: PoseEstimate, final: PoseEsti
     statistic = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
     limit = float(stats.chi2.isf(SIGNIFICANT, 6))
     centre = problem.source.surface.points.mean(axis=0)
+    shift_mm = 1e3 * float(np.linalg.norm(b.apply(centre) - a.apply(centre)))
     return (
-        f"the method's own pose is turned by {np.linalg.norm(turn) * GON_PER_RAD:.3f} gon from the one given, and shifts "
-        f"the middle of the scan by {1e3 * np.linalg.norm(b.apply(centre) - a.apply(centre)):.0f} mm (test value "
+        f"the method's own pose is turned by {np.linalg.norm(turn) * GON_PER_RAD:.3f} gon from the one given, and "
+        f"shifts the middle of the scan by {shift_mm:.0f} mm (test value "
         f"{statistic:.0f}, limit {limit:.0f}: {'more than' if statistic > limit else 'no more than'} both standard "
         "deviations explain)"
     )

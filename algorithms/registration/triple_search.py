@@ -6,11 +6,11 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Indices, OtherIndexPairs, Scalars
+from algorithms.arrays import Array
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.planes import Planes
-from algorithms.registration.plane_pairs_pose import PlanePairsPose, pose_of_plane_pairs
+from algorithms.registration.plane_agreement import Agreement, LargePlanes, agreement_near
+from algorithms.registration.plane_pairs_pose import PlanePairsPose
 from algorithms.registration.planes_triples import TripleOptions
 from algorithms.scans.pose_scores import score_poses, strict_limits
 
@@ -18,8 +18,6 @@ KEPT_POSES = 40
 """So many distinct poses, the best by planes that agree, are refined and compared."""
 SAME_RAD, SAME_M = np.radians(2.0), 0.4
 """Poses nearer to each other than this are one."""
-REFINEMENTS = 4
-"""Rounds in which the planes that agree are found anew."""
 TEST_POINTS = 3000
 """Surface points of each scan that say which of the best poses is right."""
 
@@ -36,12 +34,6 @@ class TripleMatch:
     """The same in the best clearly different pose; 0 if there is none."""
     poses: int
     """How many poses were counted."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    estimate: PlanePairsPose
-    agreeing: int
 
 
 def match_by_triples(target: ScanFeatures, source: ScanFeatures, options: TripleOptions) -> TripleMatch:
@@ -64,16 +56,11 @@ def match_by_triples(target: ScanFeatures, source: ScanFeatures, options: Triple
     """
     from algorithms.registration import triple_search_kernels as kernels
 
-    chosen = [_most_measured(features.planes, options.max_planes) for features in (target, source)]
-    planes = [features.planes.without_boundaries(which) for features, which in zip((target, source), chosen, strict=True)]
-    if min(len(each) for each in planes) < 3:
-        raise TooFewCorrespondencesError(min(len(each) for each in planes), 3, "planes")
-    centres = [each.centroids.mean(axis=0) for each in planes]
-    described = [
-        _described(each, _radii(features.planes, which), centre)
-        for each, features, which, centre in zip(planes, (target, source), chosen, centres, strict=True)
-    ]
-    triples = [_triples(each.normals, options) for each in planes]
+    fewest = min(len(target.planes), len(source.planes))
+    if fewest < 3:
+        raise TooFewCorrespondencesError(fewest, 3, "planes")
+    planes = [LargePlanes.of(features, options.max_planes, options.max_gap_m) for features in (target, source)]
+    triples = [_triples(each.planes.normals, options) for each in planes]
     limits = np.array(
         [np.cos(options.max_angle_rad), options.max_distance_m, options.max_cosine_difference, options.max_shift_m,
          SAME_RAD, SAME_M]
@@ -82,37 +69,21 @@ def match_by_triples(target: ScanFeatures, source: ScanFeatures, options: Triple
     counted = 0
     if min(len(each[0]) for each in triples):
         counted = kernels.search(
-            *described, triples[0][0], triples[1][0], triples[0][1], triples[1][1], limits, options.max_poses,
-            rotations, shifts, scores,
+            planes[0].rows, planes[1].rows, triples[0][0], triples[1][0], triples[0][1], triples[1][1], limits,
+            options.max_poses, rotations, shifts, scores,
         )  # fmt: skip
     candidates = [
         candidate
         for k in np.argsort(-scores, kind="stable").tolist()
         if scores[k] > 0
-        for candidate in [_refined(planes, described, centres, rotations[k], shifts[k], limits)]
+        for candidate in [agreement_near(planes[0], planes[1], rotations[k], shifts[k], limits)]
         if candidate is not None
     ]
     if not candidates:
         raise TooFewCorrespondencesError(3 if counted else 0, 4, "planes that agree")
     best = _best(target, source, candidates)
-    others = [each.agreeing for each in candidates if _differ(each, candidates[best], centres[1])]
-    return TripleMatch(candidates[best].estimate, candidates[best].agreeing, max(others, default=0), counted)
-
-
-def _most_measured(planes: Planes, most: int) -> Indices:
-    return np.argsort(-planes.point_counts, kind="stable")[:most].astype(np.int64)
-
-
-def _radii(planes: Planes, which: Indices) -> Scalars:
-    """Give how far each plane reaches from its centroid [m]."""
-    return np.array([float(np.linalg.norm(planes.boundary_of(k), axis=1).max(initial=0.0)) for k in which.tolist()])
-
-
-def _described(planes: Planes, radii: Scalars, centre: Array) -> Array:
-    """Put normal, centroid, radius and offset of each plane in a row, relative to a centre."""
-    centroids = planes.centroids - centre
-    offsets = np.einsum("ij,ij->i", planes.normals, centroids)
-    return np.column_stack([planes.normals, centroids, radii, offsets])
+    others = [each.count for each in candidates if _differ(each, candidates[best], planes[1].centre_m)]
+    return TripleMatch(candidates[best].estimate, candidates[best].count, max(others, default=0), counted)
 
 
 def _triples(normals: Array, options: TripleOptions) -> tuple[Array, Array]:
@@ -128,37 +99,7 @@ def _triples(normals: Array, options: TripleOptions) -> tuple[Array, Array]:
     return np.ascontiguousarray(numbers), np.ascontiguousarray(cosines)
 
 
-def _refined(
-    planes: list[Planes], described: list[Array], centres: list[Array], rotation: Array, shift: Array, limits: Array
-) -> _Candidate | None:
-    """Estimate by all planes that agree, find these anew, and so on."""
-    found: _Candidate | None = None
-    for _ in range(REFINEMENTS):
-        pairs = _agreeing(described, rotation, shift, limits)
-        if len(pairs) < 4:
-            return found
-        estimate = pose_of_plane_pairs(planes[0], planes[1], pairs)
-        if estimate is None:
-            return found
-        if found is not None and np.array_equal(pairs, found.estimate.pairs):
-            break
-        found = _Candidate(estimate, len(pairs))
-        pose = estimate.pose.target_from_source
-        rotation = np.ascontiguousarray(pose.rotation.as_matrix())
-        shift = pose.apply(centres[1]) - centres[0]
-    return found
-
-
-def _agreeing(described: list[Array], rotation: Array, shift: Array, limits: Array) -> OtherIndexPairs:
-    from algorithms.registration import triple_search_kernels as kernels
-
-    partners = np.empty(len(described[1]), dtype=np.int64)
-    kernels.agreeing(rotation, np.ascontiguousarray(shift), described[0], described[1], limits, 0, partners)
-    matched = np.flatnonzero(partners >= 0)
-    return np.stack([partners[matched], matched], axis=1)
-
-
-def _best(target: ScanFeatures, source: ScanFeatures, candidates: list[_Candidate]) -> int:
+def _best(target: ScanFeatures, source: ScanFeatures, candidates: list[Agreement]) -> int:
     """Choose the candidate in which most surface lies on surface and least in space that was seen through."""
     poses: list[RigidTransform] = [each.estimate.pose.target_from_source for each in candidates]
     noise = max(target.noise_std_m, source.noise_std_m)
@@ -171,11 +112,11 @@ def _best(target: ScanFeatures, source: ScanFeatures, candidates: list[_Candidat
         points=TEST_POINTS,
         limits=limits,
     )
-    counts = np.array([each.agreeing for each in candidates], dtype=np.float64)
+    counts = np.array([each.count for each in candidates], dtype=np.float64)
     return int(np.lexsort((-counts, -scores.score))[0])
 
 
-def _differ(first: _Candidate, second: _Candidate, centre: Array) -> bool:
+def _differ(first: Agreement, second: Agreement, centre: Array) -> bool:
     a, b = (each.estimate.pose.target_from_source for each in (first, second))
     turned = (a.rotation * b.rotation.inv()).magnitude() > SAME_RAD
     return bool(turned or np.linalg.norm(a.apply(centre) - b.apply(centre)) > SAME_M)

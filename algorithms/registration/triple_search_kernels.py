@@ -92,57 +92,20 @@ def search(
     """
     kept, counted, most = 0, 0, len(scores)
     lowest = 3
-    frame_t, frame_s, rotation, shift, right = (
-        np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3),
-    )  # fmt: skip
+    rotation, shift = np.empty((3, 3)), np.empty(3)
     partners = np.empty(len(source), dtype=np.int64)
     cosine_same = np.cos(limits[4])
     for diagonal in range(len(target_triples) + len(source_triples) - 1):
         first = max(0, diagonal - len(source_triples) + 1)
         for a in range(first, min(diagonal + 1, len(target_triples))):
             b = diagonal - a
-            for order in range(3):
-                o0 = ROTATIONS_OF_THREE[order, 0]
-                o1 = ROTATIONS_OF_THREE[order, 1]
-                o2 = ROTATIONS_OF_THREE[order, 2]
-                if (
-                    abs(target_products[a, 0] - source_products[b, o0]) > limits[2]
-                    or abs(target_products[a, 1] - source_products[b, o1]) > limits[2]
-                    or abs(target_products[a, 2] - source_products[b, o2]) > limits[2]
-                ):
+            for order in ROTATIONS_OF_THREE:
+                if not _alike(target_products[a], source_products[b], order, limits[2]):
                     continue
-                for k in range(3):
-                    i, j = target_triples[a, k], source_triples[b, ROTATIONS_OF_THREE[order, k]]
-                    for axis in range(3):
-                        frame_t[k, axis] = target[i, axis]
-                        frame_s[k, axis] = source[j, axis]
-                    right[k] = target[i, 7] - source[j, 7]
-                inverse = np.linalg.inv(frame_t)
-                for axis in range(3):
-                    shift[axis] = inverse[axis, 0] * right[0] + inverse[axis, 1] * right[1] + inverse[axis, 2] * right[2]
+                _lay(target, source, target_triples[a], source_triples[b], order, rotation, shift)
                 if shift[0] ** 2 + shift[1] ** 2 + shift[2] ** 2 > limits[3] ** 2:
                     continue
-                for r in range(3):
-                    for c in range(3):
-                        rotation[r, c] = (
-                            inverse[r, 0] * frame_s[0, c] + inverse[r, 1] * frame_s[1, c] + inverse[r, 2] * frame_s[2, c]
-                        )
-                apart = False
-                for k in range(3):
-                    i, j = target_triples[a, k], source_triples[b, ROTATIONS_OF_THREE[order, k]]
-                    gap = 0.0
-                    for axis in range(3):
-                        moved = (
-                            rotation[axis, 0] * source[j, 3]
-                            + rotation[axis, 1] * source[j, 4]
-                            + rotation[axis, 2] * source[j, 5]
-                            + shift[axis]
-                        )
-                        gap += (moved - target[i, 3 + axis]) ** 2
-                    if gap > (target[i, 6] + source[j, 6]) ** 2:
-                        apart = True
-                        break
-                if apart:
+                if not _meet(target, source, target_triples[a], source_triples[b], order, rotation, shift):
                     continue
                 counted += 1
                 score = agreeing(rotation, shift, target, source, limits, lowest, partners)
@@ -153,6 +116,67 @@ def search(
                 if counted >= budget:
                     return counted
     return counted
+
+
+@nb.njit(cache=True, nogil=True)
+def _alike(target_products: Array, source_products: Array, order: Array, largest: float) -> bool:
+    """Say whether two triples have the same angles between their planes, in an order."""
+    worst = 0.0
+    for k in range(3):
+        worst = max(worst, abs(target_products[k] - source_products[order[k]]))
+    return worst <= largest
+
+
+@nb.njit(cache=True, nogil=True)
+def _lay(
+    target: Array,
+    source: Array,
+    target_triple: Array,
+    source_triple: Array,
+    order: Array,
+    rotation: Array,
+    shift: Array,
+) -> None:
+    """Write the pose that lays three planes on three planes: with N the normals as rows, R = N_t^-1 N_s.
+
+    R is a rotation as far as the angles between the planes are the same; the shift is N_t^-1 (h_t - h_s).
+    """
+    ours, theirs, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for k in range(3):
+        i, j = target_triple[k], source_triple[order[k]]
+        for axis in range(3):
+            ours[k, axis] = target[i, axis]
+            theirs[k, axis] = source[j, axis]
+        right[k] = target[i, 7] - source[j, 7]
+    inverse = np.linalg.inv(ours)
+    for r in range(3):
+        shift[r] = inverse[r, 0] * right[0] + inverse[r, 1] * right[1] + inverse[r, 2] * right[2]
+        for c in range(3):
+            rotation[r, c] = inverse[r, 0] * theirs[0, c] + inverse[r, 1] * theirs[1, c] + inverse[r, 2] * theirs[2, c]
+
+
+@nb.njit(cache=True, nogil=True)
+def _meet(
+    target: Array,
+    source: Array,
+    target_triple: Array,
+    source_triple: Array,
+    order: Array,
+    rotation: Array,
+    shift: Array,
+) -> bool:
+    """Say whether the planes of two triples come near each other in a pose."""
+    for k in range(3):
+        i, j = target_triple[k], source_triple[order[k]]
+        gap = 0.0
+        for axis in range(3):
+            moved = shift[axis] - target[i, 3 + axis]
+            for c in range(3):
+                moved += rotation[axis, c] * source[j, 3 + c]
+            gap += moved * moved
+        if gap > (target[i, 6] + source[j, 6]) ** 2:
+            return False
+    return True
 
 
 @nb.njit(cache=True, nogil=True)

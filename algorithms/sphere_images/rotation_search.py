@@ -54,7 +54,9 @@ def rotation_peaks(
         best = _distinct(rotations, values, width, kept)
         image = sphere_image(target, level)
         width = 0.5 * image.cells.width_rad
-        rotations = (_neighbours(width, about_vertical=about_vertical)[:, None] @ rotations[best][None]).reshape(-1, 3, 3)
+        rotations = (_neighbours(width, about_vertical=about_vertical)[:, None] @ rotations[best][None]).reshape(
+            -1, 3, 3
+        )
         values = _correlated(image, source, rotations)
     best = _distinct(rotations, values, 4.0 * width, most)
     return RotationPeaks(rotations[best], values[best], 2.0 * width)
