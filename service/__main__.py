@@ -111,7 +111,8 @@ def register(
     method: Annotated[
         str | None,
         typer.Option(
-            help="auto, lines, planes, icp-plane, planes-triples, ndt, egi, lines-compat, lines-alshawa or icl."
+            help="auto, lines, planes, icp-plane, icp-point, icp-d2, planes-triples, ndt, egi, lines-compat, "
+            "lines-alshawa or icl."
         ),
     ] = None,
     pairs: Annotated[

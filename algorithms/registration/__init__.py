@@ -3,7 +3,9 @@
 from algorithms.registration.auto import AutoMethod
 from algorithms.registration.egi import EgiMethod
 from algorithms.registration.icl import IclMethod
+from algorithms.registration.icp_d2 import IcpD2Method
 from algorithms.registration.icp_plane import IcpPlaneMethod
+from algorithms.registration.icp_point import IcpPointMethod
 from algorithms.registration.lines import LinesMethod
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
 from algorithms.registration.lines_compat import LinesCompatMethod
@@ -22,6 +24,8 @@ RegistrationMethod = (
     | PlanesTriplesMethod
     | NdtMethod
     | EgiMethod
+    | IcpPointMethod
+    | IcpD2Method
 )
 """All methods, `A | B | ...`; validation, documentation and dispatch follow from it."""
 

@@ -5,6 +5,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.arrays import Array, Indices, OtherIndexPairs, Scalars
+from algorithms.closest_points.motions import best_rotation
 from algorithms.distributions.levelling import levelling
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
@@ -17,7 +18,6 @@ from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.egi import EgiMethod, SphereOptions, TurnAxes
 from algorithms.registration.plane_agreement import Agreement, LargePlanes, agreement_near
-from algorithms.registration.plane_pairs_pose import quaternion_of_normals
 from algorithms.registration.proposals import PoseProposal, ProposingProcedure, register_by_proposal
 from algorithms.scans.pose_scores import PoseScores, score_poses, strict_limits
 from algorithms.scans.surface_index import EvidenceLimits
@@ -163,7 +163,7 @@ def _between_cells(
                 "z", np.arctan2(cross, float(weights @ (s[:, :2] * t[:, :2]).sum(1)))
             ).as_matrix()
         else:
-            rotation = quaternion_of_normals(t, s, weights).as_matrix()
+            rotation = best_rotation(t, s, weights).as_matrix()
     return rotation
 
 

@@ -94,7 +94,7 @@ def proposed_by_layers(problem: RegistrationProblem, options: LayerOptions) -> P
     )  # fmt: skip
     remarks = [
         (
-            f"{len(target.points)} and {len(source.points)} points in {target.count} slices; cells from {sizes[0]:g} m to "
+            f"{len(target.points)} and {len(source.points)} points in {target.count} slices; cells of {sizes[0]:g} to "
             f"{sizes[-1]:g} m in {len(sizes)} steps; mean score {best.mean_score:.3f}"
         ),
         (

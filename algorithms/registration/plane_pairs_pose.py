@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, OtherIndexPairs, Points, Scalars, Vector3
+from algorithms.arrays import Array, OtherIndexPairs, Scalars, Vector3
+from algorithms.closest_points.motions import best_rotation
 from algorithms.geometry.planes import Planes
 from algorithms.geometry.poses import PoseEstimate
 
@@ -33,27 +34,6 @@ class PlanePairsPose:
     """Standard deviation of unit weight, at least 1."""
 
 
-def quaternion_of_normals(target: Points, source: Points, weights: Scalars) -> Rotation:
-    """Give the rotation that lays directions on directions best: the quaternion's eigenvalue problem (Horn 1987).
-
-    Parameters
-    ----------
-    target, source
-        (n, 3) unit vectors.
-    weights
-        (n,) weights.
-    """
-    moments = (source * weights[:, None]).T @ target
-    a = moments[1, 2] - moments[2, 1], moments[2, 0] - moments[0, 2], moments[0, 1] - moments[1, 0]
-    trace = float(np.trace(moments))
-    matrix = np.empty((4, 4))
-    matrix[0, 0] = trace
-    matrix[0, 1:] = matrix[1:, 0] = a
-    matrix[1:, 1:] = moments + moments.T - trace * np.eye(3)
-    w, x, y, z = np.linalg.eigh(matrix)[1][:, -1]
-    return Rotation.from_quat([x, y, z, w])
-
-
 def pose_of_plane_pairs(target: Planes, source: Planes, pairs: OtherIndexPairs) -> PlanePairsPose | None:
     """Estimate the pose in which pairs of planes coincide; None where their normals leave a shift open.
 
@@ -72,7 +52,7 @@ def pose_of_plane_pairs(target: Planes, source: Planes, pairs: OtherIndexPairs) 
     if np.linalg.svd(ours.normals, compute_uv=False)[-1] < LEAST_SINE:
         return None
     areas = np.sqrt(np.minimum(ours.areas_m2, theirs.areas_m2))
-    rotation = quaternion_of_normals(ours.normals, theirs.normals, areas)
+    rotation = best_rotation(ours.normals, theirs.normals, areas)
     right = np.einsum("ij,ij->i", ours.normals, ours.centroids - rotation.apply(theirs.centroids))
     weighted = ours.normals * areas[:, None]
     shift = np.linalg.solve(weighted.T @ ours.normals, weighted.T @ right)
