@@ -80,7 +80,7 @@ class IterationResult:
 
     @property
     def order(self) -> float | None:
-        """Largest order of convergence that three successive steps show, by logarithms: 1 linear, 2 quadratic.
+        """Order of convergence: median over three successive steps, by logarithms; 1 linear, 2 quadratic.
 
         Only of steps that shrink and are above the precision of the numbers.
         """
@@ -91,7 +91,7 @@ class IterationResult:
         logs = np.log(lengths)
         first, second = logs[1:-1] - logs[:-2], logs[2:] - logs[1:-1]
         shrinking = (first < -0.1) & (second < -0.1)
-        return float(np.max(second[shrinking] / first[shrinking])) if shrinking.any() else None
+        return float(np.median(second[shrinking] / first[shrinking])) if shrinking.any() else None
 
 
 def iterated(

@@ -145,5 +145,5 @@ def _remarks(result: IterationResult) -> tuple[str, ...]:
     if rate is not None:
         words.append(f"steps shrink by a factor of {rate:.2f} from one to the next (median of the second half)")
     if order is not None:
-        words.append(f"largest order of convergence seen {order:.1f} (1 is linear, 2 quadratic)")
+        words.append(f"order of convergence {order:.1f} (1 is linear, 2 quadratic)")
     return tuple(words)
