@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Indices, Points, Scalars
+from algorithms.arrays import Array, Points, Scalars
 
 NEIGHBOURS = 12
 """Of which the curvatures of a point are told."""
@@ -52,7 +52,7 @@ class SurfaceModel:
         radii = np.minimum(1.0 / np.maximum(np.abs(curvatures), 1.0 / LARGEST_RADIUS_M), LARGEST_RADIUS_M)
         return SurfaceModel(points, normals, axes, radii, tree)
 
-    def nearest(self, points: Points, max_distance_m: float) -> tuple[Indices, Indices]:
+    def nearest(self, points: Points, max_distance_m: float) -> tuple[Array, Array]:
         """Pair points with the nearest ones of the surface: numbers of the points that have one near, and of theirs.
 
         Parameters

@@ -152,4 +152,4 @@ def _distinct(matches: list[LayerMatch]) -> list[LayerMatch]:
 def _same(first: Scalars, second: Scalars, cell_m: float) -> bool:
     turn = abs(float(np.angle(np.exp(1j * (first[2] - second[2])))))
     apart = float(np.linalg.norm(first[:2] - second[:2]))
-    return apart < max(SAME_M, 0.2 * cell_m) and turn < max(SAME_RAD, 0.01 * cell_m)
+    return bool(apart < max(SAME_M, 0.2 * cell_m) and turn < max(SAME_RAD, 0.01 * cell_m))

@@ -114,7 +114,7 @@ def _by_planes(
     target: ScanFeatures, source: ScanFeatures, rotation: Array, shift: Array, turn_rad: float
 ) -> Agreement | None:
     """Complete a rotation that is known to a cell, and a shift that is known to half a metre, by planes that agree."""
-    ours, theirs = (LargePlanes.of(features, MOST_PLANES, GAP_M) for features in (target, source))
+    ours, theirs = (LargePlanes.of(features.planes, MOST_PLANES, GAP_M) for features in (target, source))
     between = rotation @ theirs.centre_m + shift - ours.centre_m
     return agreement_near(ours, theirs, rotation, between, np.array([np.cos(turn_rad), SIFT_M]))
 

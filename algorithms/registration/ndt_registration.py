@@ -138,7 +138,7 @@ def _covariance(match: LayerMatch) -> Matrix3:
     return np.asarray(inverse @ match.score.outer @ inverse)
 
 
-def _height(ours: Points, theirs: Points, rotation: Rotation, shift: Array) -> tuple[float, float]:
+def _height(ours: Points, theirs: Array, rotation: Rotation, shift: Array) -> tuple[float, float]:
     """Give the vertical shift that most flat surface agrees on, and its standard deviation [m]."""
     moved = rotation.apply(theirs) + np.array([*shift, 0.0])
     heights = _heights_by_cell(ours)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.arrays import Array, Indices, OtherIndexPairs, Scalars, Vector3
-from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.planes import Planes
 from algorithms.registration.plane_pairs_pose import PlanePairsPose, pose_of_plane_pairs
 
@@ -26,24 +25,24 @@ class LargePlanes:
     """(n, 8) normal, centroid, how far it reaches, and offset of each plane."""
 
     @staticmethod
-    def of(features: ScanFeatures, most: int, gap_m: float) -> "LargePlanes":
+    def of(every: Planes, most: int, gap_m: float) -> "LargePlanes":
         """Take the largest planes of a scan, at least one.
 
         Parameters
         ----------
-        features
-            Of the scan.
+        every
+            All planes of the scan.
         most
             So many at most.
         gap_m
             Planes of two scans may be so far apart from rim to rim and still be pieces of one [m].
         """
-        which: Indices = np.argsort(-features.planes.areas_m2, kind="stable")[:most].astype(np.int64)
-        planes = features.planes.without_boundaries(which)
+        which: Indices = np.argsort(-every.areas_m2, kind="stable")[:most].astype(np.int64)
+        planes = every.without_boundaries(which)
         centre = planes.centroids.mean(axis=0)
         centroids = planes.centroids - centre
         offsets = np.einsum("ij,ij->i", planes.normals, centroids)
-        reach = _radii(features.planes, which) + 0.5 * gap_m
+        reach = _radii(every, which) + 0.5 * gap_m
         return LargePlanes(planes, centre, np.column_stack([planes.normals, centroids, reach, offsets]))
 
     def __len__(self) -> int:

@@ -59,7 +59,7 @@ def match_by_triples(target: ScanFeatures, source: ScanFeatures, options: Triple
     fewest = min(len(target.planes), len(source.planes))
     if fewest < 3:
         raise TooFewCorrespondencesError(fewest, 3, "planes")
-    planes = [LargePlanes.of(features, options.max_planes, options.max_gap_m) for features in (target, source)]
+    planes = [LargePlanes.of(features.planes, options.max_planes, options.max_gap_m) for features in (target, source)]
     triples = [_triples(each.planes.normals, options) for each in planes]
     limits = np.array(
         [np.cos(options.max_angle_rad), options.max_distance_m, options.max_cosine_difference, options.max_shift_m,
