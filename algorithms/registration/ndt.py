@@ -47,9 +47,9 @@ class NdtMethod:
 
     Biber and Strasser's score (2003), summed over the slices, is climbed from the largest cells to the smallest. Beyond
     the paper, many headings and shifts are tried, the cells of four grids overlap, the step is Newton's with the
-    analytic Hessian, walls tell small tilts of the scanners, and the height comes from what lies flat. The service
-    estimates from there on; what the method says itself stands beside. Scanners that lean by more than some degrees are
-    beyond it.
+    analytic Hessian, walls tell small tilts of the scanners, the height comes from what lies flat, and the surfaces
+    choose between the best answers. The service estimates from there on; what the method says itself stands beside.
+    Scanners that lean by more than some degrees are beyond it.
     """
 
     name: ClassVar[str] = "ndt"

@@ -1,5 +1,7 @@
 """The work of the method `ndt`: heading and shift from slices, height from what lies flat, estimated from there on."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -16,8 +18,11 @@ from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.ndt import LayerOptions, NdtMethod
 from algorithms.registration.proposals import PoseProposal, ProposingProcedure, register_by_proposal
+from algorithms.scans.pose_scores import score_poses, strict_limits
 
 LABEL = "Normal distributions in horizontal slices (Dold, Ripperda and Brenner 2007; Biber and Strasser 2003)"
+FINALISTS, TEST_POINTS, WIDE_M = 12, 3000, 0.15
+"""Distinct answers between which the surfaces decide, with so many points of each scan, as far as so apart [m]."""
 LEAST_POINTS = 50
 """Points of slices below which there is nothing to lay on each other."""
 FLAT = 0.95
@@ -73,20 +78,19 @@ def proposed_by_layers(problem: RegistrationProblem, options: LayerOptions) -> P
     sizes = cell_sizes(options.coarsest_cell_m, options.finest_cell_m, options.steps)
     starts = _starts(problem, levels, options.headings)
     matches = match_layers(target, source, sizes, starts, options.reach_m)
-    best = matches[0]
-    rival = matches[1] if len(matches) > 1 else None
+    flat = _flat_points(problem.target, levels[0]), _flat_points(problem.source, levels[1])
+    matches = matches[:FINALISTS]
+    heights = [_height(*flat, Rotation.from_euler("z", match.pose[2]), match.pose[:2]) for match in matches]
+    poses = [_between_scans(match, height, levels) for match, (height, _) in zip(matches, heights, strict=True)]
+    chosen = _best_pose(problem, poses)
+    best, (_, height_std), pose = matches[chosen], heights[chosen], poses[chosen]
+    rival = next((match for match in matches if match is not best), None)
     horizontal = _covariance(best)
-    rotation = Rotation.from_euler("z", best.pose[2])
-    height, height_std = _height(
-        _flat_points(problem.target, levels[0]), _flat_points(problem.source, levels[1]), rotation, best.pose[:2]
-    )
     covariance = np.zeros((6, 6))
     covariance[0, 0] = covariance[1, 1] = options.levelled_std_rad**2
     order = [3, 4, 2]
     covariance[np.ix_(order, order)] = horizontal
     covariance[5, 5] = height_std**2
-    between = RigidTransform.from_components([best.pose[0], best.pose[1], height], rotation)
-    pose = RigidTransform.from_rotation(levels[0].inv()) * between * RigidTransform.from_rotation(levels[1])
     covariance = _turned(covariance, levels[0].inv())
     step = EstimatorStep(
         "heading and horizontal shift", len(source.points), 3, None, best.iterations, best.last_step_m,
@@ -123,6 +127,31 @@ def _starts(problem: RegistrationProblem, levels: tuple[Rotation, Rotation], hea
         turned = np.array([[cosine, -sine], [sine, cosine]]) @ centres[1]
         starts.append([*(centres[0] - turned), heading])
     return np.array(starts)
+
+
+def _between_scans(match: LayerMatch, height_m: float, levels: tuple[Rotation, Rotation]) -> RigidTransform:
+    """Put heading, shift and height together, between the scans as they stood."""
+    between = RigidTransform.from_components(
+        [match.pose[0], match.pose[1], height_m], Rotation.from_euler("z", match.pose[2])
+    )
+    return RigidTransform.from_rotation(levels[0].inv()) * between * RigidTransform.from_rotation(levels[1])
+
+
+def _best_pose(problem: RegistrationProblem, poses: list[RigidTransform]) -> int:
+    """Choose the answer in which most surface lies on surface and least in space that was seen through."""
+    target, source = problem.target, problem.source
+    limits = strict_limits(
+        max(target.noise_std_m, source.noise_std_m), max(target.index.spacing_m, source.index.spacing_m)
+    )
+    scores = score_poses(
+        np.array([pose.rotation.as_matrix() for pose in poses]),
+        np.array([pose.translation for pose in poses], dtype=np.float64),
+        target.index,
+        source.index,
+        points=TEST_POINTS,
+        limits=replace(limits, max_distance_m=max(limits.max_distance_m, WIDE_M)),
+    )
+    return int(np.argmax(scores.score))
 
 
 def _turned(covariance: Array, rotation: Rotation) -> Array:
