@@ -19,7 +19,9 @@ SMALL_STEP_CELLS = 1e-4
 HALVINGS = 6
 """A step that makes the score worse is halved so often before it is given up."""
 NARROW_CELLS_M = 16.0
-"""While cells are larger than this all starts are followed; then only the best ones."""
+"""While cells are larger than this, or than the rms extent of the scan, all starts are followed; then the best ones."""
+REACH_EXTENTS = 2.5
+"""Shifts are tried no farther than so many rms extents of the source."""
 KEPT_STARTS = 12
 SHIFTS_PER_CELL, HEADINGS_OF_SHIFTS = 0.5, 36
 """Then also shifts so many cells apart are tried, in so many headings: from the largest cells all starts come to where
@@ -64,14 +66,16 @@ def match_layers(
     reach_m
         As far from the first start other shifts are tried in cells of middle size [m].
     """
+    extent = float(np.sqrt(np.mean(np.sum((source.points - source.points.mean(axis=0)) ** 2, axis=1))))
+    narrow, reach = min(NARROW_CELLS_M, extent), min(reach_m, REACH_EXTENTS * extent)
     poses = [np.array(start, dtype=np.float64) for start in starts]
     some = source.thinned(FEW_POINTS)
     narrowed = False
     matches: list[LayerMatch] = []
     for size in sizes_m:
         distributions = distributions_of(target, size)
-        if size <= NARROW_CELLS_M and not narrowed:
-            poses = _best_of(distributions, some, [*poses, *_shifted(starts[0], size, reach_m)])
+        if (size <= narrow or size == sizes_m[-1]) and not narrowed:
+            poses = _best_of(distributions, some, [*poses, *_shifted(starts[0], size, reach)])
             some, narrowed = source.thinned(MANY_POINTS), True
         matches = [ascended(distributions, some, pose) for pose in poses]
         poses = [match.pose for match in matches]
