@@ -9,13 +9,19 @@ class OwnStep(Document):
     """One least-squares step of the method, as it counts it."""
 
     name: str
+    """Which step it is."""
     equations: int
+    """Number of equations."""
     unknowns: int
+    """Number of unknowns."""
     redundancy: int = Field(description="Equations minus unknowns, right or wrong.")
     sigma0: float | None
+    """Standard deviation of unit weight; null: no redundancy."""
     iterations: int
+    """Rounds until nothing changed any more."""
     last_step: float = Field(description="Norm of the last step, radians and metres together.")
     converged: bool
+    """Whether it came to rest within the rounds allowed."""
 
 
 class OwnIteration(Document):
@@ -41,6 +47,7 @@ class OwnFigures(Document):
         "methods that propose a pose: of the service's own estimate from there on, which is `target_from_source`."
     )
     steps: list[OwnStep]
+    """Steps of the estimator, one after the other."""
     lines: list[str] = Field(description="Corresponding lines that it used.")
     declared_outliers: list[str] = Field(
         description="Those that its own test declares outliers (the dissertation: any |NV| > 1.96); they stay in."
@@ -57,3 +64,4 @@ class OwnFigures(Document):
         description="Its iterations one after the other; empty where it does not come to its pose step by step."
     )
     remarks: list[str]
+    """What else is to be said, in words."""

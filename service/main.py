@@ -37,6 +37,7 @@ from service.adapters.uploads.shared_uploads import upload_store_of
 from service.dependencies import AccessStores, Adapters
 from service.errors import ServiceError
 from service.ports import UploadStore
+from service.processes import PROCESSES
 from service.routes import (
     audit,
     files,
@@ -55,12 +56,12 @@ from service.routes.access_description import describe_access
 from service.routes.answer_headers import AnswerHeaders
 from service.routes.correlation import RequestIds
 from service.routes.described_once import DescribedOnce
+from service.routes.described_processes import process_components
 from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
 from service.use_cases.access.check_access import Gatekeeper
-from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES, inlined
 from service.use_cases.limits.check_readiness import ReadinessWatch, check_readiness
 from service.use_cases.limits.quotas import Belongings
 from service.use_cases.uploads.clean_up import Cleaner
@@ -78,9 +79,7 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings, reserve=True, fresh_s=FRESH_S)
     step_back(settings.niceness)
-    readers = ChildProcesses(
-        settings, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"), reads_only=True
-    )
+    readers = ChildProcesses(settings, blob_store, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"))
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
@@ -96,7 +95,7 @@ def app_from_environment() -> FastAPI:
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
-        log.info("what reads uploaded files is confined", by=_confinement(settings))
+        log.info("computations are confined", by=_confinement(settings))
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         try:
             await asyncio.to_thread(reserve_connections, database)
@@ -161,6 +160,7 @@ def create_app(
         lifespan=lifespan,
         docs_url=None,  # the framework's pages load their viewers from other hosts
         redoc_url=None,
+        generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
     app.state.adapters = adapters
@@ -202,8 +202,8 @@ def create_app(
 
 
 def _confinement(settings: Settings) -> str:
-    """Say how what reads uploaded files is confined."""
-    return available().text if settings.confine_readers else "off: TIELINE_CONFINE_READERS=false"
+    """Say how computations are confined."""
+    return available().text if settings.confine_children else "off: TIELINE_CONFINE_CHILDREN=false"
 
 
 def _openapi(app: FastAPI) -> dict[str, Any]:
@@ -214,12 +214,9 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
         definitions = PROBLEM_SCHEMA.get("$defs", {})
         components.update(definitions)
         components["ProblemDocument"] = {key: value for key, value in PROBLEM_SCHEMA.items() if key != "$defs"}
-        components["Execute"] = {
-            "anyOf": [
-                {**inlined(process.request_model.model_json_schema()), "title": process.title}
-                for process in OFFERED_PROCESSES.values()
-            ]
-        }
+        # what both know by one name is the same, which a test holds them to
+        components.update(process_components(PROCESSES))
+        components["FilesForm"] = files.FILES_FORM
         _drop_422(document)
         describe_access(document)
         app.openapi_schema = document

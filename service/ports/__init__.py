@@ -1,7 +1,7 @@
 """What the service needs of the world: storage of metadata and blobs, and a queue. Adapters provide it."""
 
 from service.ports.audit import AuditEntry, AuditFilter, AuditLog
-from service.ports.blobs import BlobStore
+from service.ports.blobs import BlobStore, StepFiles
 from service.ports.callbacks import (
     CallbackBody,
     CallbackEvent,
@@ -27,6 +27,7 @@ from service.ports.jobs import (
 )
 from service.ports.keys import Key, KeyStore, Scope, StoredKey
 from service.ports.owners import narrowed
+from service.ports.processes import Process, Stored
 from service.ports.sources import RemoteFile, Sources
 from service.ports.step_queue import (
     ClaimedStep,
@@ -76,6 +77,7 @@ __all__ = [
     "OpenUpload",
     "PendingUpload",
     "Plan",
+    "Process",
     "Queue",
     "RemoteFile",
     "Scope",
@@ -84,10 +86,12 @@ __all__ = [
     "StepContext",
     "StepFailedError",
     "StepFigures",
+    "StepFiles",
     "StepPlace",
     "StepProgress",
     "StepQueue",
     "StepRunner",
+    "Stored",
     "StoredAmount",
     "StoredFile",
     "StoredKey",
