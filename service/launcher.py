@@ -22,8 +22,9 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
-from service.adapters.database import jobs as database
+from service.adapters.database.callbacks import seal_old_secrets
 from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.jobs import let_shrink, migrate
 from service.adapters.database.keys import DatabaseKeyStore
 from service.adapters.database.tables import connect
 from service.adapters.files.local_files import LocalFiles
@@ -35,6 +36,7 @@ from service.errors import StorageError
 from service.names.content_keys import INCOMING
 from service.refusals import OpenToAllError
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.access.service_proof import LOCK, new_secret
 from service.use_cases.uploads.adopt_files import adopt_files
 
@@ -104,14 +106,15 @@ def prepare(settings: Settings) -> None:
     """
     keep_private(settings)
     try:
-        database.migrate(settings)
+        migrate(settings)
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
+    tables = connect(settings)
+    seal_old_secrets(tables, seal_of(settings))
     if not settings.storage_url:
-        tables = connect(settings)
         adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
-        tables.dispose()
+    tables.dispose()
 
 
 def serve(
@@ -168,7 +171,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
 def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
     """Bind when it is known that not everybody is let in."""
     prepare(settings)
-    database.let_shrink(settings)
+    let_shrink(settings)
     tables = connect(settings)
     try:
         if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():

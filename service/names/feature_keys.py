@@ -29,6 +29,14 @@ def features_of_content(sha256: str) -> str:
     return f"{FEATURES}{sha256}"
 
 
+def features_of_step(arguments: Json) -> str:
+    """Name the blob that a step `features` makes, by its arguments."""
+    photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
+    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
+    what = arguments["sha256"], arguments["index"], arguments["options"]
+    return feature_key(*what, photos, arguments.get("owner", ""), reading)
+
+
 def feature_key(
     sha256: str,
     scan_index: int,

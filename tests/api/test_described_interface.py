@@ -18,11 +18,11 @@ from schemathesis.generation import GenerationMode
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import Job, JobStatus
 from service.processes import OFFERED_PROCESSES
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
+from tests.doubles.application import create_app
 from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 pytestmark = pytest.mark.service

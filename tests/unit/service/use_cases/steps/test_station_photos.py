@@ -8,8 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
-from tests.unit.test_formats_e57_photos import Picture, written
-from tests.unit.test_photo_lines import scan_lines
 
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
@@ -29,6 +27,8 @@ from service.use_cases.reports.edges_drawing import LINE_COLORS, lines_png
 from service.use_cases.steps.station_photos import pose_of_camera, read_station_photo
 from tests.doubles.memory import MemoryBlobStore
 from tests.scenes.photos.photo_wall import CAMERA, CORNERS, SCAN_FROM_CAMERA, wall_photo, wall_scan
+from tests.unit.algorithms.features.photo_lines.test_photo_lines import scan_lines
+from tests.unit.service.formats.test_formats_e57_photos import Picture, written
 
 POSE = RigidTransform.from_components([0.1, -0.2, 0.3], Rotation.from_rotvec([0.4, 1.1, -0.3]))
 STORED = PhotoInfo(0, "", 640, 480, scan_from_camera=SCAN_FROM_CAMERA, scan=0)
