@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from service.ports import Json
 
-FEATURE_VERSION = 14
+FEATURE_VERSION = 15
 """Raise when extraction gives other features for the same scan and options."""
 
 
