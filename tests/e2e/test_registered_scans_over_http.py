@@ -17,9 +17,7 @@ from tests.e2e.running_service import Document, RunningService
 @pytest.fixture(scope="module")
 def job(service: RunningService, house: Sequence[Path]) -> Document:
     """Register two stations, and want the E57 files with the poses."""
-    files = [
-        service.post("/files", files=[("file", (path.name, path.read_bytes()))]).json()["files"][0] for path in house
-    ]
+    files = [service.upload(path) for path in house]
     stations = [{"name": path.stem, "scan": {"file": file["id"]}} for path, file in zip(house, files, strict=True)]
     wanted = {"registered": {"format": "e57"}, "stations": {}, "artifacts": {}}
     body = {"inputs": {"stations": stations}, "outputs": wanted}
@@ -101,7 +99,7 @@ def test_transform_writes_all_stations_of_the_job_into_one_laz_with_standard_dev
 def test_what_cannot_be_is_refused_with_its_place(
     service: RunningService, house: Sequence[Path], inputs: Document, pointer: str
 ) -> None:
-    file = service.post("/files", files=[("file", (house[0].name, house[0].read_bytes()))]).json()["files"][0]
+    file = service.upload(house[0])
     station = {"name": "A", "scan": {"file": file["id"]}, "world_from_scan": inputs.get("pose", np.eye(4).tolist())}
     body = {"inputs": {**{k: v for k, v in inputs.items() if k != "pose"}, "stations": [station]}}
     answer = service.post("/processes/transform/execution", json=body)
