@@ -68,10 +68,11 @@ def _registered_stage(job: Json, outputs: Sequence[Sequence[Json]], after_report
     options = job.get("wanted", {}).get(REGISTERED)
     if options is None:
         return None
+    result = f"jobs/{job['id']}/result.json"
     if after_report == 0:
-        return registered_calls(job, job["inputs"]["stations"], options, f"jobs/{job['id']}/result.json")
+        return registered_calls(job, job["inputs"]["stations"], options, result)
     if after_report == 1:
-        arguments = {"job_id": job["id"], "written": outputs[-1]}
+        arguments = {"job_id": job["id"], "written": outputs[-1], "result": result}
         return [StepCall("list-registered", arguments, "listing the registered scans", weight=REPORT_WEIGHT)]
     return None
 

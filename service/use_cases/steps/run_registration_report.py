@@ -86,7 +86,7 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
 def list_registered(context: StepContext, arguments: Json) -> Json:
     """Add the files with the registered scans, which are written from the result document, to that document."""
     job_id = arguments["job_id"]
-    key = f"jobs/{job_id}/result.json"
+    key = arguments["result"]
     document = RegistrationDocument.model_validate_json(context.blobs.local_path(key).read_bytes())
     files = [RegisteredFile(**file) for output in arguments["written"] for file in output["files"]]
     before = [each for each in document.artifacts if each.name not in {"result.json", *(file.name for file in files)}]
