@@ -4,8 +4,8 @@
 import socket
 import sys
 
-from service.adapters.database_executors import DatabaseExecutors
-from service.adapters.database_tables import connect
+from service.adapters.database.executors import DatabaseExecutors
+from service.adapters.database.tables import connect
 from service.settings import Settings
 
 # the name of a worker begins with that of its machine, here the container

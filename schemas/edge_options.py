@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from algorithms.features.photo_line_options import PhotoLineOptions
+from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.photos.options import EdgeOptions
 from schemas.base import RequestModel
 from schemas.method_options import options_model

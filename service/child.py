@@ -1,6 +1,6 @@
 """One computation in its own limited process: `python -m service.child`, one JSON request on standard input.
 
-With ``--channel`` it is a nursery instead, of which computations are copies (`service.adapters.nursery`).
+With ``--channel`` it is a nursery instead, of which computations are copies (`service.adapters.processes.nursery`).
 
 Reports go to the file descriptor given, one JSON document per line: ``{"fraction", "message"}`` any number of times,
 then ``{"result"}`` or ``{"problem"}``. What libraries print goes to the standard streams and cannot disturb it.
@@ -20,10 +20,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
-from service.adapters.confinement import confine
-from service.adapters.nursery import Nursery
-from service.adapters.object_files import blob_store
-from service.adapters.process_limits import (
+from service.adapters.files.object_files import blob_store
+from service.adapters.outgoing.remote_sources import RemoteSources
+from service.adapters.processes.confinement import confine
+from service.adapters.processes.nursery import Nursery
+from service.adapters.processes.process_limits import (
     DEFAULT_STEPS,
     die_with_parent,
     go_first,
@@ -31,11 +32,10 @@ from service.adapters.process_limits import (
     let_others_first,
     limit_resources,
 )
-from service.adapters.remote_sources import RemoteSources
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
-from service.use_cases.machine_shares import INSPECT, machine_shares
+from service.use_cases.limits.machine_shares import INSPECT, machine_shares
 
 REPORT_INTERVAL_S = 0.1
 Steps = Mapping[str, Callable[[StepContext, Json], Json]]

@@ -11,8 +11,8 @@ from urllib.parse import quote
 import httpx
 
 from service.errors import Problem
-from service.use_cases.service_proof import CHALLENGE_HEADER, PROOF_HEADER, new_challenge, proof_of
-from service.use_cases.stated_columns import HEADER
+from service.use_cases.access.service_proof import CHALLENGE_HEADER, PROOF_HEADER, new_challenge, proof_of
+from service.use_cases.inputs.stated_columns import HEADER
 
 CHUNK = 1 << 20
 USUAL_PORTS = {"http": 80, "https": 443}

@@ -5,6 +5,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Header, Request
 
+from service.names.identifiers import MakeIdentifier, new_identifier
 from service.ports import (
     AuditLog,
     BlobStore,
@@ -20,10 +21,9 @@ from service.ports import (
     UploadStore,
 )
 from service.settings import Settings
-from service.use_cases.identifiers import MakeIdentifier, new_identifier
-from service.use_cases.quotas import Belongings
-from service.use_cases.submit_job import Origin
-from service.use_cases.urgency import urgency_of
+from service.use_cases.jobs.submit_job import Origin
+from service.use_cases.jobs.urgency import urgency_of
+from service.use_cases.limits.quotas import Belongings
 
 LONGEST_IDEMPOTENCY_KEY = 255
 

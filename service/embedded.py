@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from service.client import RefusedError, ServiceClient, UnreachableError
-from service.use_cases.service_proof import secret_of
+from service.use_cases.access.service_proof import secret_of
 
 START_WITHIN_S = 600.0
 """As long as its process lives: on a machine that is busy with other things it may take minutes."""

@@ -22,23 +22,23 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
-from service.adapters import database
-from service.adapters.child_process import remove_left_scratch
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_keys import DatabaseKeyStore
-from service.adapters.database_tables import connect
-from service.adapters.impatient_server import ImpatientConnection, allow_many_files
-from service.adapters.local_files import LocalFiles
-from service.adapters.log_output import configure_log
-from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.jobs import let_shrink, migrate
+from service.adapters.database.keys import DatabaseKeyStore
+from service.adapters.database.tables import connect
+from service.adapters.files.local_files import LocalFiles
+from service.adapters.processes.child_process import remove_left_scratch
+from service.adapters.processes.log_output import configure_log
+from service.adapters.processes.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.web.impatient_server import ImpatientConnection, allow_many_files
 from service.errors import StorageError
+from service.names.content_keys import INCOMING
 from service.refusals import OpenToAllError
 from service.settings import Settings
-from service.use_cases.adopt_files import adopt_files
-from service.use_cases.content_keys import INCOMING
-from service.use_cases.service_proof import LOCK, new_secret
+from service.use_cases.access.service_proof import LOCK, new_secret
+from service.use_cases.uploads.adopt_files import adopt_files
 
-DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+DEFAULT_PLANS = "service.use_cases.steps.plans:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
 CHECK_INTERVAL_S = 0.2
 STOP_WITHIN_S = 8.0
@@ -104,7 +104,7 @@ def prepare(settings: Settings) -> None:
     """
     keep_private(settings)
     try:
-        database.migrate(settings)
+        migrate(settings)
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
@@ -168,7 +168,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
 def _listening_in_safety(settings: Settings) -> Iterator[socket.socket]:
     """Bind when it is known that not everybody is let in."""
     prepare(settings)
-    database.let_shrink(settings)
+    let_shrink(settings)
     tables = connect(settings)
     try:
         if settings.auth == "auto" and not _is_loopback(settings.host) and not DatabaseKeyStore(tables).known():

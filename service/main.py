@@ -16,25 +16,24 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.adapters.child_process import ChildProcesses
-from service.adapters.confinement import available
-from service.adapters.database import DatabaseJobStore, give_space_back
-from service.adapters.database_audit import DatabaseAuditLog
-from service.adapters.database_executors import DatabaseExecutors
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_idempotency import DatabaseIdempotencyStore
-from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_keys import DatabaseKeyStore
-from service.adapters.database_queue import DatabaseQueue
-from service.adapters.database_steps import DatabaseSteps
-from service.adapters.database_tables import FRESH_S, connect, reserve_connections
-from service.adapters.http_callbacks import HttpCallbacks
-from service.adapters.local_uploads import LocalUploads
-from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
-from service.adapters.nursery_client import WarmUp
-from service.adapters.object_files import blob_store
-from service.adapters.remote_sources import RemoteSources
-from service.adapters.shared_uploads import upload_store_of
+from service.adapters.database.audit import DatabaseAuditLog
+from service.adapters.database.executors import DatabaseExecutors
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.idempotency import DatabaseIdempotencyStore
+from service.adapters.database.job_log import DatabaseJobLog
+from service.adapters.database.jobs import DatabaseJobStore, give_space_back
+from service.adapters.database.keys import DatabaseKeyStore
+from service.adapters.database.queue import DatabaseQueue
+from service.adapters.database.steps import DatabaseSteps
+from service.adapters.database.tables import FRESH_S, connect, reserve_connections
+from service.adapters.files.object_files import blob_store
+from service.adapters.outgoing.http_callbacks import HttpCallbacks
+from service.adapters.outgoing.remote_sources import RemoteSources
+from service.adapters.processes.child_process import ChildProcesses
+from service.adapters.processes.confinement import available
+from service.adapters.processes.nursery_client import WarmUp
+from service.adapters.uploads.local_uploads import LocalUploads
+from service.adapters.uploads.shared_uploads import upload_store_of
 from service.dependencies import AccessStores, Adapters
 from service.errors import ServiceError
 from service.ports import UploadStore
@@ -60,14 +59,14 @@ from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
-from service.use_cases.check_access import Gatekeeper
-from service.use_cases.check_readiness import ReadinessWatch, check_readiness
-from service.use_cases.clean_up import Cleaner
-from service.use_cases.describe_processes import OFFERED_PROCESSES, inlined
-from service.use_cases.forget_old import forget_old
-from service.use_cases.quotas import Belongings
-from service.use_cases.receive_uploads import UploadDesk
-from service.use_cases.upload_threads import step_back
+from service.use_cases.access.check_access import Gatekeeper
+from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES, inlined
+from service.use_cases.limits.check_readiness import ReadinessWatch, check_readiness
+from service.use_cases.limits.quotas import Belongings
+from service.use_cases.uploads.clean_up import Cleaner
+from service.use_cases.uploads.forget_old import forget_old
+from service.use_cases.uploads.receive_uploads import UploadDesk
+from service.use_cases.uploads.upload_threads import step_back
 
 THREADS = 16
 """In which requests are answered. More would not answer more, only wait for each other and keep memory."""
@@ -79,7 +78,9 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings, reserve=True, fresh_s=FRESH_S)
     step_back(settings.niceness)
-    readers = ChildProcesses(settings, warm_up=WarmUp("service.use_cases.warm_up:load_for_reading"), reads_only=True)
+    readers = ChildProcesses(
+        settings, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"), reads_only=True
+    )
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
@@ -111,7 +112,7 @@ def app_from_environment() -> FastAPI:
         readers.close()
         database.dispose()
 
-    return create_app(settings, adapters, closing, access, upload_store)
+    return create_app(settings, adapters, access, closing, upload_store)
 
 
 async def _clean_up_regularly(
@@ -136,8 +137,8 @@ async def _clean_up_regularly(
 def create_app(
     settings: Settings,
     adapters: Adapters,
+    access: AccessStores,
     lifespan: Callable[[FastAPI], AbstractAsyncContextManager[None]] | None = None,
-    access: AccessStores | None = None,
     upload_store: UploadStore | None = None,
 ) -> FastAPI:
     """Build the web application.
@@ -146,14 +147,13 @@ def create_app(
     ----------
     settings, adapters
         What it works with.
+    access
+        What is kept of clients.
     lifespan
         Surrounds its run.
-    access
-        What is kept of clients; None: in the memory of this process, for tests.
     upload_store
         Resumable uploads; None: in the data directory.
     """
-    stores = access or AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
     app = FastAPI(
         title=landing.TITLE,
         description=landing.DESCRIPTION,
@@ -165,7 +165,7 @@ def create_app(
     app.state.settings = settings
     app.state.adapters = adapters
     app.state.adapters_of = lru_cache(maxsize=1000)(adapters.of)
-    app.state.access_stores = stores
+    app.state.access_stores = access
     app.state.readiness = ReadinessWatch(
         partial(check_readiness, adapters.jobs, adapters.blobs, adapters.queue, _confinement(settings)),
         look_again_s=1.0,
@@ -190,10 +190,10 @@ def create_app(
     ):
         app.include_router(resource.router)
     install_error_handlers(app)
-    app.state.gatekeeper = Gatekeeper(stores.keys, settings)
+    app.state.gatekeeper = Gatekeeper(access.keys, settings)
     app.add_middleware(DescribedOnce)
-    app.add_middleware(RepeatedRequests, answers=stores.answers)
-    app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, stores.audit, settings))
+    app.add_middleware(RepeatedRequests, answers=access.answers)
+    app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, access.audit, settings))
     metrics.count_requests(app)
     app.add_middleware(AnswerHeaders)
     app.add_middleware(RequestIds)

@@ -19,10 +19,10 @@ from service.errors import InvalidRequestError
 from service.register_request import RequestOptions, read_request
 from service.result_tables import print_result
 from service.settings import Settings
-from service.use_cases.read_photo_list import PhotoList
-from service.use_cases.scan_warnings import is_usable
-from service.use_cases.service_proof import secret_of
-from service.use_cases.uploaded_stations import UploadedFile, names_of_scans, stations_of_uploads
+from service.use_cases.access.service_proof import secret_of
+from service.use_cases.documents.scan_warnings import is_usable
+from service.use_cases.inputs.read_photo_list import PhotoList
+from service.use_cases.jobs.uploaded_stations import UploadedFile, names_of_scans, stations_of_uploads
 
 Document = dict[str, Any]
 LINE_INTERVAL_S = 5.0

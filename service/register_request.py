@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import FieldFault, InvalidRequestError
-from service.use_cases.read_photo_list import PhotoList, read_photo_list
-from service.use_cases.validate_request import parse_json
+from service.use_cases.inputs.read_photo_list import PhotoList, read_photo_list
+from service.use_cases.inputs.validate_request import parse_json
 
 Document = dict[str, Any]
 

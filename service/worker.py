@@ -12,40 +12,40 @@ from typing import cast
 
 import structlog
 
-from service.adapters.callback_thread import CallbackThread
-from service.adapters.child_process import NOTHING_WARM, ChildProcesses, remove_left_scratch
-from service.adapters.database import DatabaseJobStore
-from service.adapters.database_callbacks import DatabaseCallbacks
-from service.adapters.database_executors import DatabaseExecutors
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_steps import DatabaseSteps
-from service.adapters.database_tables import FRESH_FOR_WORKERS_S, connect
-from service.adapters.http_callbacks import HttpCallbacks
-from service.adapters.log_output import configure_log
-from service.adapters.nursery_client import WarmUp
-from service.adapters.object_files import blob_store
-from service.adapters.process_limits import DEFAULT_STEPS, die_with_parent
-from service.adapters.shared_uploads import upload_store_of
+from service.adapters.database.callbacks import DatabaseCallbacks
+from service.adapters.database.executors import DatabaseExecutors
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.job_log import DatabaseJobLog
+from service.adapters.database.jobs import DatabaseJobStore
+from service.adapters.database.steps import DatabaseSteps
+from service.adapters.database.tables import FRESH_FOR_WORKERS_S, connect
+from service.adapters.files.object_files import blob_store
+from service.adapters.outgoing.callback_thread import CallbackThread
+from service.adapters.outgoing.http_callbacks import HttpCallbacks
+from service.adapters.processes.child_process import NOTHING_WARM, ChildProcesses, remove_left_scratch
+from service.adapters.processes.log_output import configure_log
+from service.adapters.processes.nursery_client import WarmUp
+from service.adapters.processes.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.uploads.shared_uploads import upload_store_of
 from service.engine import Engine, Tools
 from service.engine.patience import patiently
 from service.errors import ServiceError
 from service.ports import BlobStore, Plan
 from service.settings import Settings
-from service.use_cases.clean_up import remove_half_made
-from service.use_cases.deliver_callbacks import CallbackDelivery
-from service.use_cases.fetch_runner import FetchingRunner
-from service.use_cases.quotas import Belongings, count_results
-from service.use_cases.store_files import FileIntake
+from service.use_cases.callbacks.deliver_callbacks import CallbackDelivery
+from service.use_cases.limits.quotas import Belongings, count_results
+from service.use_cases.steps.fetch_runner import FetchingRunner
+from service.use_cases.uploads.clean_up import remove_half_made
+from service.use_cases.uploads.store_files import FileIntake
 
 log = structlog.get_logger()
-DEFAULT_PLANS = "service.use_cases.plans:PLANS"
+DEFAULT_PLANS = "service.use_cases.steps.plans:PLANS"
 STOP_WITHIN_S = 6.0
 """Less than the launcher waits. Longer than it takes, but when the database is away."""
 WARM_UP = WarmUp(
-    "service.use_cases.warm_up:load_for_registration",
-    "service.use_cases.warm_up:load_for_reports",
-    "service.use_cases.kernels:practise_once",
+    "service.use_cases.steps.warm_up:load_for_registration",
+    "service.use_cases.steps.warm_up:load_for_reports",
+    "service.use_cases.steps.kernels:practise_once",
 )
 
 

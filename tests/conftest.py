@@ -9,8 +9,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from jaxtyping import install_import_hook
 
-from tests.databases import new_database, postgres
-from tests.object_server import objects
+from tests.servers.databases import new_database, postgres
+from tests.servers.object_server import objects
 
 __all__ = ["new_database", "objects", "postgres"]
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from algorithms.arrays import Indices, Matrices3, Vector3
-from algorithms.features.cylinder_axes import find_cylinders
+from algorithms.features.cylinders.cylinder_axes import find_cylinders
 from algorithms.features.options import FeatureOptions
-from algorithms.features.plane_boundaries import bound_planes
-from algorithms.features.plane_fitting import FittedPlanes, fit_planes, renumber
-from algorithms.features.plane_intersections import intersect_planes
-from algorithms.features.plane_points_kernels import unlabelled
-from algorithms.features.plane_segmentation import (
+from algorithms.features.planes.plane_boundaries import bound_planes
+from algorithms.features.planes.plane_fitting import FittedPlanes, fit_planes, renumber
+from algorithms.features.planes.plane_intersections import intersect_planes
+from algorithms.features.planes.plane_points_kernels import unlabelled
+from algorithms.features.planes.plane_segmentation import (
     UNEVENNESS_M,
     candidates_of,
     segment_planes,

@@ -12,7 +12,7 @@ from algorithms.adjustment.testing import GlobalVerdict
 from algorithms.arrays import Points
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError, TooFewFeaturesError
 from algorithms.features.mount_test import WHAT_TO_CHECK
-from algorithms.features.photo_counts import photos_without_lines
+from algorithms.features.photo_lines.photo_counts import photos_without_lines
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.geometry.poses import PoseEstimate

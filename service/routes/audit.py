@@ -12,7 +12,7 @@ from service.routes.documents import page_links
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
-from service.use_cases.manage_keys import owner_of, shown_project
+from service.use_cases.access.manage_keys import owner_of, shown_project
 
 router = ReadableRouter(tags=["keys"], responses=PROBLEM_RESPONSES)
 KeyParameter = Annotated[str | None, Query(description="Only what was done with this key (its `id`).")]

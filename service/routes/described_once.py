@@ -8,7 +8,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.routes.access_rules import PUBLIC, PUBLIC_BELOW
-from service.use_cases.service_proof import CHALLENGE_HEADER
+from service.use_cases.access.service_proof import CHALLENGE_HEADER
 
 CHANGING = frozenset({"/healthz", "/readyz"})
 MOST_BYTES = 16_000_000

@@ -6,8 +6,8 @@ from schemas.files import FileDocument, PhotoDocument, ScanDocument
 from schemas.links import Link
 from service.dependencies import BaseUrl
 from service.ports import StoredFile
-from service.use_cases.describe_job import status_info
-from service.use_cases.scan_warnings import file_warnings
+from service.use_cases.documents.scan_warnings import file_warnings
+from service.use_cases.jobs.describe_job import status_info
 
 __all__ = ["file_document", "page_links", "status_info"]
 

@@ -23,6 +23,8 @@ from service.errors import (
     StorageError,
     UnsupportedMediaTypeError,
 )
+from service.names.content_keys import content_key
+from service.names.identifiers import MakeIdentifier, new_identifier
 from service.routes.documents import file_document, page_links
 from service.routes.downloads import DOWNLOAD_RESPONSES, Download
 from service.routes.leaving_clients import marked, unless_client_leaves
@@ -40,12 +42,10 @@ from service.routes.request_bodies import (
     require_filename,
 )
 from service.settings import Settings
-from service.use_cases.content_keys import content_key
-from service.use_cases.identifiers import MakeIdentifier, new_identifier
-from service.use_cases.quotas import Belongings
-from service.use_cases.stated_columns import FIELD, HEADER, stated_columns
-from service.use_cases.store_files import FileIntake, Upload, delete_file, find_file
-from service.use_cases.validate_request import pointer_to
+from service.use_cases.inputs.stated_columns import FIELD, HEADER, stated_columns
+from service.use_cases.inputs.validate_request import pointer_to
+from service.use_cases.limits.quotas import Belongings
+from service.use_cases.uploads.store_files import FileIntake, Upload, delete_file, find_file
 
 router = ReadableRouter(tags=["files"], responses=PROBLEM_RESPONSES)
 

@@ -18,9 +18,9 @@ from service.routes.correlation import request_id_of
 from service.routes.problems import away, error_response
 from service.routes.trusted_requests import TrustedRequests
 from service.settings import Settings
-from service.use_cases.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
-from service.use_cases.forget_old import REFUSALS
-from service.use_cases.limit_rates import Rate, network_of
+from service.use_cases.access.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
+from service.use_cases.limits.limit_rates import Rate, network_of
+from service.use_cases.uploads.forget_old import REFUSALS
 
 MOST_REFUSALS_KEPT = 60
 """In a minute, for each address and key: the log has all, the audit log is not filled by who hammers at the door."""

@@ -6,7 +6,7 @@ from fastapi import Request, Response
 
 from schemas.health import Liveness, Readiness
 from service.routes.readable_router import ReadableRouter
-from service.use_cases.check_readiness import ReadinessWatch
+from service.use_cases.limits.check_readiness import ReadinessWatch
 
 router = ReadableRouter(tags=["health"])
 

@@ -13,8 +13,8 @@ from service.ports import Job, JobStore
 from service.routes.documents import status_info
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
-from service.use_cases.find_job import find_job
-from service.use_cases.watch_job import state_of, watched
+from service.use_cases.jobs.find_job import find_job
+from service.use_cases.jobs.watch_job import state_of, watched
 
 router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 

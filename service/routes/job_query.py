@@ -10,9 +10,9 @@ from fastapi import Depends, Query
 from pydantic import Field
 
 from service.errors import FieldFault, InvalidRequestError
+from service.names.identifiers import is_identifier
 from service.ports import JobFilter, JobStatus
 from service.routes.paging import WHOLE, LimitParameter, OffsetParameter, page_size
-from service.use_cases.identifiers import is_identifier
 
 TYPES = ("process",)
 BEGUN = (JobStatus.RUNNING, JobStatus.SUCCESSFUL, JobStatus.FAILED, JobStatus.DISMISSED)

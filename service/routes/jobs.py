@@ -18,8 +18,8 @@ from service.routes.job_query import JobQueryDependency
 from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.problems import PROBLEM_RESPONSES, problem_response
 from service.routes.readable_router import ReadableRouter
-from service.use_cases.dismiss_job import dismiss_job
-from service.use_cases.find_job import (
+from service.use_cases.jobs.dismiss_job import dismiss_job
+from service.use_cases.jobs.find_job import (
     find_artifact,
     find_artifacts,
     find_job,

@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse
 from schemas.keys import KeyDocument, KeyList, KeyRequest, NewKeyDocument
 from schemas.links import Link
 from service.dependencies import AccessStoresDependency, BaseUrl, BaseUrlDependency, IdentifiersDependency
+from service.names.identifiers import is_identifier
 from service.ports import Key
 from service.refusals import NoSuchKeyError
 from service.routes.documents import page_links
@@ -17,9 +18,8 @@ from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import read_json
-from service.use_cases.identifiers import is_identifier
-from service.use_cases.manage_keys import create_key, revoke_key, shown_project
-from service.use_cases.validate_request import validated
+from service.use_cases.access.manage_keys import create_key, revoke_key, shown_project
+from service.use_cases.inputs.validate_request import validated
 
 router = ReadableRouter(tags=["keys"], responses=PROBLEM_RESPONSES)
 KEY_BODY = {

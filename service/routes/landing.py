@@ -12,7 +12,7 @@ from service.routes import openapi_30
 from service.routes.accepted_types import prefers_html
 from service.routes.readable_router import ReadableRouter
 from service.settings import Settings
-from service.use_cases.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
+from service.use_cases.access.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
 from service.web.interface_page import interface_html
 from service.web.landing_page import landing_html
 

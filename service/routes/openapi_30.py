@@ -6,7 +6,7 @@ from fastapi import Request
 from fastapi.responses import JSONResponse
 
 from service.routes.readable_router import ReadableRouter
-from service.use_cases.schema_dialect import as_openapi_30
+from service.use_cases.inputs.schema_dialect import as_openapi_30
 
 PATH = "/openapi-3.0.json"
 MEDIA_TYPE = "application/vnd.oai.openapi+json;version=3.0"

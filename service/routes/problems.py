@@ -18,7 +18,7 @@ from service.errors import FieldFault, InvalidRequestError, Problem, ServiceErro
 from service.routes.accepted_types import accepts_plain_json_only
 from service.routes.answer_headers import ALWAYS, NOTHING, OWN
 from service.routes.correlation import request_id_of
-from service.use_cases.validate_request import pointer_to
+from service.use_cases.inputs.validate_request import pointer_to
 
 PROBLEM_JSON = "application/problem+json"
 log = structlog.get_logger()

@@ -27,16 +27,16 @@ from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import read_json
-from service.use_cases.check_subscriber import checked_subscription
-from service.use_cases.describe_processes import (
+from service.use_cases.callbacks.check_subscriber import checked_subscription
+from service.use_cases.inputs.fetch_files import with_files_to_come
+from service.use_cases.jobs.describe_processes import (
     OFFERED_PROCESSES,
     OfferedProcess,
     input_descriptions,
     offered_process,
     output_descriptions,
 )
-from service.use_cases.fetch_files import with_files_to_come
-from service.use_cases.submit_job import answer_at_once, check_execution, submit_job
+from service.use_cases.jobs.submit_job import answer_at_once, check_execution, submit_job
 
 STATUS_INFO = {"$ref": "#/components/schemas/StatusInfo"}
 EXECUTE = "http://www.opengis.net/def/rel/ogc/1.0/execute"

@@ -32,12 +32,12 @@ from service.routes.request_bodies import (
     read_within,
     require_filename,
 )
-from service.use_cases.check_subscriber import checked_subscription
-from service.use_cases.describe_processes import inlined
-from service.use_cases.register_uploads import FormContents, register_uploads
-from service.use_cases.stated_columns import FIELD, HEADER, stated_columns
-from service.use_cases.store_files import FileIntake, Upload
-from service.use_cases.validate_request import parse_json, pointer_to
+from service.use_cases.callbacks.check_subscriber import checked_subscription
+from service.use_cases.inputs.stated_columns import FIELD, HEADER, stated_columns
+from service.use_cases.inputs.validate_request import parse_json, pointer_to
+from service.use_cases.jobs.describe_processes import inlined
+from service.use_cases.jobs.register_uploads import FormContents, register_uploads
+from service.use_cases.uploads.store_files import FileIntake, Upload
 
 MAX_OPTIONS_BYTES = 1_000_000
 

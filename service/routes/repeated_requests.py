@@ -14,13 +14,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.dependencies import belongings_of
 from service.errors import FieldFault, InvalidRequestError, ServiceError
+from service.names.identifiers import identifiers_from, new_identifier
 from service.ports import Answer, Claim, IdempotencyStore
 from service.routes.problems import away, error_response
 from service.routes.request_bodies import body_of, media_type
 from service.settings import Settings
-from service.use_cases.identifiers import identifiers_from, new_identifier
-from service.use_cases.repeat_requests import Fingerprint, Repeatable
-from service.use_cases.validate_request import pointer_to
+from service.use_cases.access.repeat_requests import Fingerprint, Repeatable
+from service.use_cases.inputs.validate_request import pointer_to
 
 HEADER = "idempotency-key"
 KEY = re.compile(r"[\x21-\x7e]([\x20-\x7e]{0,253}[\x21-\x7e])?")

@@ -13,11 +13,11 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser
 
 from service.errors import FieldFault, FileTooLargeError, InvalidRequestError, UnsupportedMediaTypeError
+from service.names.file_names import clean_filename
 from service.settings import Settings
-from service.use_cases.file_names import clean_filename
-from service.use_cases.patient_reading import timely
-from service.use_cases.stated_columns import FIELD, stated_columns
-from service.use_cases.validate_request import parse_json, pointer_to
+from service.use_cases.inputs.stated_columns import FIELD, stated_columns
+from service.use_cases.inputs.validate_request import parse_json, pointer_to
+from service.use_cases.limits.patient_reading import timely
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks

@@ -7,12 +7,12 @@ import hashlib
 from fastapi import Request
 
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError, UnsupportedTusVersionError
+from service.names.file_names import clean_filename
 from service.routes.request_bodies import declared_length, media_type
-from service.use_cases.file_names import clean_filename
-from service.use_cases.receive_uploads import CHECKSUMS, Checksum
-from service.use_cases.stated_columns import FIELD, stated_columns
-from service.use_cases.upload_metadata import metadata_values
-from service.use_cases.validate_request import pointer_to
+from service.use_cases.inputs.stated_columns import FIELD, stated_columns
+from service.use_cases.inputs.validate_request import pointer_to
+from service.use_cases.uploads.receive_uploads import CHECKSUMS, Checksum
+from service.use_cases.uploads.upload_metadata import metadata_values
 
 VERSION = "1.0.0"
 EXTENSIONS = ("creation", "creation-with-upload", "expiration", "checksum", "termination")

@@ -40,7 +40,7 @@ from service.routes.tus_headers import (
     upload_length,
     upload_offset,
 )
-from service.use_cases.receive_uploads import CHECKSUMS, UploadDesk, UploadPart
+from service.use_cases.uploads.receive_uploads import CHECKSUMS, UploadDesk, UploadPart
 
 FILE_HEADER = "Tieline-File"
 PART_BODY = {

@@ -8,11 +8,11 @@ from typing import Any
 import httpx
 import pytest
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
 from service.errors import ComputationFailedError, UnreadableFileError
-from service.main import create_app
 from service.settings import Settings
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 SCAN = {
     "index": 0,

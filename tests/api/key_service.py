@@ -6,12 +6,12 @@ from typing import Any
 
 import httpx
 
-from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 from service.dependencies import AccessStores, Adapters
-from service.main import create_app
 from service.settings import Settings
-from service.use_cases.manage_keys import create_key
+from service.use_cases.access.manage_keys import create_key
 from tests.api.conftest import Client
+from tests.doubles.application import create_app
+from tests.doubles.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 from algorithms.progress import NoProgress
-from service.adapters.memory import MemoryBlobStore
 from service.ports import StepContext
-from service.use_cases.run_features import inspect_uploaded_file
+from service.use_cases.steps.run_features import inspect_uploaded_file
+from tests.doubles.memory import MemoryBlobStore
 
 LIMITS = {"max_points": 1_000_000, "max_photo_pixels": 1_000_000}
 

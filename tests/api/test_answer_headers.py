@@ -7,14 +7,14 @@ import time
 import pytest
 
 from schemas.health import Readiness
-from service.adapters.memory import MemoryBlobStore
 from service.dependencies import Adapters
-from service.main import create_app
 from service.settings import Settings
-from service.use_cases.check_readiness import ReadinessWatch
-from service.use_cases.limit_rates import network_of
+from service.use_cases.limits.check_readiness import ReadinessWatch
+from service.use_cases.limits.limit_rates import network_of
 from tests.api.conftest import Client
 from tests.api.key_service import KeyService
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore
 
 DESCRIBING = ("/", "/conformance", "/processes", "/processes/register", "/openapi.json", "/openapi-3.0.json", "/docs")
 ERRORS = {"/nowhere": 404, "/jobs/none": 404, "/files?limit=x": 400}

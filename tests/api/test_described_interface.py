@@ -17,13 +17,13 @@ import schemathesis
 from schemathesis.generation import GenerationMode
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import Job, JobStatus
 from service.settings import Settings
-from service.use_cases.describe_processes import OFFERED_PROCESSES
+from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES
 from tests.api.conftest import Client, FakeSteps
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 pytestmark = pytest.mark.service
 

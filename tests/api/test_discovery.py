@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
-from service.main import create_app
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 CORE = "http://www.opengis.net/spec/ogcapi-processes-1/1.0/conf/core"
 

@@ -5,11 +5,11 @@ from email import message_from_bytes
 
 import pytest
 
-from service.adapters.memory import MemoryBlobStore
 from service.dependencies import Adapters
 from service.ports import Job, JobStatus
 from service.routes.downloads import satisfiable_ranges
 from tests.api.conftest import Client
+from tests.doubles.memory import MemoryBlobStore
 
 CONTENT = bytes(range(200))
 NOW = datetime(2026, 1, 31, 12, tzinfo=UTC)

@@ -8,9 +8,9 @@ import httpx
 import pytest
 
 from service.dependencies import Adapters
-from service.main import create_app
 from service.settings import Settings
 from tests.api.conftest import Client
+from tests.doubles.application import create_app
 
 Pointers = Callable[[httpx.Response], list[str]]
 IDENTITY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]

@@ -10,10 +10,10 @@ import pytest
 
 from service.dependencies import Adapters
 from service.errors import AddressRefusedError
-from service.main import create_app
 from service.ports import Job, RemoteFile
 from service.settings import Settings
 from tests.api.conftest import CAMERA, POSE, Client
+from tests.doubles.application import create_app
 
 Pointers = Callable[[httpx.Response], list[str]]
 A, B, PHOTO = ({"href": f"https://x.org/{name}"} for name in ("a.e57", "b.e57", "p.jpg"))

@@ -12,9 +12,9 @@ import httpx
 import pytest
 
 from service.dependencies import Adapters
-from service.main import create_app
 from service.settings import Settings
 from tests.api.conftest import Client
+from tests.doubles.application import create_app
 
 RAW = {"Content-Type": "application/octet-stream"}
 

@@ -9,7 +9,7 @@ import pytest
 
 from service.dependencies import Adapters
 from tests.api.conftest import POSE, Client
-from tests.hostile_requests import damaged_request
+from tests.scenes.hostile.hostile_requests import damaged_request
 
 DAMAGED = 300
 AT_ONCE = 100

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service.routes.request_bodies import MOST_PARTS
-from service.use_cases.validate_request import MOST_FAULTS, MOST_MEMBERS
+from service.use_cases.inputs.validate_request import MOST_FAULTS, MOST_MEMBERS
 from tests.api.conftest import Client
 
 LONGEST_CPU_S = 5.0

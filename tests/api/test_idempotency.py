@@ -9,15 +9,15 @@ import httpx
 import pytest
 from starlette.middleware import Middleware
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
-from service.adapters.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 from service.dependencies import AccessStores, Adapters
 from service.errors import QueueError
-from service.main import create_app
 from service.ports import JobFilter
 from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
+from tests.doubles.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
 
 ECHO = {"inputs": {"stringInput": "a"}}
 ASYNC = {"Prefer": "respond-async"}

@@ -11,10 +11,10 @@ import pytest
 from fastapi import FastAPI
 
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import Job, JobStatus
 from service.settings import Settings
 from tests.api.conftest import Client
+from tests.doubles.application import create_app
 
 NOW = datetime(2026, 1, 31, 12, tzinfo=UTC)
 

@@ -10,13 +10,13 @@ import httpx
 import pytest
 
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import AuditFilter
 from service.settings import Settings
-from service.use_cases import check_access, key_secrets
-from service.use_cases.manage_keys import create_key
+from service.use_cases.access import check_access, key_secrets
+from service.use_cases.access.manage_keys import create_key
 from tests.api.conftest import Client
 from tests.api.key_service import NOW, KeyedClient, KeyService
+from tests.doubles.application import create_app
 
 PUBLIC = ("/", "/conformance", "/openapi.json", "/docs", "/processes", "/processes/register", "/healthz", "/readyz")
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from service.adapters.memory import MemoryBlobStore
 from service.dependencies import Adapters
-from service.main import create_app
 from service.settings import Settings
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore
 
 FORM = b"".join(
     b'--b\r\nContent-Disposition: form-data; name="%s"; filename="%s.xyz"\r\n\r\n1 2 3\r\n' % pair

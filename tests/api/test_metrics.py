@@ -5,12 +5,12 @@ from pathlib import Path
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import Job, JobStatus, StepFigures
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 
 def figures(client: Client) -> dict[tuple[str, ...], float]:

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from service.adapters.local_uploads import LocalUploads
+from service.adapters.uploads.local_uploads import LocalUploads
 from service.dependencies import Adapters
 from service.settings import Settings
-from service.use_cases.quotas import count_results
-from service.use_cases.urgency import urgency_of
+from service.use_cases.jobs.urgency import urgency_of
+from service.use_cases.limits.quotas import count_results
 from tests.api.key_service import KeyedClient, KeyService
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)

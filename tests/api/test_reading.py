@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from laspy.vlrs.known import WktCoordinateSystemVlr
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
 from tests.api.conftest import Client
 from tests.api.real_inspection import RealInspection
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 Pointers = Callable[[httpx.Response], list[str]]
 POINTS = np.random.default_rng(2).uniform(-5.0, 5.0, (300, 3)).round(3)

@@ -9,10 +9,10 @@ import httpx
 import pytest
 
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import CallbackEvent, Subscription
 from service.settings import Settings
 from tests.api.conftest import Client
+from tests.doubles.application import create_app
 
 Pointers = Callable[[httpx.Response], list[str]]
 TWO = [("scan", ("a.xyz", b"1 2 3")), ("scan", ("b.xyz", b"4 5 6"))]

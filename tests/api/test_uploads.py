@@ -15,12 +15,12 @@ from typing import Any
 import httpx
 import pytest
 
-from service.adapters.local_uploads import LocalUploads
+from service.adapters.uploads.local_uploads import LocalUploads
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import PendingUpload
 from service.settings import Settings
 from tests.api.conftest import Client
+from tests.doubles.application import create_app
 
 CONTENT = b"1 2 3\n" * 40
 TUS = {"Tus-Resumable": "1.0.0"}

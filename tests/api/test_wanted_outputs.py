@@ -8,9 +8,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.adapters.memory import MemoryBlobStore
 from service.dependencies import Adapters
 from tests.api.conftest import Client
+from tests.doubles.memory import MemoryBlobStore
 
 INPUTS = {"stringInput": "Zoë", "doubleInput": 2.5, "arrayInput": [1, 2]}
 

@@ -7,12 +7,12 @@ from typing import Any
 import httpx
 import pytest
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
-from service.main import create_app
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
 from tests.api.key_service import KeyService
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 
 BOUND = "http://127.0.0.1:8765"
 ECHO = b'{"inputs": {"pause": 0, "stringInput": "x"}}'

@@ -10,21 +10,21 @@ from typing import Any
 import httpx
 from fastapi import FastAPI
 
-from service.adapters.database import DatabaseJobStore, migrate
-from service.adapters.database_audit import DatabaseAuditLog
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_idempotency import DatabaseIdempotencyStore
-from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_keys import DatabaseKeyStore
-from service.adapters.database_tables import connect
-from service.adapters.memory import MemoryBlobStore, MemoryQueue
+from service.adapters.database.audit import DatabaseAuditLog
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.idempotency import DatabaseIdempotencyStore
+from service.adapters.database.job_log import DatabaseJobLog
+from service.adapters.database.jobs import DatabaseJobStore, migrate
+from service.adapters.database.keys import DatabaseKeyStore
+from service.adapters.database.tables import connect
 from service.dependencies import AccessStores, Adapters
-from service.main import create_app
 from service.ports import LogLine
 from service.settings import Settings
-from service.use_cases.manage_keys import create_key
+from service.use_cases.access.manage_keys import create_key
 from tests.api.conftest import FakeSteps
 from tests.api.key_service import KeyedClient
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryQueue
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 TUS = {"Tus-Resumable": "1.0.0", "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}

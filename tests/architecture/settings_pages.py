@@ -12,10 +12,16 @@ import re
 from pathlib import Path
 from textwrap import wrap
 
-from service.adapters.impatient_server import LARGEST_HEAD, MOST_HEADERS
+from service.adapters.web.impatient_server import LARGEST_HEAD, MOST_HEADERS
 from service.routes.request_bodies import MAX_JSON_BYTES, MOST_PARTS
 from service.settings import Settings
-from service.use_cases.validate_request import DEEPEST, MOST_CONTAINERS, MOST_FAULTS, MOST_MEMBERS, MOST_SEPARATORS
+from service.use_cases.inputs.validate_request import (
+    DEEPEST,
+    MOST_CONTAINERS,
+    MOST_FAULTS,
+    MOST_MEMBERS,
+    MOST_SEPARATORS,
+)
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLE = ROOT / "docker" / ".env.example"

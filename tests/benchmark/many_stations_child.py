@@ -28,8 +28,8 @@ from algorithms.network.tracks import StationFeatures
 from algorithms.progress import NoProgress
 from algorithms.registration.base import PairStatus, RegistrationProblem
 from service.formats import read_scan
-from service.use_cases.link_store import link_of
-from service.use_cases.run_features import SEED
+from service.use_cases.steps.link_store import link_of
+from service.use_cases.steps.run_features import SEED
 
 
 class Clock:

@@ -248,7 +248,7 @@ def tieline_features(file: Path):
     from algorithms.features.extraction import extract_features
     from algorithms.progress import NoProgress
     from service.formats import read_scan
-    from service.use_cases.run_features import SEED
+    from service.use_cases.steps.run_features import SEED
 
     begun = time.perf_counter(), time.process_time()
     path = file.with_suffix(".ply")
@@ -261,7 +261,7 @@ def tieline_features(file: Path):
 @cache
 def tieline_method():
     """Choose what a request with `auto` gets."""
-    from service.use_cases.run_pair import method_of
+    from service.use_cases.steps.run_pair import method_of
 
     return method_of({"method": "auto"})
 
@@ -270,7 +270,7 @@ def tieline(target_file: Path, source_file: Path) -> Answer:
     """Read, extract and register; a pair pays for the features of both scans, though they are extracted once."""
     from algorithms.progress import NoProgress
     from algorithms.registration.base import PairStatus, RegistrationProblem
-    from service.use_cases.run_features import SEED
+    from service.use_cases.steps.run_features import SEED
 
     (target, *target_s), (source, *source_s) = (tieline_features(file) for file in (target_file, source_file))
     begun = time.perf_counter(), time.process_time()

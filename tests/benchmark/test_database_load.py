@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.e2e.running_service import running_service, wait_until
-from tests.postgres_server import postgres_server
+from tests.servers.postgres_server import postgres_server
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 

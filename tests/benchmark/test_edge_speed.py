@@ -5,8 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from edge_images import find, rectangles
-from processor_time import measured
+
+from tests.measures.processor_time import measured
+from tests.scenes.photos.edge_images import find, rectangles
 
 pytestmark = pytest.mark.benchmark
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

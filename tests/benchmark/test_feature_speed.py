@@ -46,7 +46,7 @@ def rates(kind, repeats=8):
         f"""
         import dataclasses, sys
         from benchmark.test_feature_speed import STAGES, pipe_hall, without_grid
-        from feature_stages import timed_features
+        from tests.measures.feature_stages import timed_features
         as_wanted = without_grid if sys.argv[1] == "shuffled" else lambda scan: scan
         scan = as_wanted(pipe_hall({STEP_RAD}))
         timed_features(as_wanted(pipe_hall(10 * {STEP_RAD})))
@@ -116,7 +116,7 @@ def test_memory_stays_within_three_times_the_coordinates():
         f"""
         import resource
         from benchmark.test_feature_speed import pipe_hall
-        from feature_stages import timed_features
+        from tests.measures.feature_stages import timed_features
         def now():
             return int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize()
         timed_features(pipe_hall(10 * {STEP_RAD}))
@@ -140,7 +140,7 @@ def test_fifty_million_points_are_read_from_disk_in_passes(tmp_path, kind):
         """
         import dataclasses, sys, threading, time
         import numpy as np
-        from feature_stages import hall_scan, timed_features
+        from tests.measures.feature_stages import hall_scan, timed_features
         path, rows, columns, kind = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
         def as_wanted(scan):
             return scan if kind == "grid" else dataclasses.replace(scan, grid=None)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from memory_watch import MemoryWatch
 from room_row import room_row_scene
 from scipy.spatial.transform import RigidTransform
 
@@ -24,6 +23,7 @@ from algorithms.simulation.street_square import street_scene
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.formats.e57_writer import write_e57
+from tests.measures.memory_watch import MemoryWatch
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
 

@@ -8,9 +8,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from monte_carlo import FITTED, PLANE_ROOM, MonteCarlo, run_monte_carlo, scene_pairs
-from monte_carlo import NAMES as ALL_NAMES
 from scipy import stats
+
+from tests.measures.monte_carlo import FITTED, PLANE_ROOM, MonteCarlo, run_monte_carlo, scene_pairs
+from tests.measures.monte_carlo import NAMES as ALL_NAMES
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from moved_furniture import MOVES, Outcome, outcome_of, register, simulate
+
+from tests.scenes.buildings.moved_furniture import MOVES, Outcome, outcome_of, register, simulate
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 

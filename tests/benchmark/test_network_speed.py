@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from line_scenes import LineScene, pose_error
-from plane_rooms import PlaneRooms, plane_rooms, seen_from
 from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
-from station_networks import LINK_STD, NOISE_M
 
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import register_network
 from algorithms.network.tracks import StationFeatures
+from tests.scenes.buildings.plane_rooms import PlaneRooms, plane_rooms, seen_from
+from tests.scenes.buildings.station_networks import LINK_STD, NOISE_M
+from tests.scenes.lines.line_scenes import LineScene, pose_error
 
 pytestmark = pytest.mark.benchmark
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from memory_watch import MemoryWatch
 
 from algorithms.simulation.pipe_hall import pipe_hall_scene
 from algorithms.simulation.scanner import scanner_with_step
@@ -15,6 +14,7 @@ from service.embedded import embedded_service
 from service.formats import read_scan
 from service.formats.e57_writer import write_e57
 from service.formats.ply_writer import write_ply
+from tests.measures.memory_watch import MemoryWatch
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]
 

@@ -20,7 +20,7 @@ from peer_tables import OURS, Outcome, method_table, pair_table, ratio_table
 from algorithms.simulation.pipe_hall import pipe_hall_scene
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
-from service.adapters.child_process import LIBRARY_VARIABLES
+from service.adapters.processes.child_process import LIBRARY_VARIABLES
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
 

@@ -7,13 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from processor_time import measured
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
-from algorithms.features.photo_line_options import PhotoLineOptions
-from algorithms.features.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
+from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
 from algorithms.geometry.cameras import Camera
 from algorithms.progress import NoProgress
 from algorithms.simulation.rendering import station_photos
@@ -22,6 +21,7 @@ from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards, scanner_camera
 from service.formats import read_scan
+from tests.measures.processor_time import measured
 
 pytestmark = pytest.mark.benchmark
 COURTYARD = Path(__file__).resolve().parents[3] / "shared" / "data" / "photo_hku_a"

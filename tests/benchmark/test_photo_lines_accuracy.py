@@ -5,11 +5,9 @@ from time import perf_counter
 
 import numpy as np
 import pytest
-from photo_monte_carlo import many
-from photo_scenes import line_errors, normalised_errors, segments_of
 
-from algorithms.features.projected_edges import project_edges
-from algorithms.features.projection_options import ProjectionOptions
+from algorithms.features.photo_lines.projected_edges import project_edges
+from algorithms.features.photo_lines.projection_options import ProjectionOptions
 from algorithms.photos.detector import detect_edges
 from algorithms.photos.options import EdgeOptions
 from algorithms.progress import NoProgress
@@ -20,6 +18,8 @@ from algorithms.simulation.rendering_truth import visible_edges
 from algorithms.simulation.scanner import scanner_with_step
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards
+from tests.scenes.photos.photo_monte_carlo import many
+from tests.scenes.photos.photo_scenes import line_errors, normalised_errors, segments_of
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]  # eight photos and sixteen scans are simulated
 

@@ -2,9 +2,19 @@
 
 import numpy as np
 import pytest
-from photographed_stations import FULL, GON, HALF, MOST_NEES, features_of, pair_of, registered, stations_of
-from planted_shadows import drawn_fields, other_sun
 from scipy import stats
+
+from tests.scenes.photos.photographed_stations import (
+    FULL,
+    GON,
+    HALF,
+    MOST_NEES,
+    features_of,
+    pair_of,
+    registered,
+    stations_of,
+)
+from tests.scenes.photos.planted_shadows import drawn_fields, other_sun
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from planted_errors import PLANTED_ERRORS, adjusted, outcome_of
+
+from tests.scenes.lines.planted_errors import PLANTED_ERRORS, adjusted, outcome_of
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]
 

@@ -11,12 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
-from floor_plans import FLOOR_PLANS
-from random_setups import places_about_stations
-from regular_buildings import BUILDINGS
-from repetitive_buildings import REPETITIVE_BUILDINGS
 from scipy.spatial.transform import RigidTransform, Rotation
-from turned_buildings import TURNED_BUILDINGS
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
@@ -29,6 +24,11 @@ from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scene import scene_from_parts
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
+from tests.scenes.buildings.floor_plans import FLOOR_PLANS
+from tests.scenes.buildings.random_setups import places_about_stations
+from tests.scenes.buildings.regular_buildings import BUILDINGS
+from tests.scenes.buildings.repetitive_buildings import REPETITIVE_BUILDINGS
+from tests.scenes.buildings.turned_buildings import TURNED_BUILDINGS
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
 ALL_BUILDINGS = BUILDINGS | REPETITIVE_BUILDINGS | TURNED_BUILDINGS | FLOOR_PLANS

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from rounded_pairs import STEPS_M, rounded_pair
 
 from algorithms.registration.base import PairStatus
+from tests.scenes.buildings.rounded_pairs import STEPS_M, rounded_pair
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
 

@@ -13,9 +13,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from distorted_scans import DISTORTIONS
-from pose_figures import pair_figures
-from random_setups import NEIGHBOURS
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.extraction import extract_features
@@ -27,7 +24,10 @@ from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
-from service.use_cases.link_store import link_of
+from service.use_cases.steps.link_store import link_of
+from tests.measures.pose_figures import pair_figures
+from tests.scenes.buildings.distorted_scans import DISTORTIONS
+from tests.scenes.buildings.random_setups import NEIGHBOURS
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
 

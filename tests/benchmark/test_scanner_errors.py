@@ -13,8 +13,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from pose_figures import pair_figures
-from random_setups import NEIGHBOURS, places_about_stations
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.extraction import extract_features
@@ -28,6 +26,8 @@ from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
 from algorithms.simulation.systematic_errors import SystematicErrors
 from algorithms.simulation.unevenness import Unevenness
+from tests.measures.pose_figures import pair_figures
+from tests.scenes.buildings.random_setups import NEIGHBOURS, places_about_stations
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from simulated_pairs import band_of_mean, pair_error, table
+
+from tests.scenes.buildings.simulated_pairs import band_of_mean, pair_error, table
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
 

@@ -7,9 +7,9 @@ import os
 from collections import Counter
 
 import pytest
-from symmetric_pairs import ODDITIES, symmetric_pair
 
 from algorithms.simulation.symmetric_scenes import SYMMETRIC_SCENES
+from tests.scenes.buildings.symmetric_pairs import ODDITIES, symmetric_pair
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(4 * 3600)]
 COUNT = int(os.environ.get("TIELINE_TRAPS", "200"))

@@ -9,12 +9,12 @@ from typing import Any, Protocol
 import httpx
 import pytest
 
-from service.adapters.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from service.dependencies import Adapters
-from service.main import create_app
 from service.ports import JobFilter, JobStatus
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
 from tests.e2e.running_service import RunningService, running_service
 
 Document = dict[str, Any]

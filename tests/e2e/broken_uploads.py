@@ -15,7 +15,7 @@ import numpy as np
 import psutil
 
 from tests.e2e.running_service import Document, RunningService, wait_until
-from tests.patience import patience
+from tests.measures.patience import patience
 
 TUS = {"Tus-Resumable": "1.0.0"}
 PART = {**TUS, "Content-Type": "application/offset+octet-stream"}

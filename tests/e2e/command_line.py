@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.patience import patience
+from tests.measures.patience import patience
 
 
 def tieline(*words: str | Path) -> subprocess.CompletedProcess[str]:

@@ -12,12 +12,12 @@ from typing import Any
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.adapters.database import DatabaseJobStore
-from service.adapters.database_idempotency import DatabaseIdempotencyStore
+from service.adapters.database.idempotency import DatabaseIdempotencyStore
+from service.adapters.database.jobs import DatabaseJobStore
 from service.launcher import serve
 from service.main import app_from_environment
 from service.settings import Settings
-from service.use_cases import repeat_requests
+from service.use_cases.access import repeat_requests
 
 POINTS: dict[str, tuple[type, str]] = {
     "read": (DatabaseIdempotencyStore, "note_fingerprint"),

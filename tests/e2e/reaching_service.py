@@ -6,7 +6,7 @@ import pytest
 
 from tests.e2e.file_server import FileServer, serving_files
 from tests.e2e.running_service import RunningService
-from tests.object_server import ObjectServer
+from tests.servers.object_server import ObjectServer
 
 SECRET = "whsec_" + "MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"
 

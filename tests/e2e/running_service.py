@@ -14,8 +14,8 @@ from typing import Any
 import httpx
 import psutil
 
-from service.adapters.nursery import SCOUT
-from tests.patience import patience
+from service.adapters.processes.nursery import SCOUT
+from tests.measures.patience import patience
 
 Document = dict[str, Any]
 OF_THE_SERVICE = ("tieline.sqlite", "tieline.sqlite-wal", "tieline.sqlite-shm", "service.lock")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.adapters.database import migrate
+from service.adapters.database.jobs import migrate
 from service.settings import Settings
 from tests.e2e.running_service import RunningService, running_service
 

@@ -15,9 +15,9 @@ import pytest
 
 from tests.e2e.broken_uploads import begun, finished, start_sender, write_scan
 from tests.e2e.running_service import RunningService, wait_until
-from tests.object_server import ObjectServer
-from tests.patience import patience
-from tests.postgres_server import postgres_server
+from tests.measures.patience import patience
+from tests.servers.object_server import ObjectServer
+from tests.servers.postgres_server import postgres_server
 
 pytestmark = [
     pytest.mark.service,

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from service.use_cases.callback_signatures import derived_secret
+from service.use_cases.callbacks.callback_signatures import derived_secret
 from tests.e2e.callback_receiver import Receiver, receiving
 from tests.e2e.file_server import FileServer
 from tests.e2e.reaching_service import SECRET

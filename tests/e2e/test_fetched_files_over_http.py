@@ -9,7 +9,7 @@ import pytest
 
 from tests.e2e.file_server import FileServer
 from tests.e2e.running_service import Document, RunningService, wait_until
-from tests.object_server import ObjectServer
+from tests.servers.object_server import ObjectServer
 
 pytestmark = pytest.mark.service
 

@@ -14,15 +14,15 @@ from typing import Any
 import psutil
 import pytest
 
-from service.adapters.child_process import ChildProcesses
-from service.adapters.nursery_client import WarmUp
+from service.adapters.processes.child_process import ChildProcesses
+from service.adapters.processes.nursery_client import WarmUp
 from service.errors import ComputationFailedError
 from service.ports import StepFailedError
 from service.settings import Settings
-from tests.hostile_bombs import bombs
-from tests.hostile_mutations import damaged
-from tests.hostile_seeds import WRITERS, whole_files
-from tests.patience import patience
+from tests.measures.patience import patience
+from tests.scenes.hostile.hostile_bombs import bombs
+from tests.scenes.hostile.hostile_mutations import damaged
+from tests.scenes.hostile.hostile_seeds import WRITERS, whole_files
 
 pytestmark = pytest.mark.service
 
@@ -81,7 +81,9 @@ def inspection(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Inspection]
     settings = Settings(
         data_dir=home, max_points=MAX_POINTS, max_photo_pixels=MAX_PIXELS, step_memory_bytes=2_000_000_000
     )
-    runner = ChildProcesses(settings, "tests.hostile_steps:STEPS", WarmUp("service.use_cases.warm_up:load_for_reading"))
+    runner = ChildProcesses(
+        settings, "tests.scenes.hostile.hostile_steps:STEPS", WarmUp("service.use_cases.steps.warm_up:load_for_reading")
+    )
     before = set(psutil.Process().children(recursive=True))
     made = Inspection(runner, settings)
     yield made

@@ -14,7 +14,7 @@ import pytest
 
 from service.client import RefusedError, ServiceClient
 from tests.e2e.running_service import RunningService, running_service, wait_until
-from tests.patience import patience
+from tests.measures.patience import patience
 
 pytestmark = pytest.mark.service
 

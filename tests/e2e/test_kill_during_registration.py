@@ -6,7 +6,7 @@ import numpy as np
 import psutil
 import pytest
 
-from service.adapters.nursery import SCOUT
+from service.adapters.processes.nursery import SCOUT
 from service.formats.e57_writer import write_e57
 from tests.e2e.running_service import Document, RunningService, alive, running_service, wait_until
 from tests.e2e.virtual_scans import first_from_second, simulate

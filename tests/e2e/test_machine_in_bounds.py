@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from service.settings import Settings
-from service.use_cases.machine_shares import INSPECT, machine_shares
+from service.use_cases.limits.machine_shares import INSPECT, machine_shares
 from tests.e2e.running_service import RunningService, running_service, wait_until
-from tests.memory_watch import MemoryWatch, memory_below
+from tests.measures.memory_watch import MemoryWatch, memory_below
 
 pytestmark = pytest.mark.service
 AT_ONCE = 10

@@ -10,8 +10,8 @@ from algorithms.geometry.lines import lines_from_arrays
 from service.formats.e57_writer import write_e57
 from service.formats.photo import camera_document
 from tests.e2e.running_service import Document, RunningService
-from tests.photo_scenes import line_errors, normalised_errors
-from tests.photo_wall import CAMERA, SCAN_FROM_CAMERA, nearest_side, true_sides, wall_photo, wall_scan
+from tests.scenes.photos.photo_scenes import line_errors, normalised_errors
+from tests.scenes.photos.photo_wall import CAMERA, SCAN_FROM_CAMERA, nearest_side, true_sides, wall_photo, wall_scan
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.e2e.dying_service import ANSWERED, POINTS
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
-from tests.patience import patience
+from tests.measures.patience import patience
 
 pytestmark = pytest.mark.service
 

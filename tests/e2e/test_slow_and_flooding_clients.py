@@ -15,7 +15,7 @@ import pytest
 
 from tests.e2e.broken_uploads import PART, begun, watched_memory, write_scan
 from tests.e2e.running_service import RunningService, running_service, wait_until
-from tests.patience import patience
+from tests.measures.patience import patience
 
 pytestmark = pytest.mark.service
 

@@ -10,8 +10,8 @@ import pytest
 
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
 from tests.e2e.virtual_scans import first_from_second, simulate, write_scans
-from tests.object_server import ObjectServer
-from tests.postgres_server import PostgresServer, postgres_server
+from tests.servers.object_server import ObjectServer
+from tests.servers.postgres_server import PostgresServer, postgres_server
 
 pytestmark = pytest.mark.service
 

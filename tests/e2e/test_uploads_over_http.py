@@ -15,7 +15,7 @@ from tusclient.client import TusClient
 
 from tests.e2e.broken_uploads import PART, TUS, begun, finished, write_scan
 from tests.e2e.running_service import RunningService, running_service, wait_until
-from tests.patience import patience
+from tests.measures.patience import patience
 
 SIZE = 3_000_000
 

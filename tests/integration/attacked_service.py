@@ -16,13 +16,13 @@ import numpy as np
 import psutil
 import sqlalchemy as sa
 
-from service.adapters.database_job_log import DatabaseJobLog
-from service.adapters.database_tables import connect, job_steps
+from service.adapters.database.job_log import DatabaseJobLog
+from service.adapters.database.tables import connect, job_steps
 from service.settings import Settings
 from tests.e2e.running_service import Document, RunningService, alive, wait_until
 from tests.e2e.virtual_scans import first_from_second
-from tests.patience import patience
-from tests.postgres_server import PostgresServer, postgres_server
+from tests.measures.patience import patience
+from tests.servers.postgres_server import PostgresServer, postgres_server
 
 STEPS = {"features of S1": "0:0", "features of S2": "0:1", "registering S2 to S1": "1:0", "writing the report": "2:0"}
 """What a job of two stations does, and the name of the step within the job."""

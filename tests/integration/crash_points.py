@@ -18,18 +18,18 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.adapters.database import migrate
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_tables import connect
-from service.adapters.local_files import LocalFiles
-from service.adapters.local_uploads import LocalUploads
-from service.adapters.memory import MemoryJobStore
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.jobs import migrate
+from service.adapters.database.tables import connect
+from service.adapters.files.local_files import LocalFiles
+from service.adapters.uploads.local_uploads import LocalUploads
+from service.names.content_keys import content_key
 from service.settings import Settings
-from service.use_cases.clean_up import Cleaner
-from service.use_cases.content_keys import content_key
-from service.use_cases.quotas import Belongings
-from service.use_cases.receive_uploads import Checksum, UploadDesk, UploadPart
-from service.use_cases.store_files import FileIntake, Upload, delete_file
+from service.use_cases.limits.quotas import Belongings
+from service.use_cases.uploads.clean_up import Cleaner
+from service.use_cases.uploads.receive_uploads import Checksum, UploadDesk, UploadPart
+from service.use_cases.uploads.store_files import FileIntake, Upload, delete_file
+from tests.doubles.memory import MemoryJobStore
 
 DEALINGS = ("write", "fsync", "rename", "replace", "unlink", "link", "mkdir", "rmdir", "truncate", "open")
 CONTENT, OTHER = b"1 2 3\n" * 50, b"4 5 6\n" * 50

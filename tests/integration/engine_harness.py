@@ -16,15 +16,15 @@ from uuid import uuid4
 import psutil
 import sqlalchemy as sa
 
-from service.adapters.database import DatabaseJobStore
-from service.adapters.database_executors import DatabaseExecutors
-from service.adapters.database_queue import DatabaseQueue
-from service.adapters.database_steps import DatabaseSteps
-from service.adapters.database_tables import connect
+from service.adapters.database.executors import DatabaseExecutors
+from service.adapters.database.jobs import DatabaseJobStore
+from service.adapters.database.queue import DatabaseQueue
+from service.adapters.database.steps import DatabaseSteps
+from service.adapters.database.tables import connect
 from service.launcher import prepare
 from service.ports import Job, JobStatus
 from service.settings import Settings
-from tests.patience import patience
+from tests.measures.patience import patience
 
 HERE = Path(__file__).parent
 STEPS_AND_PLANS = ("--steps", "engine_steps:STEPS", "--plans", "engine_steps:PLANS")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from photographed_stations import DOWNSTREAM, bare_bridge_scene
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
@@ -11,6 +10,7 @@ from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
+from tests.scenes.photos.photographed_stations import DOWNSTREAM, bare_bridge_scene
 
 pytestmark = pytest.mark.slow
 

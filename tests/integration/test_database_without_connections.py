@@ -10,7 +10,7 @@ import psycopg
 import pytest
 
 from tests.e2e.running_service import RunningService, running_service, wait_until
-from tests.postgres_server import PostgresServer, postgres_server
+from tests.servers.postgres_server import PostgresServer, postgres_server
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from engine_harness import Harness, alive, harness, wait_until
 
-from service.adapters.child_process import ChildProcesses
-from service.adapters.database_job_log import DatabaseJobLog
+from service.adapters.database.job_log import DatabaseJobLog
+from service.adapters.processes.child_process import ChildProcesses
 from service.errors import to_problem
 from service.ports import JobStatus, StepFailedError
 from service.settings import GIGABYTE, Settings
-from tests.databases import NewDatabase
+from tests.servers.databases import NewDatabase
 
 pytestmark = pytest.mark.service
 

@@ -9,11 +9,11 @@ import pytest
 import sqlalchemy as sa
 from engine_harness import Harness, alive, harness, wait_until
 
-from service.adapters.database_steps import DatabaseSteps
-from service.adapters.database_tables import job_steps
-from service.adapters.database_tables import jobs as jobs_table
+from service.adapters.database.steps import DatabaseSteps
+from service.adapters.database.tables import job_steps
+from service.adapters.database.tables import jobs as jobs_table
 from service.ports import JobStatus, StepCall
-from tests.databases import NewDatabase
+from tests.servers.databases import NewDatabase
 
 pytestmark = pytest.mark.service
 

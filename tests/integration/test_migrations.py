@@ -13,15 +13,15 @@ import pytest
 import sqlalchemy as sa
 from alembic.script import ScriptDirectory
 
-from service.adapters.database import DatabaseJobStore, migrate
-from service.adapters.database_files import DatabaseFileStore
-from service.adapters.database_tables import connect, metadata
+from service.adapters.database.files import DatabaseFileStore
+from service.adapters.database.jobs import DatabaseJobStore, migrate
+from service.adapters.database.tables import connect, metadata
 from service.ports import JobFilter, JobStatus
 from service.settings import Settings
-from tests.databases import NewDatabase
-from tests.postgres_server import PostgresServer
+from tests.servers.databases import NewDatabase
+from tests.servers.postgres_server import PostgresServer
 
-MIGRATIONS = Path(__file__).parents[2] / "service" / "adapters" / "migrations"
+MIGRATIONS = Path(__file__).parents[2] / "service" / "adapters" / "database" / "migrations"
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 JOB = {
     "id": "j1",

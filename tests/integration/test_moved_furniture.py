@@ -1,7 +1,8 @@
 """From scans to removals: a door leaf or a cupboard moved by 5 cm between the scans is found, named and left out."""
 
 import pytest
-from moved_furniture import outcome_of, register, simulate
+
+from tests.scenes.buildings.moved_furniture import outcome_of, register, simulate
 
 pytestmark = pytest.mark.slow
 

@@ -14,12 +14,12 @@ import psutil
 import pytest
 from engine_harness import alive, wait_until
 
-from service.adapters.child_process import ChildProcesses
-from service.adapters.nursery import SCOUT
-from service.adapters.nursery_client import WarmUp
+from service.adapters.processes.child_process import ChildProcesses
+from service.adapters.processes.nursery import SCOUT
+from service.adapters.processes.nursery_client import WarmUp
 from service.errors import ComputationFailedError
 from service.settings import Settings
-from tests.patience import patience
+from tests.measures.patience import patience
 
 pytestmark = pytest.mark.service
 
@@ -197,7 +197,7 @@ def test_orders_are_followed_while_a_scout_compiles_and_it_ends_with_the_nursery
 def test_loading_and_practising_leaves_one_thread(tmp_path: Path) -> None:
     """Copies of a process with several threads are not whole."""
     program = (
-        "import os; from service.use_cases.warm_up import load_for_registration, load_for_reports, practise; "
+        "import os; from service.use_cases.steps.warm_up import load_for_registration, load_for_reports, practise; "
         "load_for_registration(); load_for_reports(); practise(); print(len(os.listdir('/proc/self/task')))"
     )
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}

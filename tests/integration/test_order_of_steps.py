@@ -7,7 +7,7 @@ import pytest
 from engine_harness import Harness, harness, wait_until
 
 from service.ports import JobFilter, JobStatus
-from tests.databases import NewDatabase
+from tests.servers.databases import NewDatabase
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
 

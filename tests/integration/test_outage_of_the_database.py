@@ -8,8 +8,8 @@ import pytest
 from engine_harness import Harness, alive, harness, wait_until
 
 from service.ports import JobStatus
-from tests.patience import patience
-from tests.postgres_server import PostgresServer, postgres_server
+from tests.measures.patience import patience
+from tests.servers.postgres_server import PostgresServer, postgres_server
 
 pytestmark = pytest.mark.service
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
-from algorithms.features.projected_edges import project_edges
-from algorithms.features.projection_options import ProjectionOptions
+from algorithms.features.photo_lines.projected_edges import project_edges
+from algorithms.features.photo_lines.projection_options import ProjectionOptions
 from algorithms.geometry.cameras import Camera
 from algorithms.geometry.lines import LineSource
 from algorithms.photos.detector import detect_edges

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from photographed_stations import GON, MOST_NEES, features_of, pair_of, registered, stations_of
-from planted_shadows import drawn_fields
 
-from service.use_cases.pair_documents import photo_line_counts
+from service.use_cases.documents.pair_documents import photo_line_counts
+from tests.scenes.photos.photographed_stations import GON, MOST_NEES, features_of, pair_of, registered, stations_of
+from tests.scenes.photos.planted_shadows import drawn_fields
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
-from symmetric_pairs import SCANNER, symmetric_pair
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
@@ -16,6 +15,7 @@ from algorithms.progress import NoProgress
 from algorithms.registration.base import PairStatus
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.symmetric_scenes import HALF_TURN, SYMMETRIC_SCENES, symmetric_room
+from tests.scenes.buildings.symmetric_pairs import SCANNER, symmetric_pair
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from engine_harness import Harness, harness, wait_until
 
-from tests.databases import NewDatabase
+from tests.servers.databases import NewDatabase
 
 pytestmark = pytest.mark.service
 

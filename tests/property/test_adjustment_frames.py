@@ -5,8 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from line_scenes import ObservedPair
-from planted_errors import PLANTED_ERRORS
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
@@ -15,6 +13,8 @@ from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.planes import Planes
 from algorithms.geometry.poses import PoseEstimate
+from tests.scenes.lines.line_scenes import ObservedPair
+from tests.scenes.lines.planted_errors import PLANTED_ERRORS
 
 FAR_M = np.array([4e5, -3e5, 200.0])
 """500 km, where neighbouring doubles are 6e-11 m apart."""

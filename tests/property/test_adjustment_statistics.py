@@ -8,8 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from monte_carlo import NAMES, MonteCarlo, run_monte_carlo, scene_pairs
 from scipy import stats
+
+from tests.measures.monte_carlo import NAMES, MonteCarlo, run_monte_carlo, scene_pairs
 
 RUNS = 40
 TAIL = 0.0005

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy import stats
-from simulated_pairs import pair_error
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
@@ -11,6 +10,7 @@ from algorithms.progress import NoProgress
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scenes import SCENES
+from tests.scenes.buildings.simulated_pairs import pair_error
 
 pytestmark = pytest.mark.slow
 

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from feature_scenes import SENSOR, cloud, rectangle, room, tube
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from algorithms.features.cylinder_fitting import fit_cylinder
+from algorithms.features.cylinders.cylinder_fitting import fit_cylinder
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
-from algorithms.features.patch_covariance import estimate_waviness, estimate_wavinesses, honest_covariance
+from algorithms.features.patches.patch_covariance import estimate_waviness, estimate_wavinesses, honest_covariance
 from algorithms.progress import NoProgress
+from tests.scenes.lines.feature_scenes import SENSOR, cloud, rectangle, room, tube
 
 pytestmark = pytest.mark.slow
 

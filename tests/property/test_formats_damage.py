@@ -11,7 +11,7 @@ from service.formats import ReadLimits, inspect_file
 from service.formats.e57_writer import write_e57
 from service.formats.ply_writer import write_ply
 from service.formats.ptx_writer import write_ptx
-from tests.hostile_seeds import COLUMNS, COUNT, some_scan, write_las, write_pcd
+from tests.scenes.hostile.hostile_seeds import COLUMNS, COUNT, some_scan, write_las, write_pcd
 
 LIMITS = ReadLimits(max_points=100_000)
 TRIES = 40

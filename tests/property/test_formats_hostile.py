@@ -7,9 +7,9 @@ import pytest
 
 from service.errors import UnreadableFileError
 from service.formats import ReadLimits, inspect_upload
-from tests.hostile_bombs import bombs
-from tests.hostile_mutations import damaged
-from tests.hostile_seeds import whole_files
+from tests.scenes.hostile.hostile_bombs import bombs
+from tests.scenes.hostile.hostile_mutations import damaged
+from tests.scenes.hostile.hostile_seeds import whole_files
 
 LIMITS = ReadLimits(max_points=1_000_000, max_pixels=4_000_000)
 FOUND = {

@@ -1,7 +1,6 @@
 """Laws of matching that hold for any lines and any motion."""
 
 import numpy as np
-from feature_scenes import NO_PLANES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -13,6 +12,7 @@ from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
 from algorithms.matching.correspondences import corresponding_lines
 from algorithms.matching.degeneracy import free_freedoms
 from algorithms.matching.line_pairs import line_pair_motions
+from tests.scenes.lines.feature_scenes import NO_PLANES
 
 SEEDS = st.integers(min_value=0, max_value=10_000)
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from merged_line_scenes import DrawnRoom, drawn_room
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_adjustment import LineAdjustment, adjust_lines
-from algorithms.features.merged_lines import merge_lines
-from algorithms.features.projection_options import MergeOptions
+from algorithms.features.photo_lines.merged_lines import merge_lines
+from algorithms.features.photo_lines.projection_options import MergeOptions
 from algorithms.geometry.lines import Lines
+from tests.scenes.lines.merged_line_scenes import DrawnRoom, drawn_room
 
 pytestmark = pytest.mark.slow
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from merged_line_scenes import DrawnStation, drawn_station
 
-from algorithms.features.merged_lines import MergedLines, merge_lines
-from algorithms.features.projection_options import MergeOptions
+from algorithms.features.photo_lines.merged_lines import MergedLines, merge_lines
+from algorithms.features.photo_lines.projection_options import MergeOptions
 from algorithms.geometry.line_differences import line_differences
+from tests.scenes.lines.merged_line_scenes import DrawnStation, drawn_station
 
 pytestmark = pytest.mark.slow
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from line_scenes import pose_error
 from scipy import stats
-from station_networks import station_network
 
 from algorithms.network.network_registration import register_network
+from tests.scenes.buildings.station_networks import station_network
+from tests.scenes.lines.line_scenes import pose_error
 
 NETWORKS = 12
 STATIONS = 6

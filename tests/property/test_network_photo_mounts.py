@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from line_scenes import generic_lines, observed_lines, pose_error, random_motion
 from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
@@ -16,6 +15,7 @@ from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import register_network
 from algorithms.network.tracks import StationFeatures
+from tests.scenes.lines.line_scenes import generic_lines, observed_lines, pose_error, random_motion
 
 pytestmark = pytest.mark.slow
 

@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from line_scenes import LINE_SCENES, ObservedPair, observed_pair, pose_error
-from plane_rooms import observed_rooms, plane_rooms
 
 from algorithms.adjustment.alshawa import adjust_alshawa
 from algorithms.adjustment.line_estimate import LineEstimate
 from algorithms.adjustment.plucker_adjustment import adjust_plucker
 from algorithms.adjustment.residual_covariance import SharedErrors
+from tests.scenes.buildings.plane_rooms import observed_rooms, plane_rooms
+from tests.scenes.lines.line_scenes import LINE_SCENES, ObservedPair, observed_pair, pose_error
 
 TRIALS = 60
 ALLOWANCE = 3.5 * np.sqrt(12.0 / TRIALS)

@@ -4,13 +4,13 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from edge_images import find, rectangles
 
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.cameras import Camera
 from algorithms.photos.detector import detect_edges
 from algorithms.photos.options import EdgeDetector, EdgeOptions
 from algorithms.progress import NoProgress
+from tests.scenes.photos.edge_images import find, rectangles
 
 SIZE = (240, 200)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from plane_rooms import observed_rooms, plane_rooms
-from planted_errors import PLANTED_ERRORS, adjusted, outcome_of
 
 from algorithms.adjustment.options import AdjustmentOptions
+from tests.scenes.buildings.plane_rooms import observed_rooms, plane_rooms
+from tests.scenes.lines.planted_errors import PLANTED_ERRORS, adjusted, outcome_of
 
 SCENES = 6
 MOST_MISSED = 1

@@ -1,7 +1,8 @@
 """The covariance of lines from photos is honest."""
 
 import pytest
-from photo_monte_carlo import EDGES, many
+
+from tests.scenes.photos.photo_monte_carlo import EDGES, many
 
 
 @pytest.fixture(scope="module")

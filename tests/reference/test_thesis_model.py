@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
-from thesis_scenes import TARGET_FROM_SOURCE, thesis_scene, views
 
 from algorithms.adjustment.line_adjustment import adjust_lines
 from algorithms.adjustment.options import AdjustmentOptions
@@ -19,6 +18,7 @@ from algorithms.geometry.angles import GON_PER_RAD, angles_from_rotation
 from algorithms.geometry.line_motion import lines_about, matched_signs
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.plucker import plucker_coordinates
+from tests.scenes.lines.thesis_scenes import TARGET_FROM_SOURCE, thesis_scene, views
 
 TRIALS = 90
 SPREAD = 3.0 / np.sqrt(2.0 * TRIALS)

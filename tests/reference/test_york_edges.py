@@ -5,7 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from edge_images import find
+
+from tests.scenes.photos.edge_images import find
 
 YORK = Path(__file__).resolve().parents[3] / "shared" / "data" / "york_a"
 LEAST_PX = 20.0

@@ -1,0 +1,1 @@
+"""Cylinders of a scan and their axes."""

@@ -1,0 +1,1 @@
+"""Covariances of patches of surface."""

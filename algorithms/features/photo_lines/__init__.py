@@ -1,0 +1,1 @@
+"""Edges of photos carried into space and merged with the scan's lines."""

@@ -1,0 +1,1 @@
+"""Planes of a scan, their boundaries and intersections."""

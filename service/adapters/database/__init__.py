@@ -1,0 +1,1 @@
+"""The ports' stores in a database (SQLite or PostgreSQL)."""

@@ -1,0 +1,1 @@
+"""Contents in folders and object stores."""

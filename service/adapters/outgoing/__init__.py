@@ -1,0 +1,1 @@
+"""Requests to other machines: sources and callbacks, with addresses checked and pinned."""

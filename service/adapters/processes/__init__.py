@@ -1,0 +1,1 @@
+"""Computing processes: started, confined, limited, heard."""

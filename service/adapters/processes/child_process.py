@@ -1,0 +1,292 @@
+"""Run one step in a process of its own: a copy of a nursery, or where there is none a fresh `service.child`."""
+
+import asyncio
+import contextlib
+import hashlib
+import json
+import os
+import secrets
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import IO
+
+import psutil
+import structlog
+
+from service.adapters.processes.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
+from service.adapters.processes.process_limits import DEFAULT_STEPS, is_harmless, is_secret, this_host
+from service.errors import ComputationFailedError, to_problem
+from service.ports import Json, StepFailedError
+from service.settings import Settings
+from service.use_cases.limits.machine_shares import INSPECT
+
+NOTHING_WARM = WarmUp()
+LAST_WORDS_LINES = 12
+LINE_BYTES = 1 << 26
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Loops over points: as many threads as the step may use."""
+LIBRARY_VARIABLES = {
+    **dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
+    "MALLOC_MMAP_THRESHOLD_": str(64 << 20),
+    "MALLOC_TRIM_THRESHOLD_": str(512 << 20),
+}
+"""Matrices of some hundred rows: a second thread gains nothing on an idle machine and costs a factor on a busy one.
+And the C library keeps arrays of a few megabytes that were freed: giving them back and fetching them anew takes a fifth
+of the search of all shifts. The peak of memory is the same."""
+log = structlog.get_logger()
+
+
+@dataclass
+class _Conversation:
+    """What a child has said so far."""
+
+    result: Json | None = None
+    problem: Json | None = None
+    words: deque[str] = field(default_factory=lambda: deque(maxlen=LAST_WORDS_LINES))
+    doing: str = ""
+
+    def last_words(self) -> str:
+        """Give what it was doing and the end of what it printed."""
+        said = "; ".join(line for line in self.words if line.strip())
+        return ", ".join(
+            part for part in (self.doing and f"while {self.doing}", said and f"last words: {said}") if part
+        )
+
+
+class ChildProcesses:
+    """Run steps in child processes.
+
+    Parameters
+    ----------
+    settings
+        Limits, number of threads and place of the data; handed to the child.
+    steps
+        ``module:attribute`` of the mapping of step names to functions.
+    warm_up
+        What they find loaded.
+    reads_only
+        They read what was uploaded, and need no credentials.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        steps: str = DEFAULT_STEPS,
+        warm_up: WarmUp = NOTHING_WARM,
+        *,
+        reads_only: bool = False,
+    ) -> None:
+        self._settings = settings
+        self._steps = steps
+        self._reads_only = reads_only
+        self._nursery = NurseryClient(steps, warm_up, self._environment, settings.niceness)
+        self._scratch = settings.data_dir.resolve() / "scratch"
+        self._scratch.mkdir(parents=True, exist_ok=True)
+
+    def _environment(self) -> Mapping[str, str]:
+        """Give the variables of a process that is about to start."""
+        kept = _kept_environment(self._settings, reads_only=self._reads_only)
+        return {**kept, **environment(self._settings)}
+
+    def warm_up(self) -> None:
+        """Load libraries already now."""
+        if self._settings.nursery:
+            self._nursery.start()
+
+    def close(self) -> None:
+        """End what is kept for computations to come, and computations."""
+        self._nursery.close()
+
+    async def run(
+        self, step: str, arguments: Json, *, timeout_s: float, on_progress: Callable[[float, str], None] | None = None
+    ) -> Json:
+        """Give the step's output; see `service.ports.StepRunner`."""
+        heard = _Conversation()
+        directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
+        directory.mkdir()
+        request = {
+            "step": step,
+            "arguments": arguments,
+            "settings": self._settings.model_dump(mode="json", exclude=_unneeded_by(step)),
+            "scratch": str(directory),
+        }
+        try:
+            code = await self._converse(request, heard, timeout_s, on_progress or _ignore)
+        except TimeoutError:
+            error = ComputationFailedError(f"the computation took longer than {timeout_s:g} s and was stopped")
+            raise StepFailedError(to_problem(error)) from None
+        finally:
+            shutil.rmtree(directory, ignore_errors=True)
+        if heard.problem is not None:
+            raise StepFailedError(heard.problem)
+        if heard.result is None:
+            raise ComputationFailedError(", ".join(filter(None, (_ending(code), heard.last_words()))))
+        return heard.result
+
+    async def _converse(
+        self, request: Json, heard: _Conversation, timeout_s: float, on_progress: Callable[[float, str], None]
+    ) -> int:
+        """Start the child, listen until it ends; kill it and all it started whatever happens."""
+        try:
+            return await self._attempt(request, heard, timeout_s, on_progress)
+        except NotWarmError:
+            return await self._attempt(request, heard, timeout_s, on_progress)
+
+    async def _attempt(
+        self, request: Json, heard: _Conversation, timeout_s: float, on_progress: Callable[[float, str], None]
+    ) -> int:
+        reports, reports_end = os.pipe()
+        output, output_end = os.pipe()
+        try:
+            with tempfile.TemporaryFile(dir=self._scratch) as file:
+                file.write(json.dumps(request).encode() + b"\n")
+                file.seek(0)
+                process = await self._started(str(request["step"]), file, reports_end, output_end)
+        except BaseException:
+            os.close(reports)
+            os.close(output)
+            raise
+        finally:
+            os.close(reports_end)
+            os.close(output_end)
+        listeners = [
+            asyncio.ensure_future(_listen(reports, heard, on_progress)),
+            asyncio.ensure_future(_overhear(output, heard, str(request["step"]))),
+        ]
+        try:
+            async with asyncio.timeout(timeout_s):
+                return await process.wait()
+        finally:
+            process.kill()
+            await asyncio.shield(asyncio.gather(process.wait(), *listeners, return_exceptions=True))
+
+    async def _started(self, step: str, request: IO[bytes], reports: int, output: int) -> "_ColdProcess | WarmProcess":
+        if self._settings.nursery and self._nursery.usable:
+            return self._nursery.begin(step, request, reports, output)
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "service.child"),
+            *("--steps", self._steps, "--parent", str(os.getpid()), "--report-fd", str(reports)),
+            stdin=request,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            pass_fds=(reports,),
+            env=self._environment(),
+        )
+        return _ColdProcess(process)
+
+
+@dataclass(frozen=True)
+class _ColdProcess:
+    """A child that loads its libraries itself."""
+
+    process: asyncio.subprocess.Process
+
+    async def wait(self) -> int:
+        """Give the exit code, negative for a signal."""
+        return await self.process.wait()
+
+    def kill(self) -> None:
+        """End it and all that it started."""
+        # the group has the child's number, so grandchildren that hold a pipe open end too
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+
+def _unneeded_by(step: str) -> set[str]:
+    """Name the settings that a step must not know; what is inspected lies on this machine."""
+    return {"database_url", "callback_secret", *(("storage_url", "allowed_sources") if step == INSPECT else ())}
+
+
+def _kept_environment(settings: Settings, *, reads_only: bool) -> Mapping[str, str]:
+    """Give the variables that computations find; credentials only where they fetch or keep something elsewhere."""
+    if reads_only:
+        return {name: value for name, value in os.environ.items() if is_harmless(name)}
+    elsewhere = settings.storage_url.startswith("s3:") or settings.allowed_sources
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not is_secret(name) or (elsewhere and name.startswith("AWS_"))
+    }
+
+
+def environment(settings: Settings) -> Mapping[str, str]:
+    """Give the variables that must be known before the libraries are imported."""
+    return {
+        **dict.fromkeys(THREAD_VARIABLES, str(settings.threads_per_computation)),
+        **LIBRARY_VARIABLES,
+        "TIELINE_NICENESS": str(settings.niceness),
+    }
+
+
+def remove_left_scratch(settings: Settings) -> None:
+    """Remove scratch directories of computations whose owner died without removing them.
+
+    The data directory may be shared with other machines or containers, whose process ids mean nothing here: their
+    directories are removed when no computation can last so long.
+    """
+    longest_s = 2.0 * settings.step_timeout_s
+    for directory in (settings.data_dir.resolve() / "scratch").glob("run-*"):
+        _, mark, owner, _ = directory.name.split("-")
+        left = not psutil.pid_exists(int(owner)) if mark == _host_mark() else False
+        with contextlib.suppress(FileNotFoundError):
+            if left or time.time() - directory.stat().st_mtime > longest_s:
+                shutil.rmtree(directory, ignore_errors=True)
+
+
+def _host_mark() -> str:
+    return hashlib.sha256(this_host().encode()).hexdigest()[:8]
+
+
+async def _listen(reports: int, heard: _Conversation, on_progress: Callable[[float, str], None]) -> None:
+    """Read the child's report pipe to its end."""
+    async for line in _lines(reports):
+        if not line.endswith(b"\n"):
+            break  # the child was killed while writing
+        report = json.loads(line)
+        if "result" in report:
+            heard.result = report["result"]
+        elif "problem" in report:
+            heard.problem = report["problem"]
+        else:
+            heard.doing = report["message"]
+            on_progress(report["fraction"], report["message"])
+
+
+async def _overhear(output: int, heard: _Conversation, step: str) -> None:
+    """Pass what the child prints on to the log, and remember its last words."""
+    async for line in _lines(output):
+        text = line.decode(errors="replace").rstrip()
+        heard.words.append(text[:500])
+        log.info("said by the computing process", step=step, text=text)
+
+
+async def _lines(pipe: int) -> AsyncIterator[bytes]:
+    """Read a pipe to its end, and close it."""
+    reader = asyncio.StreamReader(limit=LINE_BYTES)
+    transport, _ = await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
+    )
+    try:
+        async for line in reader:
+            yield line
+    finally:
+        transport.close()
+
+
+def _ignore(_fraction: float, _message: str) -> None:
+    """Take no notice of progress."""
+
+
+def _ending(code: int) -> str:
+    if code >= 0:
+        return f"the computing process ended with code {code} and no result"
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
+    hint = {"SIGKILL": " (perhaps out of memory)", "SIGXCPU": " (limit of computing time)"}.get(name, "")
+    return f"the computing process was ended by {name}{hint}"

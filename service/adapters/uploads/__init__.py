@@ -1,0 +1,1 @@
+"""Resumable uploads, kept locally or shared."""

@@ -1,0 +1,1 @@
+"""The server underneath the web application."""

@@ -1,0 +1,1 @@
+"""What things are called: identifiers, contents, files, features."""

@@ -1,0 +1,1 @@
+"""Who may do what, and requests that are sent again."""

@@ -1,0 +1,1 @@
+"""Whom a job tells of its end, and how."""

@@ -1,0 +1,1 @@
+"""What a request may say, and whether it can be meant."""

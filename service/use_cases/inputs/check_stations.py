@@ -1,0 +1,150 @@
+"""Check what the schema of a request cannot know: names, files and scans that must exist."""
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+
+from algorithms.scans.content import ScanContent, same_content
+from schemas.register_inputs import RegisterInputs, ScanReference, Station
+from service.errors import FieldFault, InvalidRequestError
+from service.names.identifiers import is_identifier
+from service.ports import FileStore, Json, StoredFile
+from service.use_cases.documents.scan_warnings import is_usable
+from service.use_cases.inputs.check_photos import station_photo_faults
+from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
+
+
+def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations: int) -> None:
+    """Check names, pairs, reference and files of a registration.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every bad field.
+    """
+    if len(inputs.stations) > max_stations:
+        detail = f"{len(inputs.stations)} stations, the limit of this service is {max_stations}"
+        raise InvalidRequestError(detail, [FieldFault("/inputs/stations", detail)])
+    faults = [
+        *_name_faults(inputs.stations),
+        *_pair_faults(inputs),
+        *_reference_faults(inputs),
+        *_same_scan_faults(inputs.stations, files),
+        *(
+            fault
+            for number, station in enumerate(inputs.stations)
+            for fault in _file_faults(station, files, pointer_to("inputs", "stations", number))
+        ),
+    ]
+    if faults:
+        raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+def check_station(station: Station, files: FileStore) -> None:
+    """Check the files of a single station.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every bad field.
+    """
+    faults = list(_file_faults(station, files, "/inputs/station"))
+    if faults:
+        raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+def _name_faults(stations: Sequence[Station]) -> Iterable[FieldFault]:
+    seen: set[str] = set()
+    for number, station in enumerate(stations):
+        if station.name in seen:
+            yield FieldFault(
+                pointer_to("inputs", "stations", number, "name"), f"the name '{station.name}' is used twice"
+            )
+        seen.add(station.name)
+
+
+def _pair_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    if inputs.pairs == "auto":
+        return
+    names = {station.name for station in inputs.stations}
+    seen: set[frozenset[str]] = set()
+    for number, pair in enumerate(inputs.pairs):
+        where = pointer_to("inputs", "pairs", number)
+        for side, name in enumerate(pair):
+            if name not in names:
+                yield FieldFault(f"{where}/{side}", f"there is no station '{name}'")
+        if pair[0] == pair[1]:
+            yield FieldFault(where, "a pair needs two different stations")
+        elif frozenset(pair) in seen:
+            yield FieldFault(where, "this pair is listed twice")
+        seen.add(frozenset(pair))
+
+
+def _reference_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    names = {station.name for station in inputs.stations}
+    for name in inputs.reference or {}:
+        if name not in names:
+            yield FieldFault(pointer_to("inputs", "reference", name), f"there is no station '{name}'")
+
+
+def _same_scan_faults(stations: Sequence[Station], files: FileStore) -> Iterable[FieldFault]:
+    """Name the stations whose scans are one and the same measurement: a scan laid on itself fits, and says nothing."""
+    known = [(number, station, _found_scan(station.scan, files)) for number, station in enumerate(stations)]
+    for (number, station, own), (first, other, others) in combinations(known, 2):
+        if own is None or others is None or not _same_scan(own, others):
+            continue
+        for here, name in ((number, other.name), (first, station.name)):
+            yield FieldFault(
+                pointer_to("inputs", "stations", here, "scan"),
+                f"the scan is the same measurement as that of station '{name}': a scan laid on itself says nothing",
+            )
+
+
+def _found_scan(scan: ScanReference, files: FileStore) -> tuple[str, Json] | None:
+    """Give the content of a scan's file and the document of the scan; None where there is none."""
+    file = files.get(scan.file) if is_identifier(scan.file) else None
+    if file is None:
+        return None
+    return next(((file.sha256, found) for found in file.scans if found["index"] == scan.index), None)
+
+
+def _same_scan(first: tuple[str, Json], second: tuple[str, Json]) -> bool:
+    """Tell whether two scans of files are one: the same number in the same content, or the same points."""
+    if first[0] == second[0] and first[1]["index"] == second[1]["index"]:
+        return True
+    own, other = (found.get("content") for _, found in (first, second))
+    if own is None or other is None:  # files of earlier times are without
+        return False
+    return same_content(ScanContent.from_json(own), ScanContent.from_json(other))
+
+
+def _file_faults(station: Station, files: FileStore, where: str) -> Iterable[FieldFault]:
+    yield from _scan_faults(station.scan, files, f"{where}/scan")
+    yield from station_photo_faults(station.photos, station.scan, files, f"{where}/photos")
+
+
+def _scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[FieldFault]:
+    file = files.get(scan.file) if is_identifier(scan.file) else None
+    if file is None:
+        yield FieldFault(f"{where}/file", f"there is no file '{scan.file}'; POST /files uploads one")
+    elif not file.scans:
+        yield FieldFault(f"{where}/file", f"the file '{file.name}' holds no scan")
+    elif scan.index not in (numbers := [found["index"] for found in file.scans]):
+        listed = ", ".join(map(str, numbers[:20])) + (", …" if len(numbers) > 20 else "")
+        yield FieldFault(f"{where}/index", f"the file '{file.name}' holds {len(numbers)} scan(s), numbered {listed}")
+    else:
+        yield from _reading_faults(scan, file, file.scans[numbers.index(scan.index)], where)
+
+
+def _reading_faults(scan: ScanReference, file: StoredFile, found: Json, where: str) -> Iterable[FieldFault]:
+    """Look whether a scan can be read as the request says."""
+    if not is_usable(found):
+        yield FieldFault(f"{where}/index", f"scan {scan.index} of '{file.name}' cannot be used: {found.get('reason')}")
+    declared = found.get("unit")
+    if scan.unit is not None and declared is not None and scan.unit != declared:
+        yield FieldFault(
+            f"{where}/unit", f"the file '{file.name}' declares its coordinates in {declared}, not {scan.unit}"
+        )
+    if scan.unit is None and found.get("open_unit"):
+        yield FieldFault(f"{where}/unit", f"'{file.name}': {found['open_unit']}")
+    if scan.columns is not None and found.get("text_columns") is None:
+        yield FieldFault(f"{where}/columns", f"the file '{file.name}' is no text table: its format says what is in it")

@@ -1,0 +1,1 @@
+"""Jobs: submitted, found, watched, described, dismissed, and whose turn it is."""

@@ -1,0 +1,80 @@
+"""Find out whether jobs can be taken and run now."""
+
+import asyncio
+import time
+from collections.abc import Callable
+
+from schemas.health import Check, Readiness
+from service.errors import ServiceError
+from service.names.identifiers import new_identifier
+from service.ports import BlobStore, JobFilter, JobStore, Queue
+
+PROBES = "probes/"
+"""Where it is tried whether the storage can be written to."""
+
+
+class ReadinessWatch:
+    """Look once for all who ask within a time: anybody may ask, as often as he likes.
+
+    Parameters
+    ----------
+    look
+        Finds out; may take long.
+    look_again_s
+        For how long the answer is good.
+    """
+
+    def __init__(self, look: Callable[[], Readiness], look_again_s: float) -> None:
+        self._look = look
+        self._look_again_s = look_again_s
+        self._found: Readiness | None = None
+        self._until = 0.0
+        self._looking: asyncio.Task[Readiness] | None = None
+
+    async def readiness(self) -> Readiness:
+        """Tell what was found last, or look."""
+        if self._found is not None and time.monotonic() < self._until:
+            return self._found
+        if self._looking is None or self._looking.done():
+            self._looking = asyncio.create_task(asyncio.to_thread(self._look))
+        looking = self._looking
+        self._found = await asyncio.shield(looking)
+        self._until = time.monotonic() + self._look_again_s
+        return self._found
+
+
+def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement: str = "") -> Readiness:
+    """Try the database and the storage, and count the workers; tell how what reads uploaded files is confined."""
+    checks = {
+        "database": _checked(lambda: _database(jobs)),
+        "storage": _checked(lambda: _storage(blobs)),
+        "workers": _checked(lambda: _workers(queue)),
+    }
+    if confinement:
+        checks["confinement"] = Check(ok=True, detail=confinement)
+    ready = all(check.ok for check in checks.values())
+    return Readiness(status="ready" if ready else "not-ready", checks=checks)
+
+
+def _checked(check: Callable[[], Check]) -> Check:
+    try:
+        return check()
+    except (ServiceError, OSError) as error:
+        return Check(ok=False, detail=str(error))
+
+
+def _database(jobs: JobStore) -> Check:
+    jobs.find(JobFilter(limit=1))
+    return Check(ok=True, detail="answers")  # not how many there are: anybody may ask
+
+
+def _storage(blobs: BlobStore) -> Check:
+    key = f"{PROBES}{new_identifier()}"
+    blobs.write_bytes(key, b"written to see whether it can be")
+    blobs.delete_prefix(key)
+    return Check(ok=True, detail="writable")
+
+
+def _workers(queue: Queue) -> Check:
+    workers = queue.live_workers()
+    return Check(ok=workers > 0, detail=f"{workers} alive")

@@ -1,0 +1,1 @@
+"""Pages, drawings and tables made of results."""

@@ -1,0 +1,1 @@
+"""What computing processes do, step by step, and the plans that order the steps."""

@@ -1,0 +1,135 @@
+"""The compiled kernels of the numerics: compiled once on a machine, by one process, and everybody knows what it waits
+for.
+
+Numba keeps what it compiled beside the program, or where ``NUMBA_CACHE_DIR`` says. A mark beside it tells that the
+kernels of a registration are all there; until it is, one process compiles by registering two scans of a tiny room, and
+others wait for it and tell how far it is, for to compile the same in each of them would take each as long.
+"""
+
+import fcntl
+import hashlib
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from service.ports import StepProgress
+from service.use_cases.steps.warm_up import practise
+
+COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
+LOOK_S = 0.5
+KERNELS = Path(__file__).parents[3] / "algorithms"
+
+
+def ensure_compiled(progress: StepProgress) -> None:
+    """Return when the kernels are compiled; compile them where nobody has done so, and nobody does."""
+    folder = kept_in()
+    if folder is not None:
+        compile_once(folder, practise, counted_kernels, progress)
+
+
+def practise_once() -> None:
+    """Compile the kernels unless they are, or load them."""
+    ensure_compiled(_Silence())
+    practise()
+
+
+def compile_once(
+    folder: Path,
+    compile_all: Callable[[], None],
+    counted: Callable[[Callable[[int], None]], Any],
+    progress: StepProgress,
+) -> None:
+    """Let one process compile, whoever else wants it.
+
+    Parameters
+    ----------
+    folder
+        Where the compiled kernels are kept; the mark and the lock are put there as well.
+    compile_all
+        Compiles.
+    counted
+        Makes the context in which kernels are counted as they are compiled.
+    progress
+        Hears that, and how far, something is compiled.
+    """
+    mark, told = folder / f"tieline-{_fingerprint()}.compiled", folder / "tieline-compiling"
+    if mark.exists():
+        return
+    with (folder / "tieline-compiling.lock").open("w") as lock:
+        while not _locked(lock.fileno()):
+            with suppress(OSError):
+                progress.report(0.0, f"{COMPILING}: {told.read_text()}")
+            time.sleep(LOOK_S)
+        if mark.exists():
+            return
+
+        def tell(number: int) -> None:
+            part = told.with_suffix(".part")
+            part.write_text(f"{number} done")
+            part.replace(told)
+            progress.report(0.0, f"{COMPILING}: {number} done")
+
+        tell(0)
+        with counted(tell):
+            compile_all()
+        told.unlink(missing_ok=True)
+        mark.touch()
+
+
+def kept_in() -> Path | None:
+    """Give the folder in which numba keeps compiled kernels, None where it keeps none."""
+    from algorithms.matching import line_pairs_kernels
+
+    with suppress(AttributeError, OSError):
+        kernel: Any = line_pairs_kernels.alike_rows
+        folder = Path(kernel._cache.cache_path)  # noqa: SLF001 - told in no other way
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "tieline-compiling.lock").touch()
+        return folder
+    return None
+
+
+@contextmanager
+def counted_kernels(tell: Callable[[int], None]) -> Iterator[None]:
+    """Tell how many kernels were compiled, one after the other."""
+    from numba.core import event
+
+    class Count(event.Listener):
+        number = 0
+
+        def on_start(self, event: Any) -> None:
+            """Take no notice."""
+
+        def on_end(self, event: Any) -> None:  # noqa: ARG002 - the library's signature
+            """Count."""
+            self.number += 1
+            tell(self.number)
+
+    with event.install_listener("numba:compile", Count()):
+        yield
+
+
+def _locked(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _fingerprint() -> str:
+    """Name what was compiled: with another numba, or other kernels, it is compiled anew."""
+    import numba
+
+    files = sorted(KERNELS.rglob("*_kernels.py"))
+    parts = [numba.__version__, *(f"{path.name} {path.stat().st_mtime_ns} {path.stat().st_size}" for path in files)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+class _Silence:
+    """Nobody listens."""
+
+    def report(self, fraction: float, message: str) -> None:
+        """Take no notice."""

@@ -1,0 +1,116 @@
+"""Adjust all stations of a `register` job at once."""
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from algorithms.arrays import Vector3
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.links import StationLink
+from algorithms.network.network_registration import NetworkRegistration, register_network
+from algorithms.network.surface_control import SurfaceControl
+from algorithms.network.track_observations import TrackKind
+from algorithms.network.tracks import StationFeatures
+from service.ports import Json, StepContext
+from service.use_cases.documents.network_documents import network_document
+from service.use_cases.steps.feature_store import load_features
+from service.use_cases.steps.link_store import load_link
+from service.use_cases.steps.run_pair import method_of
+
+KEPT_IN_MEMORY = 24
+"""Scans whose surfaces are kept while stations are tested against each other."""
+
+
+def adjust_network(context: StepContext, arguments: Json) -> Json:
+    """Find the poses of all stations from the accepted pairs, and store them with the figures of the network."""
+    names: list[str] = arguments["names"]
+    links = stored_links(context, arguments["pairs"], names, "accepted")
+    doubtful = stored_links(context, arguments["pairs"], names, "doubtful")
+    context.progress.report(0.0, "loading features")
+    features: dict[int, StationFeatures] = {}
+    origins: dict[int, Vector3] = {}
+    for number in sorted({0, *(station for link in (*links, *doubtful) for station in link.stations)}):
+        loaded = _features_of(context, arguments, number)
+        features[number], origins[number] = StationFeatures.of_features(loaded), loaded.origin_m
+    context.progress.report(0.3, "adjusting all stations")
+    control = SurfaceControl(lru_cache(KEPT_IN_MEMORY)(lambda number: _features_of(context, arguments, number)))
+    options = method_of(arguments["method"]).adjustment
+    result = register_network(features, links, names, options, doubtful=doubtful, control=control)
+    document = {
+        "network": network_document(result, links, doubtful, names).model_dump(by_alias=True),
+        "poses": _poses(result, features, origins, names),
+    }
+    key = f"jobs/{arguments['job_id']}/network.json"
+    context.blobs.write_bytes(key, json.dumps(document).encode())
+    return {"network": key}
+
+
+def _features_of(context: StepContext, arguments: Json, number: int) -> ScanFeatures:
+    return load_features(context.blobs.local_path(arguments["features"][number]))
+
+
+def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[str], status: str) -> list[StationLink]:
+    """Load what pairs of a status left for the network.
+
+    Parameters
+    ----------
+    context
+        Of the step.
+    pairs
+        Outputs of the pairs.
+    names
+        Of all stations, in order.
+    status
+        `accepted` or `doubtful`.
+    """
+    place = {name: number for number, name in enumerate(names)}
+    return [
+        load_link(context.blobs.local_path(pair["link"]), place[pair["target"]], place[pair["source"]])
+        for pair in pairs
+        if pair["link"] is not None and pair["status"] == status
+    ]
+
+
+def _poses(
+    result: NetworkRegistration,
+    features: Mapping[int, StationFeatures],
+    origins: Mapping[int, Vector3],
+    names: Sequence[str],
+) -> Json:
+    """Give the poses between full coordinates, covariances, and where the features of each station are."""
+    poses = {}
+    for station, reduced in result.poses.items():
+        pose = reduced.moved_to_origins(origins[0], origins[station])
+        poses[names[station]] = {
+            "matrix": pose.target_from_source.as_matrix().tolist(),
+            "covariance": pose.covariance.tolist(),
+            "centroid_m": _centroid(station, reduced, result, features, origins[0]),
+            "a_posteriori": result.variance_factor > 1.0,
+        }
+    return poses
+
+
+def _centroid(
+    station: int,
+    pose: PoseEstimate,
+    result: NetworkRegistration,
+    features: Mapping[int, StationFeatures],
+    origin_m: Vector3,
+) -> list[float] | None:
+    """Give the centroid of a station's features in the adjustment, in the full coordinates of the first station."""
+    if result.joint is None:
+        return None
+    planes, lines = features[station].planes.centroids, features[station].lines.anchors
+    points = [
+        (planes if track.kind is TrackKind.PLANE else lines)[number]
+        for track in result.joint.tracks
+        for seen_from, number in track.members
+        if seen_from == station
+    ]
+    if not points:
+        return None
+    centroid = pose.target_from_source.apply(np.mean(points, axis=0)) + origin_m
+    return [float(coordinate) for coordinate in centroid]

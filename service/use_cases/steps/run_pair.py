@@ -1,0 +1,84 @@
+"""Register two scans by their features."""
+
+import shutil
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, get_args
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from algorithms.registration import RegistrationMethod
+from service.ports import Json, StepContext
+from service.use_cases.steps.feature_store import load_features
+from service.use_cases.steps.run_features import SEED
+
+if TYPE_CHECKING:
+    import algorithms.registration.base
+
+
+def register_pair(context: StepContext, arguments: Json) -> Json:
+    """Register one pair and store its document; give key, status and counts."""
+    from algorithms.registration.base import RegistrationProblem
+    from service.use_cases.documents.line_counts import line_counts
+    from service.use_cases.documents.pair_documents import pair_document, photo_line_counts
+    from service.use_cases.steps.pair_remarks import distrusted_if_copied, remarks_on_scans
+    from service.use_cases.steps.station_priors import priors_of_pair
+    from service.use_cases.steps.timed_progress import TimedProgress
+
+    target, source = arguments["target"], arguments["source"]
+    features = [load_features(context.blobs.local_path(side["features"])) for side in (target, source)]
+    priors = priors_of_pair(target, source, features[0].origin_m, features[1].origin_m)
+    problem = RegistrationProblem(features[0], features[1], priors)
+    progress = TimedProgress(context.progress, time.perf_counter)
+    method = method_of(arguments["method"])
+    result = method.register(problem, progress=progress, rng=np.random.default_rng(SEED))
+    result = distrusted_if_copied(context, arguments, result, problem)
+    remarks = remarks_on_scans(problem, target=target["name"], source=source["name"])
+    result = replace(result, reasons=(*result.reasons, *remarks))
+    document = pair_document(
+        result, problem.target, target=target["name"], source=source["name"], timings_s=progress.finished()
+    )
+    sides = (result.fine, problem.target, problem.source)
+    names = {"target": target["name"], "source": source["name"]}
+    counts = {"line_counts": line_counts(*sides, **names), "photo_lines": photo_line_counts(*sides, **names)}
+    document = document.model_copy(update=counts)
+    key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
+    context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
+    return {
+        "pair": key,
+        "status": document.status,
+        "target": target["name"],
+        "source": source["name"],
+        "link": _stored_link(context, arguments, result, problem),
+    }
+
+
+def _stored_link(
+    context: StepContext,
+    arguments: Json,
+    result: "algorithms.registration.base.PairResult",
+    problem: "algorithms.registration.base.RegistrationProblem",
+) -> str | None:
+    """Store what an accepted or doubtful pair may contribute to a network of stations; give its key."""
+    from algorithms.registration.base import PairStatus
+    from service.use_cases.steps.link_store import link_of, save_link
+
+    if result.status not in {PairStatus.ACCEPTED, PairStatus.DOUBTFUL} or (result.fine or result.final) is None:
+        return None
+    key = f"jobs/{arguments['job_id']}/links/{arguments['number']}.npz"
+    scratch = context.blobs.scratch()
+    try:
+        save_link(scratch / "link.npz", link_of(result.fine, problem.target, problem.source, result.final))
+        context.blobs.put_file(key, scratch / "link.npz")
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return key
+
+
+def method_of(request: Json) -> RegistrationMethod:
+    """Build the method with its options from a validated request."""
+    options = {name: value for name, value in request.items() if name != "method"}
+    by_name = {method.name: method for method in get_args(RegistrationMethod)}
+    chosen: RegistrationMethod = TypeAdapter(by_name[request["method"]]).validate_python(options)
+    return chosen

@@ -1,0 +1,226 @@
+"""Which pairs of many stations are tried."""
+
+from collections.abc import Callable
+from itertools import combinations
+from math import log2
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, next_pairs
+from algorithms.network.similarity import distance_profile, similarities
+from algorithms.network.whereabouts import Whereabouts, whereabouts_of
+from service.use_cases.steps.plans import RegisterPlan
+from tests.scenes.buildings.plane_rooms import plane_rooms, seen_from
+from tests.scenes.lines.line_scenes import LineScene, random_motion
+
+NO_LINES = LineScene(np.empty((0, 3)), np.empty((0, 3)))
+
+
+def surface_at(x: float, size: float = 10.0) -> np.ndarray:
+    """Give a floor around a place along a corridor."""
+    steps = np.arange(-0.5 * size, 0.5 * size, 0.5)
+    return np.array([(x + a, b, 0.1) for a in steps for b in (-0.4, 0.4)])
+
+
+def grown(
+    stations: int, works: Callable[[int, int], bool], alike: np.ndarray | None = None, spacing_m: float = 3.0
+) -> tuple[list[tuple[int, int]], list[list[int]]]:
+    """Let a corridor of stations grow: which pairs were tried, and the parts in the end."""
+    similar = np.zeros((stations, stations)) if alike is None else alike
+    surfaces = [surface_at(0.0) for _ in range(stations)]
+    tried: list[tuple[int, int]] = []
+    fresh = first_pairs(similar)
+    while fresh:
+        assert not set(fresh) & set(tried)
+        tried += fresh
+        accepted = [pair for pair in tried if works(*pair)]
+        parts = parts_of(stations, accepted)
+        poses = {
+            k: RigidTransform.from_translation([spacing_m * (k - part[0]), 0.0, 0.0]) for part in parts for k in part
+        }
+        fresh = next_pairs(similar, surfaces, Tried(tried, accepted, poses, parts))
+    return tried, parts_of(stations, [pair for pair in tried if works(*pair)])
+
+
+def parts_of(stations: int, pairs: list[tuple[int, int]]) -> list[list[int]]:
+    part = list(range(stations))
+    for first, second in pairs:
+        old, new = max(part[first], part[second]), min(part[first], part[second])
+        part = [new if each == old else each for each in part]
+    return [[k for k in range(stations) if part[k] == each] for each in sorted(set(part))]
+
+
+@pytest.mark.parametrize("stations", [2, 5, 8])
+def test_of_few_stations_every_pair_is_tried_at_once(stations: int) -> None:
+    tried, _ = grown(stations, lambda a, b: abs(a - b) < 2)
+    assert tried == list(combinations(range(stations), 2))
+
+
+@pytest.mark.parametrize("stations", [20, 60])
+def test_a_corridor_in_order_connects_and_every_station_gets_loops(stations: int) -> None:
+    tried, parts = grown(stations, lambda a, b: abs(a - b) <= 2)
+    assert len(parts) == 1
+    accepted = [pair for pair in tried if abs(pair[0] - pair[1]) <= 2]
+    degrees = np.bincount(np.array(accepted).ravel(), minlength=stations)
+    assert degrees[1:-1].min() >= 3
+    assert len(tried) < 8 * stations
+
+
+def test_the_number_of_pairs_is_bounded_where_nothing_fits() -> None:
+    for stations in (20, 100):
+        tried, parts = grown(stations, lambda a, b: False)  # noqa: ARG005 - whatever pair
+        assert len(parts) == stations
+        assert len(tried) <= most_pairs(stations) <= stations * (4 + 2 * log2(stations))
+
+
+def test_a_gap_in_the_order_is_bridged_by_likeness() -> None:
+    # stations 0-9 and 10-19 are two corridors, which only the pair (2, 17) connects
+    alike = np.zeros((20, 20))
+    alike[2, 17] = alike[17, 2] = 0.9
+    _, parts = grown(20, lambda a, b: ((a < 10) == (b < 10) and abs(a - b) == 1) or {a, b} == {2, 17}, alike)
+    assert len(parts) == 1
+
+
+def test_known_positions_bring_the_nearest_stations_together() -> None:
+    rng = np.random.default_rng(1)
+    order = rng.permutation(30)
+    positions = np.zeros((30, 3))
+    positions[order, 0] = 4.0 * np.arange(30)
+    pairs = set(first_pairs(np.zeros((30, 30)), Whereabouts(dict(enumerate(positions)))))
+    assert {tuple(sorted((int(order[k]), int(order[k + 1])))) for k in range(29)} <= pairs
+
+
+def test_scans_of_the_same_rooms_are_more_alike_than_others() -> None:
+    rng = np.random.default_rng(5)
+    profiles = []
+    for _ in range(4):
+        rooms = plane_rooms(rng, lines=20, rooms=2, bodies=3)
+        for _ in range(2):
+            order = rng.permutation(len(rooms.normals))
+            _, planes = seen_from(rooms, NO_LINES, random_motion(rng), order, 0.002, rng)
+            profiles.append(distance_profile(planes))
+    alike = similarities(profiles) - 2.0 * np.eye(8)
+    assert [int(np.argmax(row)) for row in alike] == [1, 0, 3, 2, 5, 4, 7, 6]
+
+
+def job(stations: int, pairs: Any = "auto") -> dict[str, Any]:
+    names = [f"S{k}" for k in range(stations)]
+    return {
+        "id": "j",
+        "inputs": {
+            "stations": [{"name": name, "scan": {"file": name, "index": 0}} for name in names],
+            "pairs": pairs,
+            "method": {"method": "auto"},
+        },
+        "files": {name: {"name": f"{name}.ply", "sha256": name} for name in names},
+    }
+
+
+def stages(stations: int, rounds: list[list[list[str]]], pairs: Any = "auto") -> list[list[str]]:
+    """Run a plan with given choices; give the names of the steps of each stage."""
+    outputs: list[list[dict[str, Any]]] = []
+    names: list[list[str]] = []
+    left = [*rounds, []]
+    document = job(stations, pairs)
+    while (stage := RegisterPlan().next_stage(document, outputs)) is not None:
+        names.append([call.name for call in stage])
+        outputs.append(
+            [
+                {"pairs": left.pop(0)}
+                if call.name == "choose-pairs"
+                else {"features": "f", "network": "n", "pair": call.arguments.get("number")}
+                for call in stage
+            ]
+        )
+    return names
+
+
+def test_two_stations_need_features_a_pair_and_a_report() -> None:
+    assert stages(2, []) == [["features"] * 2, ["register-pair"], ["report-registration"]]
+
+
+def test_three_stations_are_adjusted_together() -> None:
+    assert stages(3, []) == [
+        ["features"] * 3,
+        ["register-pair"] * 3,
+        ["adjust-network"],
+        ["report-registration"],
+    ]
+
+
+def test_many_stations_grow_in_rounds_until_nothing_is_left_to_try() -> None:
+    first, second = [["S0", "S1"], ["S1", "S2"]], [["S0", "S2"]]
+    assert stages(9, [first, second]) == [
+        ["features"] * 9,
+        ["choose-pairs"],
+        ["register-pair"] * 2,
+        ["choose-pairs"],
+        ["register-pair"],
+        ["choose-pairs"],
+        ["adjust-network"],
+        ["report-registration"],
+    ]
+
+
+def test_given_pairs_of_many_stations_are_all_that_is_tried() -> None:
+    assert stages(9, [], [["S0", "S1"], ["S3", "S1"]])[1:] == [
+        ["register-pair"] * 2,
+        ["adjust-network"],
+        ["report-registration"],
+    ]
+
+
+def test_pairs_are_numbered_through_over_all_rounds() -> None:
+    outputs: list[list[dict[str, Any]]] = [[{"features": "f"}] * 9, [{"pairs": [["S0", "S1"], ["S1", "S2"]]}]]
+    outputs += [[{"pair": 0}, {"pair": 1}], [{"pairs": [["S0", "S2"]]}]]
+    (call,) = RegisterPlan().next_stage(job(9), outputs) or []
+    assert (call.arguments["number"], call.arguments["target"]["name"]) == (2, "S0")
+
+
+def test_growth_ends_even_if_there_is_always_something_to_try() -> None:
+    assert len(stages(9, [[["S0", "S1"]]] * 12)) == 1 + 24 + 2
+
+
+def roughly(x: float, *, turn_rad: float = 0.05, shift_m: float = 0.5) -> PoseEstimate:
+    """Give an approximate pose along the corridor."""
+    covariance = np.diag([turn_rad**2] * 3 + [shift_m**2] * 3)
+    return PoseEstimate(RigidTransform.from_translation([x, 0.0, 0.0]), covariance)
+
+
+def test_stations_whose_scans_cannot_reach_each_other_are_apart() -> None:
+    surfaces = [surface_at(0.0)] * 4
+    places = whereabouts_of(surfaces, {k: roughly(15.0 * k) for k in range(4)})
+    # boxes of 10 m, widened by 2.5 m for the place and 1.3 m for the turn on either side
+    assert places.apart == {(0, 2), (0, 3), (1, 3)}
+
+
+def test_an_unknown_orientation_lets_a_scan_reach_around_its_station() -> None:
+    surfaces = [surface_at(20.0)] * 3
+    poses = {0: roughly(0.0, turn_rad=2.0), 1: roughly(0.0), 2: roughly(-45.0)}
+    assert (0, 1) not in whereabouts_of(surfaces, poses).apart
+
+
+def test_nothing_is_concluded_from_a_pose_far_from_all_others() -> None:
+    surfaces = [surface_at(0.0)] * 4
+    places = whereabouts_of(surfaces, {0: roughly(0.0), 1: roughly(10.0), 2: roughly(9e4), 3: roughly(15.0)})
+    assert places.apart == frozenset()
+    assert set(places.positions_m) == {0, 1, 3}
+
+
+def test_stations_that_are_apart_are_never_paired() -> None:
+    n = 30
+    surfaces = [surface_at(0.0)] * n
+    places = whereabouts_of(surfaces, {k: roughly(6.0 * k) for k in range(n)})
+    alike = 1.0 - np.eye(n)
+    tried, fresh = [], first_pairs(alike, places)
+    while fresh:
+        tried += fresh
+        parts = [[k] for k in range(n)]
+        nothing = Tried(tried, [], {k: RigidTransform.identity() for k in range(n)}, parts)
+        fresh = next_pairs(alike, surfaces, nothing, places)
+    assert tried
+    assert not any(places.are_apart(*pair) for pair in tried)

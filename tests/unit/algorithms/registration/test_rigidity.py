@@ -1,0 +1,141 @@
+"""Scans that differ by more than a motion: what is found, what is not, and what the pose's covariance then holds."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.features.extraction import extract_features
+from algorithms.features.options import FeatureOptions
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.poses import PoseEstimate
+from algorithms.progress import NoProgress
+from algorithms.registration.deformed_fit import Deformation, DeformationKind, fit_deformed
+from algorithms.registration.rigidity import rigidity
+from algorithms.scans.scan import Scan
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import scan_scene
+from algorithms.simulation.scenes import SCENES
+from tests.scenes.buildings.distorted_scans import bent, scaled, stretched
+
+SCANNER = VirtualScanner(rows=300, columns=720, range_noise_std_m=0.002)
+STATIONS = (1, 2)
+
+Distortion = Callable[[np.ndarray], np.ndarray]
+
+
+@cache
+def stations() -> tuple[tuple[RigidTransform, RigidTransform], tuple[np.ndarray, np.ndarray]]:
+    """Give poses and points of two stations of an office, in their own frames."""
+    scene = SCENES["office"]()
+    poses = tuple(scene.stations[k] for k in STATIONS)
+    scans = [scan_scene(scene, pose, SCANNER, np.random.default_rng(k)) for k, pose in enumerate(poses)]
+    clouds = tuple(scan.points + scan.origin_m for scan in scans)
+    return (poses[0], poses[1]), (clouds[0], clouds[1])
+
+
+def features(points: np.ndarray) -> ScanFeatures:
+    scan = Scan(
+        points=np.ascontiguousarray(points), origin_m=np.zeros(3), name="", grid=None, intensity=None, color=None,
+        sensor_m=np.zeros(3), world_from_scan=None,
+    )  # fmt: skip
+    return extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
+
+
+@cache
+def target() -> ScanFeatures:
+    return features(stations()[1][0])
+
+
+def source(distortion: Distortion = lambda points: points) -> ScanFeatures:
+    return features(distortion(stations()[1][1]))
+
+
+def truth() -> RigidTransform:
+    first, second = stations()[0]
+    return first.inv() * second
+
+
+def pose() -> RigidTransform:
+    """Give a pose that is a little off: what a part of a distorted scan would lead to."""
+    turn = Rotation.from_rotvec([1e-3, -1e-3, 1e-3])
+    return RigidTransform.from_components(np.asarray(truth().translation) + 0.005, turn * truth().rotation)
+
+
+def test_two_scans_of_one_office_differ_by_a_motion_only() -> None:
+    found = rigidity(target(), source(), truth())
+    assert found.kind is None
+    assert found.doubts() == []
+    assert found.scale is not None
+    assert abs(found.scale.value) < 4.0 * found.scale.std
+
+
+@pytest.mark.parametrize("factor", [1.003])
+def test_a_scale_is_found_to_its_standard_deviation(factor: float) -> None:
+    found = rigidity(target(), source(lambda points: scaled(points, factor)), pose())
+    assert found.kind is DeformationKind.SCALE
+    assert found.scale is not None
+    assert found.scale.value == pytest.approx(factor - 1.0, abs=4.0 * found.scale.std + 1e-4)
+    assert "of the surface fits" in found.doubts()[0]
+
+
+def test_a_stretch_along_one_axis_is_found_with_its_axis() -> None:
+    found = rigidity(target(), source(lambda points: stretched(points, 1.01, 0)), pose())
+    assert found.kind is DeformationKind.STRAIN
+    assert found.stretch is not None
+    assert found.stretch.direction_in_source is not None
+    assert found.stretch.value == pytest.approx(0.01, abs=2e-3)
+    assert abs(found.stretch.direction_in_source[0]) > 0.98
+
+
+def test_a_bend_is_found() -> None:
+    found = rigidity(target(), source(lambda points: bent(points, 0.03, 10.0)), pose())
+    assert found.kind is not None
+
+
+def test_the_widened_covariance_holds_where_the_instrument_stood() -> None:
+    found = rigidity(target(), source(lambda points: scaled(points, 1.01)), pose())
+    small = PoseEstimate(pose(), 1e-10 * np.eye(6))
+    wide = found.widened(small)
+    moved = np.asarray(truth().translation) - np.asarray(pose().translation)
+    # one standard deviation and a half of the shift holds the place of the source's instrument, its frame's origin
+    assert np.linalg.norm(moved) < 1.5 * np.sqrt(np.trace(wide.covariance[3:, 3:]))
+
+
+def test_exchanging_the_scans_says_the_same_of_the_other() -> None:
+    other = source(lambda points: scaled(points, 1.01))
+    one, two = rigidity(target(), other, pose()), rigidity(other, target(), pose().inv())
+    assert one.kind is two.kind is DeformationKind.SCALE
+    assert one.scale is not None
+    assert two.scale is not None
+    assert (1.0 + one.scale.value) * (1.0 + two.scale.value) == pytest.approx(1.0, abs=1e-9)
+    small = PoseEstimate(pose(), 1e-10 * np.eye(6))
+    np.testing.assert_allclose(
+        one.widened(small).inverse().covariance, two.widened(small.inverse()).covariance, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("kind", list(DeformationKind))
+def test_displacements_are_linear_in_their_coefficients(kind: DeformationKind) -> None:
+    rng = np.random.default_rng(1)
+    arms = rng.normal(size=(20, 3))
+    count = Deformation(kind, 2.0, np.zeros(0)).fields(arms).shape[2]
+    coefficients = rng.normal(size=count)
+    shifts = Deformation(kind, 2.0, coefficients).displacements(arms)
+    single = [Deformation(kind, 2.0, row).displacements(arms) for row in np.diag(coefficients)]
+    np.testing.assert_allclose(shifts, np.sum(single, axis=0), atol=1e-12)
+
+
+def test_a_strain_is_the_matrix_that_displaces() -> None:
+    rng = np.random.default_rng(2)
+    arms, strain = rng.normal(size=(20, 3)), Deformation(DeformationKind.STRAIN, 1.0, rng.normal(size=6))
+    np.testing.assert_allclose(strain.displacements(arms), arms @ strain.strain(), atol=1e-12)
+
+
+def test_a_deformed_point_is_taken_back() -> None:
+    fit = fit_deformed(target(), source(lambda points: scaled(points, 1.003)), pose(), DeformationKind.SCALE)
+    points = np.random.default_rng(3).uniform(-3.0, 3.0, (10, 3))
+    # to the third order of a deformation of 0.3 % over some metres
+    np.testing.assert_allclose(fit.undone(fit.apply(points)), points, atol=1e-6)

@@ -1,0 +1,85 @@
+"""Kernels are compiled by one process, and the others know what they wait for."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+
+from service.use_cases.steps import kernels
+from service.use_cases.steps.kernels import COMPILING, compile_once, counted_kernels
+
+WITHIN_S = 60.0
+
+
+class Hearer:
+    def __init__(self, enough: threading.Event | None = None) -> None:
+        self.heard: list[str] = []
+        self._enough = enough or threading.Event()
+
+    def report(self, fraction: float, message: str) -> None:
+        assert fraction == 0.0
+        self.heard.append(message)
+        self._enough.set()
+
+
+@contextmanager
+def counted_once(tell: Callable[[int], None]) -> Iterator[None]:
+    tell(1)
+    yield
+
+
+def test_of_several_that_need_them_one_compiles_and_the_others_tell_how_far_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernels, "LOOK_S", 0.01)
+    compiled: list[int] = []
+    heard = [threading.Event() for _ in range(3)]
+    hearers = [Hearer(each) for each in heard]
+
+    def compile_all() -> None:
+        compiled.append(1)
+        # not before all have been told
+        assert all(each.wait(WITHIN_S) for each in heard)
+
+    threads = [
+        threading.Thread(target=compile_once, args=(tmp_path, compile_all, counted_once, hearer)) for hearer in hearers
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(WITHIN_S)
+    assert compiled == [1]
+    assert all(words.startswith(f"{COMPILING}: ") for hearer in hearers for words in hearer.heard)
+
+
+def test_what_is_compiled_is_not_compiled_again_and_nothing_is_said(tmp_path: Path) -> None:
+    compile_once(tmp_path, lambda: None, counted_once, Hearer())
+    hearer = Hearer()
+    compile_once(tmp_path, lambda: pytest.fail("again"), counted_once, hearer)
+    assert hearer.heard == []
+
+
+def test_what_broke_off_is_compiled_by_the_next(tmp_path: Path) -> None:
+    def break_off() -> None:
+        raise MemoryError
+
+    with pytest.raises(MemoryError):
+        compile_once(tmp_path, break_off, counted_once, Hearer())
+    compiled: list[int] = []
+    compile_once(tmp_path, lambda: compiled.append(1), counted_once, Hearer())
+    assert compiled == [1]
+
+
+def test_kernels_are_counted_as_they_are_compiled() -> None:
+    @njit
+    def twice(value: float) -> float:
+        return 2.0 * value
+
+    told: list[int] = []
+    with counted_kernels(told.append):
+        assert np.isclose(twice(1.5), 3.0)
+    assert told[-1] >= 1
