@@ -24,7 +24,7 @@ def points_on_terrain(seed: int, count: int, noise_m: float) -> np.ndarray:
 
 
 def flown_strip(seed: int, lag_s: float) -> np.ndarray:
-    """Simulate a strip flown north with a polygon mirror, whose angle is recorded at times too late, at times too early."""
+    """Simulate a strip flown north with a polygon mirror whose angle is recorded too late, or too early."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 1.5, 1.0 / 25_000.0) + rng.uniform(0.0, 1e-4)
     rate = 2.0 * ROLL_RAD * LINES_PER_S
