@@ -53,6 +53,7 @@ __all__ = [
     "read_photo",
     "read_scan",
     "reader_for",
+    "reader_of",
 ]
 
 
@@ -96,7 +97,7 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
             why = "; ".join(dict.fromkeys(photo.refused or "" for photo in photos))
             raise file.unreadable(f"the file holds no scan, and no image that can be used: {why}", "photo 0")
         return FileContents(reader.format_of(head) or "", "photo", (), photos)
-    return FileContents(_reader(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
+    return FileContents(reader_of(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
 
 
 def read_photo(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Photo:
@@ -160,7 +161,7 @@ def inspect_file(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, colu
     found: list[ScanInfo] = []
     faults: list[UnreadableFileError] = []
     with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
-        for records in _reader(file).scans(file, limits):
+        for records in reader_of(file).scans(file, limits):
             told = _told(file, records)
             if isinstance(told, RefusedScan):
                 faults.append(told.error)
@@ -206,14 +207,21 @@ def read_scan(
     """
     file = ScanFile(path, filename, columns, unit)
     with np.errstate(all="ignore"):
-        for records in _reader(file).scans(file, limits, index):
+        for records in reader_of(file).scans(file, limits, index):
             if isinstance(records, RefusedScan):
                 raise records.error
             return finish(file, records)
     raise file.unreadable("the file holds no points under this index", f"scan {index}")
 
 
-def _reader(file: ScanFile) -> ScanReader:
+def reader_of(file: ScanFile) -> ScanReader:
+    """Choose the reader of a file, whose owner may have said that it is a text table.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is empty, of an unsupported format, or not what its owner says.
+    """
     if file.columns and PurePath(file.filename).suffix.lower() in TextReader().extensions:
         return TextReader()  # lines of names that nobody knows may come first
     reader = reader_for(file.path, file.filename)
