@@ -7,7 +7,6 @@ errors that neighbouring points share.
 """
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 from scipy import special
@@ -15,59 +14,15 @@ from scipy import special
 from algorithms.arrays import CorePoints, Flags, Generator, OtherPoints, Points, Scalars, Vector3
 from algorithms.deviations.cylinders import core_normals, oriented, sections
 from algorithms.deviations.joint_poses import JointPoses
+from algorithms.deviations.options import Average, M3C2Options, WavesOf
 from algorithms.deviations.point_index import index_points
-from algorithms.deviations.waviness import UNMEASURED, WavesOf, Waviness, neighbourhood_waviness, scene_waviness
+from algorithms.deviations.waviness import UNMEASURED, Waviness, neighbourhood_waviness, scene_waviness
 from algorithms.errors import InvalidInputError
 from algorithms.progress import NoProgress, Progress
 
 MEDIAN_VARIANCE = np.pi / 2.0
 """Variance of a median over that of the mean, normal distribution."""
 UPWARDS = np.array([0.0, 0.0, 1.0])
-
-
-class Average(StrEnum):
-    """How the points of a cylinder are averaged."""
-
-    MEAN = "mean"
-    MEDIAN = "median"
-
-
-@dataclass(frozen=True)
-class M3C2Options:
-    """Sizes and levels of the comparison."""
-
-    cylinder_radius_m: float = 0.05
-    """Radius of the cylinder whose points are averaged; half the projection scale d [m]."""
-    max_distance_m: float = 0.5
-    """Length of the cylinder to either side of the core point: larger deviations are not seen [m]."""
-    normal_radii_m: tuple[float, ...] = (0.25,)
-    """Radii of the spheres in which normals are found, half the normal scale D; of several the most plane one [m]."""
-    average: Average = Average.MEAN
-    """mean, or median with interquartile range."""
-    alpha: float = 0.05
-    """Share of unchanged core points that may be called changed."""
-    waviness_std_m: float | None = None
-    """Standard deviation of errors that the points of a cylinder share; null: measured on the clouds [m]."""
-
-    waves: WavesOf = WavesOf.SCENE
-    """Where it is measured: scene, which sees waves of all lengths where at most two fifths of the surface changed; or
-    neighbourhoods, where all of it may have changed smoothly, but long waves remain unseen."""
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that make no cylinder.
-
-        Raises
-        ------
-        InvalidInputError
-            If a length is not positive or the level is not between 0 and 1.
-        """
-        lengths = (self.cylinder_radius_m, self.max_distance_m, *self.normal_radii_m)
-        if not self.normal_radii_m or not all(0.0 < length < np.inf for length in lengths):
-            raise InvalidInputError("comparison", "radii and distances must be positive lengths")
-        if not 0.0 < self.alpha < 1.0:
-            raise InvalidInputError("comparison", f"alpha is {self.alpha}", "between 0 and 1")
-        if self.waviness_std_m is not None and not 0.0 <= self.waviness_std_m < np.inf:
-            raise InvalidInputError("comparison", "the waviness must be a length")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ may have changed smoothly, and waves longer than they are remain unseen.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from scipy import stats
@@ -18,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Generator, Points, Scalars, Vector3
 from algorithms.deviations.cylinders import Sections
-from algorithms.features.patch_covariance import NUMERICAL_STD_M
-from algorithms.features.patch_covariance_kernels import excess
+from algorithms.features.patches.patch_covariance import NUMERICAL_STD_M
+from algorithms.features.patches.patch_covariance_kernels import excess
 from algorithms.geometry.lines import bases_of
 
 NEIGHBOURHOODS = 400
@@ -60,13 +59,6 @@ class Waviness:
 
 
 UNMEASURED = Waviness(0.0, 0, 0.0)
-
-
-class WavesOf(StrEnum):
-    """Where the errors that neighbouring points share are measured."""
-
-    SCENE = "scene"
-    NEIGHBOURHOODS = "neighbourhoods"
 
 
 def scene_waviness(cores: Points, normals: Points, distances_m: Scalars, noise_variances: Scalars) -> Waviness:

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from deviation_scenes import CloudPair, pair_without_change
 from scipy import stats
 
-from algorithms.deviations.m3c2 import M3C2, M3C2Options, m3c2
+from algorithms.deviations.m3c2 import M3C2, m3c2
+from algorithms.deviations.options import M3C2Options
+from tests.scenes.deviation_scenes import CloudPair, pair_without_change
 
 OPTIONS = M3C2Options(cylinder_radius_m=0.15, max_distance_m=0.3, normal_radii_m=(0.3,))
 PAIRS = 200

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from deviation_scenes import STATIONS_M, correlated_poses, pair_without_change, plain_m3c2, waving_floor
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.deviations.joint_poses import JointPoses, exact_poses, of_pair, of_stations
-from algorithms.deviations.m3c2 import M3C2, Average, M3C2Options, m3c2
-from algorithms.deviations.waviness import WavesOf
+from algorithms.deviations.m3c2 import M3C2, m3c2
+from algorithms.deviations.options import Average, M3C2Options, WavesOf
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.poses import PoseEstimate
+from tests.scenes.deviation_scenes import STATIONS_M, correlated_poses, pair_without_change, plain_m3c2, waving_floor
 
 RADIUS_M, HALF_M, NORMALS_M = 0.1, 0.5, 0.3
 CORES = np.arange(0, 2601, 217)
