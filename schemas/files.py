@@ -94,7 +94,7 @@ class FileDocument(ResponseModel):
     sha256: str
     format: str
     """Format that was recognised."""
-    kind: Literal["scan", "photo", "project", "other"]
+    kind: Literal["scan", "photo", "mesh", "project", "other"]
     scans: list[ScanDocument]
     photos: list[PhotoDocument]
     warnings: list[str] = Field(default=[])

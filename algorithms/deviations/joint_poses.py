@@ -1,11 +1,12 @@
 """What the errors of two registered stations' poses, known together, make of a distance between their surfaces."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Matrix6, Points, Scalars, Vector3
+from algorithms.arrays import Array, Labels, Matrix6, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.poses import PoseEstimate
 
@@ -62,6 +63,27 @@ class JointPoses:
     def moved(self, origin_m: Vector3) -> "JointPoses":
         """Give the same in coordinates reduced by an origin [m]; the covariance does not change."""
         return JointPoses(self.positions_m - origin_m, self.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class StationPairs:
+    """Two clouds of several stations each: which pair of them meets at each of n places, and their joint poses."""
+
+    pairs: Mapping[tuple[int, int], JointPoses]
+    """By station of the first and of the second cloud."""
+    first: Labels
+    """(n,) station of the first cloud at each place."""
+    second: Labels
+    """(n,) station of the second."""
+
+    def variances_along(self, points: Points, normals: Points) -> Scalars:
+        """Give the variance (n,) of `JointPoses.variances_along`, that of each place from its own pair of stations."""
+        variances = np.zeros(len(points))
+        for (one, two), poses in self.pairs.items():
+            here = (self.first == one) & (self.second == two)
+            if here.any():
+                variances[here] = poses.variances_along(points[here], normals[here])
+        return variances
 
 
 def of_pair(pose: PoseEstimate) -> JointPoses:

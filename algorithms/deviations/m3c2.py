@@ -13,7 +13,7 @@ from scipy import special
 
 from algorithms.arrays import CorePoints, Flags, Generator, OtherPoints, Points, Scalars, Vector3
 from algorithms.deviations.cylinders import core_normals, oriented, sections
-from algorithms.deviations.joint_poses import JointPoses
+from algorithms.deviations.joint_poses import JointPoses, StationPairs
 from algorithms.deviations.options import Average, M3C2Options, WavesOf
 from algorithms.deviations.point_index import index_points
 from algorithms.deviations.waviness import UNMEASURED, Waviness, neighbourhood_waviness, scene_waviness
@@ -60,7 +60,7 @@ def m3c2(
     first: Points,
     second: OtherPoints,
     cores: CorePoints,
-    poses: JointPoses,
+    poses: JointPoses | StationPairs,
     options: M3C2Options,
     *,
     towards_m: Vector3 | None = None,

@@ -10,6 +10,7 @@ from algorithms.errors import InvalidInputError
 
 FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
 """The parts of a triangle that a nearest place can lie on."""
+NO_TRIANGLE = "it has no triangle with an area"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +61,20 @@ def cleaned(vertices: Array, triangles: Array) -> tuple[Mesh, int]:
     InvalidInputError
         Where nothing is left, a vertex is not finite, or a triangle names a vertex that does not exist.
     """
-    if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(vertices)):
+    if not len(triangles) or not len(vertices):
+        raise InvalidInputError("mesh", NO_TRIANGLE, "export it with its faces, not its points only")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise InvalidInputError("mesh", "a triangle names a vertex that does not exist")
     if not np.isfinite(vertices).all():
         raise InvalidInputError("mesh", "a vertex has a coordinate that is no finite number")
     united, numbers = np.unique(np.asarray(vertices, dtype=np.float64), axis=0, return_inverse=True)
     corners = numbers.ravel()[np.asarray(triangles, dtype=np.int64)]
-    sides = united[corners[:, 1:]] - united[corners[:, :1]] if len(corners) else np.empty((0, 2, 3))
+    sides = united[corners[:, 1:]] - united[corners[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.max(np.sum(sides**2, axis=2), axis=1, initial=0.0)
     good = area > 1e-12 * longest
     if not good.any():
-        raise InvalidInputError(
-            "mesh", "it has no triangle with an area", "export it with its faces, not its points only"
-        )
+        raise InvalidInputError("mesh", NO_TRIANGLE, "export it with its faces, not its points only")
     return Mesh(united, np.ascontiguousarray(corners[good])), int((~good).sum())
 
 
