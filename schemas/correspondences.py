@@ -17,11 +17,17 @@ class ExternalEffect(Document):
     """
 
     omega_gon: float | None
+    """ω [gon]; null: not determined."""
     phi_gon: float | None
+    """φ [gon]; null: not determined."""
     kappa_gon: float | None
+    """κ [gon]; null: not determined."""
     tx_m: float | None
+    """Along x [m]; null: not determined."""
     ty_m: float | None
+    """Along y [m]; null: not determined."""
     tz_m: float | None
+    """Along z [m]; null: not determined."""
     centroid_shift_m: float = Field(description="Length of the shift at the centroid of the features.")
     global_effect: float = Field(
         description="Change of the whole pose in units of its own standard deviation (delta-bar)."
@@ -32,7 +38,9 @@ class FeatureTest(Document):
     """Test of a line or plane as a whole: T against chi-square."""
 
     statistic: float
+    """Value that is compared with the limit."""
     degrees_of_freedom: float
+    """Its degrees of freedom."""
     critical: float = Field(description="Limit at the level `alpha_single`; beyond it the pair is removed.")
     critical_b_method: float = Field(
         description="Limit at which an error is found as surely as by the test of its component (Baarda's B-method)."
@@ -44,6 +52,7 @@ class Inseparable(Document):
     """Another pair that may be the wrong one instead."""
 
     correspondence: str
+    """The other pair."""
     correlation: float = Field(description="Of the two test values, 0.9 to 1.")
 
 
@@ -52,8 +61,11 @@ class Removal(Document):
 
     step: int = Field(description="Number of the decision, from 1; a plane goes in one with all lines on it.")
     statistic: float
+    """Value that is compared with the limit."""
     critical: float
+    """Limit of the statistic."""
     why: str
+    """What spoke against it, in words."""
     inseparable_from: list[Inseparable] = Field(description="Pairs that may be the wrong ones instead.")
     moved_plane: str | None = Field(
         description="Plane that was rejected with everything that depends on it; null: the pair was rejected by itself."
@@ -65,6 +77,7 @@ class _Tested(Document):
 
     state: str = Field(description="used, removed, reinstated or not-controlled")
     angle_gon: float
+    """Angle between both [gon]."""
     residuals: list[float] = Field(description="Two tilts (rad), then offsets (m).")
     residual_std: list[float | None] = Field(description="Their standard deviations (rad, m); null: removed.")
     normalised: list[float | None] = Field(
@@ -80,13 +93,16 @@ class _Tested(Document):
     mdb: list[float | None] = Field(description="Smallest detectable error of each component (rad, m).")
     external_effect: ExternalEffect | None = Field(description="Null: removed, or nothing controls the pair.")
     removal: Removal | None
+    """Why it does not take part; null: it does."""
 
 
 class Correspondence(_Tested):
     """Two lines taken for one, and how well they agree."""
 
     target_line: str
+    """Line of the target, such as L3."""
     source_line: str
+    """Line of the source, such as L12."""
     source: str = Field(description="plane-intersection, cylinder-axis or photo-edge")
     distance_m: float = Field(description="In the middle of the piece that both scans see.")
     shortest_distance_m: float = Field(description="Of the two lines taken as endless.")
@@ -103,7 +119,9 @@ class PlaneCorrespondence(_Tested):
     """Two planes taken for one, observed beside the lines."""
 
     target_plane: str
+    """Plane of the target, such as P3."""
     source_plane: str
+    """Plane of the source, such as P12."""
     distance_m: float = Field(description="At the centroid of the target plane.")
     at_m: Triple = Field(description="That centroid, target frame.")
     basis: tuple[Triple, Triple] = Field(description="E1 and E2 in the target frame; in the plane.")
@@ -117,10 +135,14 @@ class Outlier(Document):
     line: str = Field(description="The pair, also where it is one of planes.")
     kind: str = Field(description="line or plane")
     step: int
+    """Number of the decision, from 1."""
     statistic: float
+    """Value that is compared with the limit."""
     critical: float
+    """Limit of the statistic."""
     change: str = Field(description="removed or reinstated")
     why: str
+    """What spoke against it, in words."""
     inseparable_from: list[Inseparable] = Field(description="Pairs that may be the wrong ones instead.")
     moved_plane: str | None = Field(
         description="Plane that was rejected with everything that depends on it; null: the pair was rejected by itself."

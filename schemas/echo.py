@@ -18,6 +18,7 @@ class Measure(RequestModel):
     """A number with its unit."""
 
     measurement: float
+    """The number."""
     uom: str
     """Unit of measure."""
     reference: str | None = None
@@ -36,6 +37,7 @@ class BoundingBox(RequestModel):
     bbox: Annotated[list[float], AfterValidator(_four_or_six)]
     """Minima, then maxima; 2-D or 3-D."""
     crs: str = CRS84
+    """Coordinate reference system."""
 
 
 def _iso_date(text: str) -> str:
@@ -54,7 +56,9 @@ class FeatureCollection(RequestModel):
     model_config = ConfigDict(extra="allow")
 
     type: Literal["FeatureCollection"]
+    """Of GeoJSON."""
     features: list[dict[str, Any]]
+    """The features."""
 
 
 TextOfFeatures = Annotated[str, Field(json_schema_extra={"contentMediaType": "application/gml+xml; version=3.2"})]

@@ -2,6 +2,10 @@
 
 from typing import Any
 
+from pydantic import ConfigDict, Field
+
+from schemas.base import RequestModel
+
 
 def by_file_or_address(schema: dict[str, Any]) -> None:
     """Describe both ways; the service puts an identifier in the place of an address before it validates a request."""
@@ -17,3 +21,12 @@ def by_file_or_address(schema: dict[str, Any]) -> None:
         "description": "Instead of `file`: where the job fetches it, `https://…` or `s3://bucket/key`, if the operator "
         "allows that source. The file is stored like one that was uploaded.",
     }
+
+
+class FileReference(RequestModel):
+    """A file that was uploaded, or that the job fetches."""
+
+    model_config = ConfigDict(json_schema_extra=by_file_or_address)
+
+    file: str = Field(min_length=1, max_length=64)
+    """Identifier of the file, as `POST /files` gave it."""

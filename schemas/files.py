@@ -15,6 +15,7 @@ class ScanContentDocument(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True, use_attribute_docstrings=True)
 
     points: int
+    """Number of points."""
     mean_m: list[float]
     """Mean of the coordinates [m]."""
     scatter_m2: list[list[float]]
@@ -29,16 +30,21 @@ class ScanDocument(BaseModel):
     index: int
     """Number of the scan in its file, from 0."""
     name: str
+    """What the file calls it."""
     points: int
     """Usable points."""
     structured: bool
     """Whether the points are ordered in rows and columns."""
     rows: int | None = None
+    """Rows of the raster; null: there is none."""
     columns: int | None = None
+    """Columns of the raster; null: there is none."""
     bounds_m: list[list[float]] | None = None
     """Minimum and maximum of the coordinates in the scan frame [m]; null for a scan that cannot be used."""
     has_intensity: bool
+    """Whether points have an intensity."""
     has_color: bool
+    """Whether points have colours."""
     scan_pose: list[list[float]] | None = None
     """world_from_scan as stored in the file, 4×4 row-major; null when the file has none."""
     warnings: list[str] = []
@@ -67,6 +73,7 @@ class PhotoDocument(BaseModel):
     index: int
     """Number of the photo in its file, from 0."""
     name: str
+    """What the file calls it."""
     width: int
     """Columns [px]."""
     height: int
@@ -88,35 +95,46 @@ class FileDocument(ResponseModel):
     """One uploaded file."""
 
     id: str
+    """Identifier, by which requests name it."""
     name: str
     """As its owner called it."""
     bytes: int
+    """Size [bytes]."""
     sha256: str
+    """Hash of the file's content."""
     format: str
     """Format that was recognised."""
     kind: Literal["scan", "photo", "mesh", "project", "other"]
+    """What it holds."""
     scans: list[ScanDocument]
+    """The scans in it."""
     photos: list[PhotoDocument]
+    """The photos in it."""
     warnings: list[str] = Field(default=[])
     """What looks wrong with its scans, or was changed in reading them, and which of them cannot be used."""
     created: datetime
+    """When it was stored."""
     expires: datetime | None
     """When the service may remove it; null: never by itself."""
     links: list[Link]
+    """Where to go from here."""
 
 
 class FileDocuments(ResponseModel):
     """The files of one request."""
 
     files: list[FileDocument]
+    """The files."""
 
 
 class FileList(ResponseModel):
     """One page of files, newest first."""
 
     files: list[FileDocument]
+    """The files."""
     number_matched: int = Field(serialization_alias="numberMatched")
     """Files on all pages."""
     number_returned: int = Field(serialization_alias="numberReturned")
     """Files on this page."""
     links: list[Link]
+    """Where to go from here."""

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from schemas.base import ResponseModel
 from schemas.links import Link
+from schemas.registration_result import Artifact
 
 
 class StatusInfo(ResponseModel):
@@ -15,9 +16,11 @@ class StatusInfo(ResponseModel):
     process_id: str = Field(serialization_alias="processID")
     """Process that the job runs."""
     type: Literal["process"] = "process"
+    """Jobs are runs of a process."""
     job_id: str = Field(serialization_alias="jobID")
     """Identifier of the job."""
     status: Literal["accepted", "running", "successful", "failed", "dismissed"]
+    """Where it stands."""
     message: str
     """What is being done, or why it ended."""
     progress: int = Field(ge=0, le=100)
@@ -25,35 +28,34 @@ class StatusInfo(ResponseModel):
     attempts: int
     """How often a worker has taken the job up."""
     created: datetime
+    """When it was requested."""
     started: datetime | None = None
+    """When the first step began."""
     finished: datetime | None = None
+    """When it ended."""
     updated: datetime | None = None
+    """When something changed last."""
     links: list[Link]
+    """Where to go from here."""
 
 
 class JobList(ResponseModel):
     """One page of jobs, newest first."""
 
     jobs: list[StatusInfo]
+    """The jobs."""
     number_matched: int = Field(serialization_alias="numberMatched")
     """Jobs on all pages."""
     number_returned: int = Field(serialization_alias="numberReturned")
     """Jobs on this page."""
     links: list[Link]
-
-
-class Artifact(ResponseModel):
-    """One download of a finished job."""
-
-    name: str
-    type: str
-    """Media type."""
-    bytes: int
-    href: str
+    """Where to go from here."""
 
 
 class ArtifactList(ResponseModel):
     """All downloads of a job."""
 
     artifacts: list[Artifact]
+    """The downloads."""
     links: list[Link]
+    """Where to go from here."""

@@ -30,14 +30,21 @@ class KeyDocument(ResponseModel):
     id: str
     """Public part of the key."""
     name: str
+    """What people call it."""
     project: str
+    """Whose files and jobs it sees."""
     scopes: list[ScopeName]
+    """What it is good for."""
     created: datetime
+    """When it was made."""
     expires: datetime | None
+    """When it ends; null: never by itself."""
     revoked: datetime | None
+    """When it was revoked; null: it was not."""
     last_used: datetime | None
     """To the minute."""
     links: list[Link]
+    """Where to go from here."""
 
 
 class NewKeyDocument(KeyDocument):
@@ -51,6 +58,10 @@ class KeyList(ResponseModel):
     """One page of keys, newest first."""
 
     keys: list[KeyDocument]
+    """The keys."""
     number_matched: int = Field(serialization_alias="numberMatched")
+    """How many there are on all pages."""
     number_returned: int = Field(serialization_alias="numberReturned")
+    """How many there are on this page."""
     links: list[Link]
+    """Where to go from here."""

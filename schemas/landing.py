@@ -10,9 +10,13 @@ class LandingPage(ResponseModel):
     """Where to find what."""
 
     title: str
+    """Name of the service."""
     description: str
+    """What it is, in words."""
     version: str
+    """Version of the service."""
     links: list[Link]
+    """Where to go from here."""
 
 
 class Conformance(ResponseModel):

@@ -12,18 +12,25 @@ class ExtractedLine(Document):
     """A straight line with its uncertainty (MATH 2.1)."""
 
     name: str
+    """L1, L2, …"""
     source: str = Field(description="plane-intersection, cylinder-axis or photo-edge")
     anchor_m: Vector
+    """The point to which its covariance refers [m]."""
     direction: Vector
+    """Unit vector."""
     basis: tuple[Vector, Vector] = Field(description="E1 and E2; (E1, E2, direction) is right-handed.")
     covariance: list[list[float]] = Field(
         description="4x4 of (a1, a2, b1, b2): direction + E a (rad), anchor + E b (m)."
     )
     start_m: Vector
+    """Where it begins [m]."""
     end_m: Vector
+    """Where it ends [m]."""
     length_m: float
+    """Length [m]."""
     planes: list[str] = Field(description="Planes that meet in it.")
     cylinder: str | None
+    """Cylinder whose axis it is; null: of none."""
     photo: int | None = Field(default=None, description="Number of the station's photo that shows it, from 0.")
     surface: str | None = Field(
         default=None,
@@ -36,28 +43,41 @@ class ExtractedPlane(Document):
     """A bounded plane with its uncertainty."""
 
     name: str
+    """P1, P2, …"""
     normal: Vector = Field(description="Unit normal towards the instrument.")
     centroid_m: Vector
+    """Mean of its points [m]."""
     basis: tuple[Vector, Vector]
+    """E1 and E2; (E1, E2, normal) is right-handed."""
     covariance: list[list[float]] = Field(
         description="3x3 of (a1, a2, b): normal + E a (rad), centroid + normal b (m)."
     )
     noise_std_m: float
+    """Standard deviation of its points across it [m]."""
     points: int
+    """Number of points."""
     area_m2: float
+    """Area [m²]."""
     boundary_m: list[Vector]
+    """Corners of its outline, one after the other [m]."""
 
 
 class ExtractedCylinder(Document):
     """A cylinder: its axis is the line of the same number among the lines."""
 
     name: str
+    """C1, C2, …"""
     axis: str
+    """Line that is its axis."""
     radius_m: float
+    """Radius [m]."""
     radius_std_m: float
+    """Standard deviation of the radius [m]."""
     arc_gon: float
+    """How much of its round is seen [gon]."""
     seen_from: str = Field(description="outside or inside")
     points: int
+    """Number of points."""
 
 
 class TestedMount(Document):
@@ -68,13 +88,17 @@ class TestedMount(Document):
     degrees_of_freedom: int = Field(description="0: nothing of this photo could be tested.")
     statistic: float | None = Field(description="Null where nothing could be tested, as all that follows.")
     critical: float | None
+    """Limit of the statistic."""
     passed: bool | None
+    """Whether the statistic is within its limit."""
     rotation_gon: Vector | None = Field(
         description="Estimated error of the stated rotation, a rotation vector in the scan's axes; not drawn towards 0."
     )
     translation_m: Vector | None = Field(description="Estimated error of the stated position.")
     rotation_std_gon: Vector | None
+    """Standard deviation of that rotation [gon]."""
     translation_std_m: Vector | None
+    """Standard deviation of that position [m]."""
 
 
 class MountTestDocument(Document):
@@ -89,16 +113,22 @@ class MountTestDocument(Document):
     reason: str | None = Field(description="Why nothing could be tested, and what to check; null where something was.")
     text: str | None = Field(description="What is wrong with which photo; null while nothing is.")
     photos: list[TestedMount]
+    """Each photo by itself."""
 
 
 class LinesDocument(Document):
     """Answer of `extract-lines`, in the coordinates of the file."""
 
     station: str
+    """Name of the station."""
     features: FeatureCount
+    """How many features there are."""
     lines: list[ExtractedLine]
+    """Straight lines."""
     planes: list[ExtractedPlane]
+    """Bounded planes."""
     cylinders: list[ExtractedCylinder]
+    """Cylinders; their axes are among the lines."""
     sensor_m: Vector | None = Field(
         description="Position of the instrument, as in the file or estimated; null: unknown."
     )
@@ -106,4 +136,6 @@ class LinesDocument(Document):
         description="Whether photos and scan show the same lines in the same places; null without photos."
     )
     artifacts: list[Artifact]
+    """Files that can be downloaded."""
     provenance: Provenance
+    """What was done with what."""

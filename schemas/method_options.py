@@ -40,7 +40,12 @@ def options_model(options: type[Any], method: str | None = None) -> type[BaseMod
             members[option.name] = (nested, ModelField(default=default, description=docs.get(option.name)))
         else:
             members[option.name] = (kind, ModelField(description=docs.get(option.name), **_default(option)))
-    return create_model(f"{options.__name__}Options", __base__=RequestModel, __doc__=inspect.getdoc(options), **members)
+    return create_model(
+        f"{options.__name__.removesuffix('Options')}Options",
+        __base__=RequestModel,
+        __doc__=inspect.getdoc(options),
+        **members,
+    )
 
 
 def _default(option: Field[Any]) -> dict[str, Any]:

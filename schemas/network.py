@@ -26,27 +26,38 @@ class RemovedFeature(Document):
     others: list[str] = Field(description="The features of other stations that it was taken for.")
     statistic: float = Field(description="Against the solution without it.")
     critical: float
+    """Limit of the statistic."""
 
 
 class NetworkAdjustment(Document):
     """The adjustment of all stations at once."""
 
     model: str
+    """Functional model, in words."""
     datum: str
+    """What defines the frame."""
     observations: int = Field(description="Conditions: three for each further station of a plane, four of a line.")
     unknowns: int
+    """Number of unknowns."""
     redundancy: int
+    """Observations more than needed."""
     sigma0_prior: float
+    """Standard deviation of unit weight a priori."""
     sigma0: float | None = Field(description="A posteriori; null: no redundancy.")
     variance_factor: float = Field(
         description="What residuals say of the covariances: sigma0 squared where residuals are too large, else 1."
     )
     test_variance_factor: float = Field(description="Variance factor that the tests of single features allow for.")
     iterations: int
+    """Rounds until nothing changed any more."""
     converged: bool
+    """Whether it came to rest within the rounds allowed."""
     global_test: GlobalTest | None
+    """Test of the sum of squared residuals; null: no redundancy."""
     tracks: TrackCounts
+    """What of the building is seen from several stations."""
     removed: list[RemovedFeature]
+    """Planes and lines of single stations that were left out."""
 
 
 class LoopClosure(Document):
@@ -57,14 +68,18 @@ class LoopClosure(Document):
     translation_m: float = Field(description="Closing error where the features of the first pair are.")
     statistic: float = Field(description="Chi-square with six degrees of freedom for good registrations.")
     critical: float
+    """Limit of the statistic."""
     passed: bool
+    """Whether the statistic is within its limit."""
 
 
 class NetworkLink(Document):
     """What became of the registration of a pair."""
 
     target: str
+    """Name of the one station."""
     source: str
+    """Name of the other station."""
     state: str = Field(
         description="used; uncontrolled: used, but in no loop, so that nothing checks it; rejected: it contradicts "
         "others; not-connected: to no station that is connected to the first one; confirmed: doubtful by itself, but "
@@ -77,6 +92,7 @@ class Network(Document):
     """How the stations hold together."""
 
     links: list[NetworkLink]
+    """Pairs of stations and what became of each."""
     loops: list[LoopClosure] = Field(description="All triangles, and the shortest loop of what is in none.")
     loop_variance_factor: float = Field(
         description="By which the covariances of pairs were enlarged in the tests of loops: what most loops say."
@@ -97,3 +113,4 @@ class Network(Document):
         description="Null: the stations could not be adjusted together; `remarks` says why."
     )
     remarks: list[str]
+    """What else is to be said, in words."""

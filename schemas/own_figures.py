@@ -9,13 +9,19 @@ class OwnStep(Document):
     """One least-squares step of the method, as it counts it."""
 
     name: str
+    """Which step it is."""
     equations: int
+    """Number of equations."""
     unknowns: int
+    """Number of unknowns."""
     redundancy: int = Field(description="Equations minus unknowns, right or wrong.")
     sigma0: float | None
+    """Standard deviation of unit weight; null: no redundancy."""
     iterations: int
+    """Rounds until nothing changed any more."""
     last_step: float = Field(description="Norm of the last step, radians and metres together.")
     converged: bool
+    """Whether it came to rest within the rounds allowed."""
 
 
 class OwnFigures(Document):
@@ -30,6 +36,7 @@ class OwnFigures(Document):
         description="Pose of the rigorous adjustment of the same correspondences, with its standard deviations."
     )
     steps: list[OwnStep]
+    """Steps of the estimator, one after the other."""
     lines: list[str] = Field(description="Corresponding lines that it used.")
     declared_outliers: list[str] = Field(
         description="Those that its own test declares outliers (the dissertation: any |NV| > 1.96); they stay in."
@@ -39,3 +46,4 @@ class OwnFigures(Document):
     max_angle_gon: float = Field(description="Between corresponding lines in the method's pose.")
     max_distance_m: float = Field(description="Largest shortest distance of corresponding lines, taken as endless.")
     remarks: list[str]
+    """What else is to be said, in words."""

@@ -2,11 +2,11 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
-from schemas.file_references import by_file_or_address
+from schemas.file_references import FileReference
 from schemas.rigid_matrix import RigidMatrix
 
 AxesName: TypeAlias = Literal["right-down-forward", "right-up-backward", "forward-left-up"]
@@ -56,13 +56,9 @@ class MountStd(RequestModel):
     """Standard deviation of each coordinate of the projection centre [m]."""
 
 
-class PhotoReference(RequestModel):
+class PhotoReference(FileReference):
     """One photo of an uploaded file."""
 
-    model_config = ConfigDict(json_schema_extra=by_file_or_address)
-
-    file: str = Field(min_length=1, max_length=64)
-    """Identifier of the file, as `POST /files` gave it."""
     index: int = Field(default=0, ge=0, le=1_000_000)
     """Number of the photo in the file, from 0."""
     camera: CameraRequest | None = None

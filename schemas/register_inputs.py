@@ -2,12 +2,12 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
 from schemas.approximate_pose import Approximate
 from schemas.base import NotYetList, RequestModel
 from schemas.edge_options import PhotoLineOptionsRequest
-from schemas.file_references import by_file_or_address
+from schemas.file_references import FileReference
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import DefaultMethod, MethodRequest
@@ -28,13 +28,9 @@ PairChoice: TypeAlias = Annotated[
 MAX_PHOTOS = 200
 
 
-class ScanReference(RequestModel):
+class ScanReference(FileReference):
     """One scan of an uploaded file."""
 
-    model_config = ConfigDict(json_schema_extra=by_file_or_address)
-
-    file: str = Field(min_length=1, max_length=64)
-    """Identifier of the file, as `POST /files` gave it."""
     index: int = Field(default=0, ge=0, le=1_000_000)
     """Number of the scan in the file, from 0."""
     unit: StatedUnit | None = Field(default=None, exclude_if=lambda value: value is None)

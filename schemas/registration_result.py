@@ -16,12 +16,16 @@ class Coarse(Document):
     """Registration without first guess: the hypothesis that won."""
 
     target_from_source: tuple[Row4, Row4, Row4, Row4]
+    """Pose of that hypothesis, 4×4 row by row."""
     support: int = Field(description="Lines and planes that both scans see in this pose.")
     score: float = Field(description="Share of the surface that fits, less a penalty for violated free space, to 1.")
     runner_up_support: int | None = Field(description="The same count for the best clearly different pose.")
     runner_up_score: float | None
+    """The same score for that pose; null: there is none."""
     runner_up_target_from_source: tuple[Row4, Row4, Row4, Row4] | None = None
+    """That pose, 4×4 row by row; null: there is none."""
     hypotheses_tested: int
+    """Number of poses that were tried."""
 
 
 class UnexplainedSurface(Document):
@@ -40,6 +44,7 @@ class Overlap(Document):
 
     fraction_0_5m: float | None = Field(alias="fraction_0.5m", description="Share of points with a partner that near.")
     fraction_0_1m: float | None = Field(alias="fraction_0.1m")
+    """Share of points with a partner within 0.1 m; null: not known."""
     rms_m: float | None = Field(description="Point-to-plane, of points within 0.1 m; null: there are none.")
     free_space_violations: float | None = Field(
         description="Share of surface that stands where the other instrument looked through; null: its position is "
@@ -55,8 +60,10 @@ class LineCount(Document):
     """What became of the lines that one station has from one source."""
 
     station: str
+    """Name of the station."""
     source: str = Field(description="plane-intersection, cylinder-axis or photo-edge (lines that only photos show)")
     found: int
+    """Lines of that source."""
     matched: int = Field(description="Of these, those with a partner in the other station.")
     used: int = Field(description="Of the matched ones, those in the adjustment.")
     removed: int = Field(description="Of the matched ones, those that the tests removed.")
@@ -78,6 +85,7 @@ class WrongMount(Document):
     """A camera that does not sit where it was said to: its photo's lines contradict the others as a whole."""
 
     station: str
+    """Name of the station."""
     photo: int = Field(description="Number of the station's photo, from 0.")
     rotation_gon: float = Field(description="By how much its stated pose seems to be turned.")
     rotation_std_gon: float = Field(description="Standard deviation of that.")
@@ -108,6 +116,7 @@ class PosePart(Document):
     """What a pose is made of."""
 
     name: str
+    """lines, planes or surfaces."""
     share: float = Field(description="Of the information, averaged over the motions that the pose determines, 0 to 1.")
 
 
@@ -125,7 +134,9 @@ class SurfaceFigures(Document):
         description="Largest shift of the pose by a neighbourhood that lies wrong by as much as does most harm."
     )
     iterations: int
+    """Rounds until nothing changed any more."""
     converged: bool
+    """Whether it came to rest within the rounds allowed."""
 
 
 class ModelParameter(Document):
@@ -136,6 +147,7 @@ class ModelParameter(Document):
         "Null: the surfaces do not determine it."
     )
     std: float | None
+    """Its standard deviation; null: not determined."""
     significant: bool = Field(description="Whether the scans differ so; the pair is not accepted then.")
     direction_in_source: tuple[float, float, float] | None = Field(
         default=None, description="Of a stretch: unit vector in the axes of the source's file."
@@ -147,6 +159,7 @@ class ModelTests(Document):
 
     rigid: bool = Field(description="False where a scale, a stretch or a bend is significant.")
     scale: ModelParameter
+    """Scale of the source over the target, the same along all directions."""
     stretch: ModelParameter = Field(description="The most significant scale along one direction.")
     bend: bool = Field(description="Whether one scan is bent against the other.")
     more_surface_fits: float = Field(description="Share by which more surface fits with the deformation found.")
@@ -157,10 +170,14 @@ class Pair(Document):
     """What came out for two stations."""
 
     target: str
+    """Name of the station that gives the frame."""
     source: str
+    """Name of the station that is moved."""
     status: str = Field(description="accepted, doubtful, rejected, ambiguous or degenerate")
     reasons: list[str]
+    """Why it has that status, the weightiest reason first."""
     target_from_source: Pose | None
+    """The pose; null: there is none."""
     estimator: str | None = Field(
         default=None,
         description="Of methods that may choose: what gave the pose; lines+planes+surfaces, planes+surfaces, surfaces, "
@@ -171,14 +188,19 @@ class Pair(Document):
     surfaces: SurfaceFigures | None = Field(default=None, description="Null: the method does not use surfaces.")
     model: ModelTests | None = Field(default=None, description="Null: there is no pose to test.")
     coarse: Coarse | None
+    """How it was found; null: the method searches nothing."""
     adjustment: Adjustment | None = Field(
         description="The rigorous adjustment, also where the method has an estimator of its own; with correspondences, "
         "outliers, accuracy and rank report."
     )
     correspondences: list[Correspondence]
+    """Lines of both stations taken for one."""
     plane_correspondences: list[PlaneCorrespondence]
+    """Planes of both stations taken for one."""
     outliers: list[Outlier]
+    """What was removed or put back, in that order."""
     accuracy: Accuracy | None
+    """Summary of the adjustment; null: there is none."""
     line_counts: list[LineCount] = Field(
         default=[], description="What became of the lines of both stations, by where they come from."
     )
@@ -188,24 +210,31 @@ class Pair(Document):
     )
     rank_report: RankReport | None = Field(description="Null: the scans did not come as far as an adjustment.")
     weak_directions: list[WeakDirection]
+    """Directions that are determined badly or not at all."""
     overlap: Overlap | None
+    """How the surfaces fit; null: there is no pose."""
     timings_s: dict[str, float]
+    """How long each part took, by name [s]."""
 
 
 class Station(Document):
     """A station in the common frame."""
 
     name: str
+    """Name of the station."""
     status: str = Field(description="fixed, registered or unregistered")
     reason: str | None = Field(default=None, description="Why it could not be registered.")
     world_from_scan: Pose | None
+    """Its pose; null: it has none."""
 
 
 class PhotoEdgeCount(Document):
     """What one photo gave."""
 
     file: str
+    """Identifier of the file."""
     index: int
+    """Number in the file, from 0."""
     segments: int = Field(description="Straight edges found in the photo.")
     projected: int = Field(description="Of these, those that became lines in space.")
     merged: int = Field(description="Of these, those that were joined with lines of the scan or of other photos.")
@@ -216,11 +245,17 @@ class FeatureCount(Document):
     """How many features a scan gave."""
 
     station: str
+    """Name of the station."""
     points: int
+    """Points that were looked at."""
     lines: int
+    """Lines."""
     planes: int
+    """Planes."""
     cylinders: int
+    """Cylinders."""
     noise_std_m: float
+    """Standard deviation of points across their surfaces [m]."""
     left_out_points: int = Field(default=0, description="Isolated points far from everything else, not contained.")
     instrument_std_m: float | None = Field(
         default=None,
@@ -251,20 +286,28 @@ class Artifact(Document):
     """A download."""
 
     name: str
+    """What the download is called."""
     type: str
+    """Media type."""
     bytes: int
+    """Size [bytes]."""
     href: str
+    """Where it is."""
 
 
 class InputFile(Document):
     """A scan or photo that went in."""
 
     station: str
+    """Name of the station."""
     kind: str = Field(default="scan", description="scan or photo")
     file: str
+    """Identifier of the file."""
     name: str | None = Field(default=None, description="What the file was called when it was uploaded.")
     index: int
+    """Number in the file, from 0."""
     sha256: str
+    """Hash of the file's content."""
     unit: str | None = Field(default=None, description="Of the coordinates, as the request states it.")
     columns: str | None = Field(default=None, description="Of a text table, as the request of the job states them.")
 
@@ -273,10 +316,15 @@ class Provenance(Document):
     """What was done with what."""
 
     software: str
+    """Program and version."""
     method: dict[str, Any]
+    """Method with all its options, as used."""
     seed: int
+    """Of the random numbers: the same seed gives the same answer."""
     inputs: list[InputFile]
+    """Scans and photos that went in."""
     timings_s: dict[str, float]
+    """How long each part took, by name [s]."""
 
 
 class RegistrationDocument(Document):
@@ -284,10 +332,17 @@ class RegistrationDocument(Document):
 
     status: str = Field(description="registered, partly-registered or not-registered")
     stations: list[Station]
+    """Every station with its pose in the common frame."""
     pairs: list[Pair]
+    """Every pair that was tried."""
     network: Network | None = Field(default=None, description="Null: there are only two stations.")
     features: list[FeatureCount]
+    """What each scan gave."""
     comparison: list[ComparedParameter] | None
+    """Parameters beside those of the reference; null: none was given."""
     comparison_summary: list[StationComparison] | None
+    """The same by station; null: no reference was given."""
     artifacts: list[Artifact]
+    """Files that can be downloaded."""
     provenance: Provenance
+    """What was done with what."""

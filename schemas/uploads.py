@@ -27,6 +27,8 @@ class UploadDocument(ResponseModel):
     problem: ProblemDocument | None
     """Why it was refused."""
     created: datetime
+    """When it was begun."""
     expires: datetime
     """When the service removes the upload unless it goes on; the file stays."""
     links: list[Link]
+    """Where to go from here."""

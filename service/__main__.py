@@ -1,4 +1,4 @@
-"""The command line: ``tieline serve | worker | migrate | register | demo | keys``."""
+"""The command line: ``tieline serve | worker | migrate | register | demo | keys``, and one for each process."""
 
 import signal
 import sys
@@ -275,8 +275,22 @@ def _settings(**given: object) -> Settings:
     return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
 
+def add_processes() -> None:
+    """Add a command for every process that takes files and has none yet."""
+    from service.process_command import process_command, takes_files
+    from service.processes import PROCESSES
+
+    for process in PROCESSES:
+        if takes_files(process) and process.id != "register":
+            epilog = "Exit codes: 0 done, 2 bad input, 3 service fault."
+            app.command(process.id, help=process.description, epilog=epilog)(process_command(process, _finish))
+
+
 def main() -> None:
     """Run the command line."""
+    written = {command.name or getattr(command.callback, "__name__", "") for command in app.registered_commands}
+    if sys.argv[1:2] != ["keys"] and written.isdisjoint(sys.argv[1:2]):  # these need not wait for all schemas
+        add_processes()
     app()
 
 

@@ -128,8 +128,8 @@ class ServiceClient:
         }
         return self._ask("POST", "/files", content=pieces(), headers=headers)
 
-    def execute(self, process_id: str, inputs: Document) -> str:
-        """Start a job and give its id.
+    def execute(self, process_id: str, inputs: Document, outputs: Document | None = None) -> str:
+        """Start a job and give its id; `outputs` are the wanted ones, None: all.
 
         Raises
         ------
@@ -138,7 +138,8 @@ class ServiceClient:
         UnreachableError
             The service does not answer.
         """
-        job = self._ask("POST", f"/processes/{process_id}/execution", json={"inputs": inputs})
+        wanted = {} if outputs is None else {"outputs": outputs}
+        job = self._ask("POST", f"/processes/{process_id}/execution", json={"inputs": inputs, **wanted})
         return str(job["jobID"])
 
     def wait(self, job_id: str, on_progress: Callable[[int, str], None] = lambda _percent, _message: None) -> Document:

@@ -13,11 +13,11 @@ from service.adapters.database.keys import DatabaseKeyStore
 from service.adapters.database.tables import connect
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Key
+from service.processes import OFFERED_PROCESSES
 from service.refusals import NoSuchKeyError
 from service.settings import Settings
 from service.use_cases.access.manage_keys import create_key, revoke_key, shown_project
 from service.use_cases.callbacks.callback_signatures import UNSIGNED, derived_secret
-from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES
 
 DAYS = re.compile(r"([1-9][0-9]{0,4})d")
 MOST_LISTED = 10_000

@@ -38,7 +38,7 @@ from service.settings import Settings
 from service.use_cases.access.service_proof import LOCK, new_secret
 from service.use_cases.uploads.adopt_files import adopt_files
 
-DEFAULT_PLANS = "service.use_cases.steps.plans:PLANS"
+DEFAULT_PLANS = "service.processes:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
 CHECK_INTERVAL_S = 0.2
 STOP_WITHIN_S = 8.0

@@ -148,9 +148,11 @@ def upload_files(
     return files
 
 
-def start_job(client: ServiceClient, process_id: str, inputs: Document, console: Console) -> str:
+def start_job(
+    client: ServiceClient, process_id: str, inputs: Document, console: Console, outputs: Document | None = None
+) -> str:
     """Start a job, tell its address, give its id."""
-    job_id = client.execute(process_id, inputs)
+    job_id = client.execute(process_id, inputs, outputs)
     console.print(f"{client.url}/jobs/{job_id}", style="dim")
     return job_id
 

@@ -61,7 +61,7 @@ def read_request(said: RequestOptions, scans: Sequence[Path]) -> PhotoList:
     if said.pairs is not None:
         inputs["pairs"] = parsed_pairs(said.pairs)
     if said.reference is not None:
-        inputs["reference"] = _object_in(said.reference)
+        inputs["reference"] = object_in(said.reference)
     return PhotoList(inputs, paths)
 
 
@@ -82,7 +82,14 @@ def parsed_pairs(text: str) -> str | list[list[str]]:
     return pairs
 
 
-def _object_in(path: Path) -> Document:
+def object_in(path: Path) -> Document:
+    """Read a JSON file that holds an object.
+
+    Raises
+    ------
+    InvalidRequestError
+        It cannot be read, or holds something else.
+    """
     try:
         document = parse_json(path.read_bytes())
     except OSError as error:

@@ -31,6 +31,7 @@ from service.engine import Engine, Tools
 from service.engine.patience import patiently
 from service.errors import ServiceError
 from service.ports import BlobStore, Plan
+from service.processes import OFFERED_PROCESSES
 from service.settings import Settings
 from service.use_cases.callbacks.deliver_callbacks import CallbackDelivery
 from service.use_cases.limits.quotas import Belongings, count_results
@@ -39,7 +40,7 @@ from service.use_cases.uploads.clean_up import remove_half_made
 from service.use_cases.uploads.store_files import FileIntake
 
 log = structlog.get_logger()
-DEFAULT_PLANS = "service.use_cases.steps.plans:PLANS"
+DEFAULT_PLANS = "service.processes:PLANS"
 STOP_WITHIN_S = 6.0
 """Less than the launcher waits. Longer than it takes, but when the database is away."""
 WARM_UP = WarmUp(
@@ -83,7 +84,7 @@ def main(
         log=DatabaseJobLog(database),
         files=files,
         executors=executors,
-        runner=FetchingRunner(runner, intake, jobs, partial(patiently, settings.step_timeout_s)),
+        runner=FetchingRunner(runner, intake, jobs, OFFERED_PROCESSES, partial(patiently, settings.step_timeout_s)),
         plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
         count_results=partial(count_results, jobs=jobs, blobs=blobs),
     )

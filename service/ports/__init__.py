@@ -27,6 +27,7 @@ from service.ports.jobs import (
 )
 from service.ports.keys import Key, KeyStore, Scope, StoredKey
 from service.ports.owners import narrowed
+from service.ports.processes import Process, Stored
 from service.ports.sources import RemoteFile, Sources
 from service.ports.step_queue import (
     ClaimedStep,
@@ -76,6 +77,7 @@ __all__ = [
     "OpenUpload",
     "PendingUpload",
     "Plan",
+    "Process",
     "Queue",
     "RemoteFile",
     "Scope",
@@ -88,6 +90,7 @@ __all__ = [
     "StepProgress",
     "StepQueue",
     "StepRunner",
+    "Stored",
     "StoredAmount",
     "StoredFile",
     "StoredKey",

@@ -56,7 +56,8 @@ class Job:
     request_id: str = ""
     """Correlation id of the request that made it."""
     wanted: Json | None = None
-    """Which outputs are wanted and how: ``{"outputs": names or null (all), "raw": bool}``; None: all as a document."""
+    """Which outputs are wanted and how: ``{"outputs": names or null (all), "raw": bool}``; None: all as a document.
+    Where some of them are files, ``files`` says how each is wanted."""
     subscriber: Json | None = None
     """Who is told how it goes: `service.ports.Subscription` as JSON."""
     fetches: tuple[Json, ...] = ()

@@ -41,7 +41,7 @@ class Plan(Protocol):
         ----------
         job
             ``{"id", "process_id", "inputs", "files"}``; ``files`` maps the id of each file that the job reads to its
-            ``{"name", "sha256"}``.
+            ``{"name", "sha256"}``. ``wanted`` is there when outputs that are files are wanted: how, by name of each.
         outputs
             The outputs of each finished stage, in the order of its calls.
 

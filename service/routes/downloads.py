@@ -17,7 +17,9 @@ from service.routes.problems import problem_response
 
 RANGE = re.compile(r"\s*(\d{0,18})\s*-\s*(\d{0,18})\s*")
 MOST_RANGES = 100
-ANY: Mapping[str, Any] = {"*/*": {"schema": {"type": "string", "format": "binary"}}}
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+ANY: Mapping[str, Any] = {"application/octet-stream": BINARY, "*/*": BINARY}
+"""The first for generators of clients, which take `*/*` for nothing."""
 DOWNLOAD_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"description": "The whole of it.", "content": ANY},
     206: {"description": "The range that was asked for.", "content": ANY},

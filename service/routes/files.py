@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator
 from datetime import UTC, datetime
+from typing import Any
 
 from fastapi import Request, Response
 from fastapi.responses import JSONResponse
@@ -32,6 +33,7 @@ from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_bodies import (
+    FILE,
     FormReader,
     body_of,
     columns_of_form,
@@ -62,22 +64,24 @@ UPLOAD_BODY = {
         "required": True,
         "content": {
             "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["file"],
-                    "properties": {
-                        "file": {
-                            "type": "array",
-                            "items": {"type": "string", "contentMediaType": "application/octet-stream"},
-                        },
-                        "columns": {"type": "string", "description": COLUMNS},
-                    },
-                }
+                "schema": {"$ref": "#/components/schemas/FilesForm"},
             },
-            "application/octet-stream": {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}},
+            "application/octet-stream": {"schema": FILE},
         },
     },
 }
+
+FILES_FORM: dict[str, Any] = {
+    "title": "FilesForm",
+    "description": "Files of one upload.",
+    "type": "object",
+    "required": ["file"],
+    "properties": {
+        "file": {"type": "array", "items": FILE, "description": "The files, one or more."},
+        "columns": {"type": "string", "description": COLUMNS},
+    },
+}
+"""Named, because generators of clients call a class after it."""
 
 
 def file_intake(

@@ -9,9 +9,11 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse
 from fastapi.routing import APIRoute
 
-from schemas.jobs import Artifact, ArtifactList, JobList, StatusInfo
+from schemas.jobs import ArtifactList, JobList, StatusInfo
 from schemas.links import Link
+from schemas.registration_result import Artifact
 from service.dependencies import AdaptersDependency, BaseUrlDependency, adapters_of, base_url_of
+from service.routes.described_processes import REFERENCE_TO_RESULTS
 from service.routes.documents import page_links, status_info
 from service.routes.downloads import ANY, DOWNLOAD_RESPONSES, Download
 from service.routes.job_query import JobQueryDependency
@@ -45,7 +47,10 @@ router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 status_router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES, route_class=StatusRoute)
 """Asked more often than all others together, and so to be asked first whether a request is for it."""
 RESULT_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"description": "The result document, or the outputs that were wanted.", "content": OUTPUTS},
+    200: {
+        "description": "The result document, or the outputs that were wanted.",
+        "content": {**OUTPUTS, "application/json": {"schema": REFERENCE_TO_RESULTS}},
+    },
     204: {"description": NO_OUTPUT},
     206: {"description": "The range of the document that was asked for.", "content": ANY},
     304: {"description": "It is what the client has already (`If-None-Match`)."},

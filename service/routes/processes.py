@@ -20,7 +20,9 @@ from service.dependencies import (
     SettingsDependency,
     SourcesDependency,
 )
-from service.ports import Job
+from service.ports import Job, Process, Stored
+from service.processes import PROCESSES, offered_process
+from service.routes.described_processes import REFERENCE_TO_RESULTS
 from service.routes.documents import page_links, status_info
 from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
@@ -30,10 +32,7 @@ from service.routes.request_bodies import read_json
 from service.use_cases.callbacks.check_subscriber import checked_subscription
 from service.use_cases.inputs.fetch_files import with_files_to_come
 from service.use_cases.jobs.describe_processes import (
-    OFFERED_PROCESSES,
-    OfferedProcess,
     input_descriptions,
-    offered_process,
     output_descriptions,
 )
 from service.use_cases.jobs.submit_job import answer_at_once, check_execution, submit_job
@@ -62,7 +61,7 @@ CALLBACKS = {
 @router.get("/processes", summary="List processes")
 def list_processes(url: BaseUrlDependency, limit: LimitParameter = 100, offset: OffsetParameter = 0) -> ProcessList:
     """List what this service can do."""
-    offered, limit = list(OFFERED_PROCESSES.values()), page_size(limit)
+    offered, limit = PROCESSES, page_size(limit)
     return ProcessList(
         processes=[_summary(process, url) for process in offered[offset : offset + limit]],
         links=page_links(url, "/processes", {}, limit, offset, len(offered)),
@@ -86,7 +85,10 @@ def get_process(process_id: str, url: BaseUrlDependency) -> ProcessDescription:
     summary="Run a process",
     response_model=StatusInfo,
     responses={
-        200: {"description": "The outputs of a process that answers at once.", "content": OUTPUTS},
+        200: {
+            "description": "The outputs of a process that answers at once.",
+            "content": {**OUTPUTS, "application/json": {"schema": REFERENCE_TO_RESULTS}},
+        },
         204: {"description": NO_OUTPUT},
     },
     openapi_extra={
@@ -114,13 +116,13 @@ async def execute(
     asynchronous = _prefers_async(request)
     now = datetime.now(UTC)
     body, fetches = await asyncio.to_thread(with_files_to_come, body, sources, origin.make_id)
-    execution = await asyncio.to_thread(check_execution, process, body, adapters.files, settings, fetches)
+    stored = Stored(adapters.files, adapters.jobs, settings)
+    execution = await asyncio.to_thread(check_execution, process, body, stored, fetches)
     subscription = None
     if execution.subscriber is not None:
         subscription = await checked_subscription(execution.subscriber, callbacks, url.url)
-    if process.synchronous and not asynchronous:
-        await asyncio.sleep(execution.inputs.get("pause") or 0)
-        outputs = answer_at_once(execution)
+    outputs = None if asynchronous else await answer_at_once(execution)
+    if outputs is not None:
         return await asyncio.to_thread(raw_outputs if execution.raw else JSONResponse, outputs)
     job = await asyncio.to_thread(submit_job, execution, belongings, settings, now, subscription, origin)
     return created_job(job, url, applied="respond-async" if asynchronous else None)
@@ -135,7 +137,7 @@ def created_job(job: Job, url: BaseUrl, applied: str | None = None) -> Response:
     return JSONResponse(document, status_code=201, headers=headers)
 
 
-def _summary(process: OfferedProcess, url: BaseUrl) -> ProcessSummary:
+def _summary(process: Process[Any], url: BaseUrl) -> ProcessSummary:
     here = url(f"/processes/{process.id}")
     return ProcessSummary(
         id=process.id,
@@ -143,6 +145,7 @@ def _summary(process: OfferedProcess, url: BaseUrl) -> ProcessSummary:
         description=process.description,
         version=process.version,
         job_control_options=list(process.job_control),
+        output_transmission=["value", "reference"] if process.file_outputs else ["value"],
         links=[
             Link(href=here, rel="self", title="Description of the process"),
             Link(href=f"{here}/execution", rel=EXECUTE, title="POST to run it"),

@@ -19,11 +19,13 @@ from service.dependencies import (
 )
 from service.errors import FieldFault, InvalidRequestError, UnsupportedMediaTypeError
 from service.ports import Subscription
+from service.processes.register import REGISTER
 from service.routes.files import COLUMNS, file_intake
 from service.routes.leaving_clients import marked, unless_client_leaves
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.processes import CALLBACKS, created_job
 from service.routes.request_bodies import (
+    FILE,
     FormReader,
     columns_of_form,
     content_length,
@@ -35,7 +37,6 @@ from service.routes.request_bodies import (
 from service.use_cases.callbacks.check_subscriber import checked_subscription
 from service.use_cases.inputs.stated_columns import FIELD, HEADER, stated_columns
 from service.use_cases.inputs.validate_request import parse_json, pointer_to
-from service.use_cases.jobs.describe_processes import inlined
 from service.use_cases.jobs.register_uploads import FormContents, register_uploads
 from service.use_cases.uploads.store_files import FileIntake, Upload
 
@@ -73,17 +74,18 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
             "content": {
                 "multipart/form-data": {
                     "schema": {
+                        "title": "RegistrationForm",
                         "type": "object",
                         "required": ["scan"],
                         "properties": {
                             "scan": {
                                 "type": "array",
-                                "items": {"type": "string", "contentMediaType": "application/octet-stream"},
+                                "items": FILE,
                                 "description": "Scan files; every scan in them is a station named after its file.",
                             },
                             "photo": {
                                 "type": "array",
-                                "items": {"type": "string", "contentMediaType": "application/octet-stream"},
+                                "items": FILE,
                                 "description": "Photos taken from the stations; `stations` of the options tell where.",
                             },
                             "columns": {"type": "string", "description": COLUMNS},
@@ -95,7 +97,7 @@ router = APIRouter(tags=["registrations"], responses=PROBLEM_RESPONSES)
                             "subscriber": {
                                 "type": "string",
                                 "contentMediaType": "application/json",
-                                "contentSchema": inlined(Subscriber.model_json_schema()),
+                                "contentSchema": {"$ref": "#/components/schemas/Subscriber"},
                                 "description": SUBSCRIBER,
                             },
                         },
@@ -127,7 +129,7 @@ async def register(
     intake = file_intake(belongings, adapters, settings, origin.make_id)
     form = _RegistrationForm(request, intake)
     now = datetime.now(UTC)
-    work = register_uploads(intake, form, subscribe, now, origin)
+    work = register_uploads(REGISTER, intake, form, subscribe, now, origin)
     job = await unless_client_leaves(request, work, form.read)
     return created_job(job, url)
 

@@ -133,6 +133,10 @@ class _PartEnd:
     pass
 
 
+FILE: dict[str, str] = {"type": "string", "format": "binary", "contentMediaType": "application/octet-stream"}
+"""How a description of the interface says that a file comes; the format is for generators of clients."""
+
+
 class FormReader:
     """Read a multipart form as it arrives; each part must be read before the next is asked for.
 

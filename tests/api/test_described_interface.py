@@ -19,8 +19,8 @@ from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from service.dependencies import Adapters
 from service.ports import Job, JobStatus
+from service.processes import OFFERED_PROCESSES
 from service.settings import Settings
-from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES
 from tests.api.conftest import Client, FakeSteps
 from tests.doubles.application import create_app
 from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue

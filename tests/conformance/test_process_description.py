@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES
+from service.processes import OFFERED_PROCESSES
 from tests.conformance.conftest import Server
 from tests.conformance.official_schemas import assert_valid, faults
 

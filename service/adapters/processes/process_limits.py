@@ -12,7 +12,7 @@ from typing import Any
 
 from service.settings import Settings
 
-DEFAULT_STEPS = "service.use_cases.steps.table:STEPS"
+DEFAULT_STEPS = "service.processes:STEPS"
 
 HARMLESS: tuple[str, ...] = (
     "PATH",

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 from algorithms.scans.content import ScanContent, same_content
+from schemas.posed_stations import PosedStation
 from schemas.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
@@ -52,13 +53,18 @@ def check_station(station: Station, files: FileStore) -> None:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 
 
-def _name_faults(stations: Sequence[Station]) -> Iterable[FieldFault]:
+def posed_station_faults(stations: Sequence[PosedStation], files: FileStore, name: str) -> Iterable[FieldFault]:
+    """Name what is wrong with names and files of stations with poses; `name` is that of the input."""
+    yield from _name_faults(stations, name)
+    for number, station in enumerate(stations):
+        yield from _file_faults(station, files, pointer_to("inputs", name, number))
+
+
+def _name_faults(stations: Sequence[Station | PosedStation], name: str = "stations") -> Iterable[FieldFault]:
     seen: set[str] = set()
     for number, station in enumerate(stations):
         if station.name in seen:
-            yield FieldFault(
-                pointer_to("inputs", "stations", number, "name"), f"the name '{station.name}' is used twice"
-            )
+            yield FieldFault(pointer_to("inputs", name, number, "name"), f"the name '{station.name}' is used twice")
         seen.add(station.name)
 
 
@@ -117,7 +123,7 @@ def _same_scan(first: tuple[str, Json], second: tuple[str, Json]) -> bool:
     return same_content(ScanContent.from_json(own), ScanContent.from_json(other))
 
 
-def _file_faults(station: Station, files: FileStore, where: str) -> Iterable[FieldFault]:
+def _file_faults(station: Station | PosedStation, files: FileStore, where: str) -> Iterable[FieldFault]:
     yield from _scan_faults(station.scan, files, f"{where}/scan")
     yield from station_photo_faults(station.photos, station.scan, files, f"{where}/photos")
 

@@ -1,100 +1,13 @@
-"""The processes that are offered, and their descriptions from the models of their inputs and outputs."""
+"""Descriptions of processes from the models of their inputs and outputs."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from pydantic import BaseModel
-
-from schemas.base import RequestModel
-from schemas.detect_edges_inputs import DetectEdgesInputs
-from schemas.echo import EchoInputs
-from schemas.edges_result import EdgesDocument
-from schemas.execution import ExecuteRequest
-from schemas.extract_lines_inputs import ExtractLinesInputs
-from schemas.lines_result import LinesDocument
-from schemas.processes import InputDescription, JobControlOption, OutputDescription
-from schemas.register_inputs import RegisterInputs
-from schemas.registration_result import RegistrationDocument
-from service.errors import NoSuchProcessError
+from schemas.processes import InputDescription, OutputDescription
+from service.ports import Process
 from service.use_cases.inputs.schema_dialect import CONTENT, KEPT, as_openapi_30
 
 
-@dataclass(frozen=True)
-class OfferedProcess:
-    """One process as clients see it."""
-
-    id: str
-    title: str
-    description: str
-    inputs: type[RequestModel]
-    outputs: type[BaseModel]
-    job_control: tuple[JobControlOption, ...] = ("async-execute", "dismiss")
-    version: str = "1.0.0"
-
-    @property
-    def request_model(self) -> type[ExecuteRequest[Any]]:
-        """Give the model of an execution request."""
-        return ExecuteRequest.__class_getitem__(self.inputs)  # type: ignore[return-value]
-
-    @property
-    def synchronous(self) -> bool:
-        """Tell whether it may answer at once."""
-        return "sync-execute" in self.job_control
-
-
-_OFFERED = (
-    OfferedProcess(
-        "register",
-        "Register scans",
-        "Finds how two or more terrestrial laser scans lie to each other from the straight lines, planes and cylinders "
-        "in them and the edges in photos taken with them, without a first guess, and says how well each parameter is "
-        "known or that it is not determined.",
-        RegisterInputs,
-        RegistrationDocument,
-    ),
-    OfferedProcess(
-        "extract-lines",
-        "Extract lines from a scan and its photos",
-        "Finds straight 3-D lines of one station with covariance: intersections of planes and axes of cylinders in the "
-        "scan, and edges that only photos taken there show.",
-        ExtractLinesInputs,
-        LinesDocument,
-    ),
-    OfferedProcess(
-        "detect-edges",
-        "Detect straight edges in a photo",
-        "Finds straight 2-D edges in one photo and measures them to a part of a pixel, with covariance, the longest "
-        "first; with the camera given, lens distortion is removed from them.",
-        DetectEdgesInputs,
-        EdgesDocument,
-    ),
-    OfferedProcess(
-        "echo",
-        "Echo",
-        "Gives back its inputs under the same names: for trying a client and for the OGC test suite.",
-        EchoInputs,
-        EchoInputs,
-        ("sync-execute", "async-execute", "dismiss"),
-    ),
-)
-OFFERED_PROCESSES: Mapping[str, OfferedProcess] = {process.id: process for process in _OFFERED}
-
-
-def offered_process(process_id: str) -> OfferedProcess:
-    """Find a process by its id.
-
-    Raises
-    ------
-    NoSuchProcessError
-        There is none.
-    """
-    if process_id not in OFFERED_PROCESSES:
-        raise NoSuchProcessError(process_id)
-    return OFFERED_PROCESSES[process_id]
-
-
-def input_descriptions(process: OfferedProcess) -> dict[str, InputDescription]:
+def input_descriptions(process: Process[Any]) -> dict[str, InputDescription]:
     """Describe every input with its schema, in the dialect that OGC API - Processes 1.0 prescribes."""
     schema = _in_the_dialect_of_ogc(process.inputs.model_json_schema())
     required = schema.get("required", [])
@@ -109,7 +22,7 @@ def input_descriptions(process: OfferedProcess) -> dict[str, InputDescription]:
     }
 
 
-def output_descriptions(process: OfferedProcess) -> dict[str, OutputDescription]:
+def output_descriptions(process: Process[Any]) -> dict[str, OutputDescription]:
     """Describe every output with its schema."""
     schema = _in_the_dialect_of_ogc(process.outputs.model_json_schema(mode="serialization"))
     return {

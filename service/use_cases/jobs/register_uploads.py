@@ -9,9 +9,8 @@ from typing import Any, Protocol
 
 from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
-from service.ports import Job, Json, StoredFile, Subscription
+from service.ports import Job, Json, Process, Stored, StoredFile, Subscription
 from service.use_cases.documents.scan_warnings import is_usable, left_out
-from service.use_cases.jobs.describe_processes import offered_process
 from service.use_cases.jobs.submit_job import ANY_REQUEST, Execution, Origin, check_execution, submit_job
 from service.use_cases.jobs.uploaded_stations import (
     UploadedFile,
@@ -49,6 +48,7 @@ class UploadForm(Protocol):
 
 
 async def register_uploads(
+    register: Process[Any],
     intake: FileIntake,
     form: UploadForm,
     subscribe: Callable[[Subscriber], Awaitable[Subscription]],
@@ -59,6 +59,8 @@ async def register_uploads(
 
     Parameters
     ----------
+    register
+        The process that is run.
     intake
         Where files go, and beside them the job.
     form
@@ -78,7 +80,7 @@ async def register_uploads(
     files = await intake.store(form.files(), now, form.columns)
     try:
         contents = await asyncio.to_thread(form.contents)
-        execution = await asyncio.to_thread(_execution, intake, files, contents)
+        execution = await asyncio.to_thread(_execution, register, intake, files, contents)
         subscription = None
         if execution.subscriber is not None:
             with _pointing_into(contents):
@@ -92,7 +94,9 @@ async def register_uploads(
         raise
 
 
-def _execution(intake: FileIntake, files: Sequence[StoredFile], contents: FormContents) -> Execution:
+def _execution(
+    register: Process[Any], intake: FileIntake, files: Sequence[StoredFile], contents: FormContents
+) -> Execution:
     """Check what the form asks for, as if its files had been uploaded before."""
     came = [UploadedFile(file.id, file.name, file.scans, file.photos) for file in files]
     photos = [file for file, is_photo in zip(came, contents.are_photos, strict=True) if is_photo]
@@ -116,8 +120,9 @@ def _execution(intake: FileIntake, files: Sequence[StoredFile], contents: FormCo
         if isinstance(station.get("scan"), dict):
             station["scan"].setdefault("unit", unit)
     body = {**request, "inputs": {**_by_names(inputs, stations, names), "stations": stations}}
+    stored = Stored(intake.files, intake.belongings.jobs, intake.settings)
     with _pointing_into(contents, len(listed or [])):
-        return check_execution(offered_process("register"), body, intake.files, intake.settings)
+        return check_execution(register, body, stored)
 
 
 def _by_names(inputs: dict[str, Any], stations: Sequence[Json], names: Sequence[str]) -> dict[str, Any]:

@@ -1,26 +1,22 @@
 """Turn an execution request into a job on the queue, or into an answer at once."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
 from pydantic import BaseModel
 
-from schemas.detect_edges_inputs import DetectEdgesInputs
-from schemas.extract_lines_inputs import ExtractLinesInputs
-from schemas.register_inputs import RegisterInputs, Station
+from schemas.file_references import FileReference
 from schemas.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import MakeIdentifier, new_identifier
-from service.ports import USUAL_URGENCY, FileStore, Job, JobStatus, Json, Subscription
+from service.ports import USUAL_URGENCY, Job, JobStatus, Json, Process, Stored, Subscription
 from service.settings import Settings
-from service.use_cases.inputs.check_photos import check_photo
-from service.use_cases.inputs.check_stations import check_register_inputs, check_station
 from service.use_cases.inputs.fetch_files import Fetch, without_absence
+from service.use_cases.inputs.stations_of_jobs import with_stations_of_jobs
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to, validated
-from service.use_cases.jobs.describe_processes import OfferedProcess
 from service.use_cases.limits.quotas import Belongings, admit_job
 
 
@@ -28,7 +24,7 @@ from service.use_cases.limits.quotas import Belongings, admit_job
 class Execution:
     """A validated execution request."""
 
-    process: OfferedProcess
+    process: Process[Any]
     inputs: Json
     """As in the request, defaults filled in."""
     file_ids: tuple[str, ...]
@@ -39,18 +35,18 @@ class Execution:
     """Who is to be told how the job goes, not checked yet."""
     fetches: tuple[Fetch, ...] = ()
     """What the job fetches before anything else."""
+    files: Mapping[str, Json] = field(default_factory=dict)
+    """Of the wanted outputs those that are files, and how each is wanted."""
 
 
-def check_execution(
-    process: OfferedProcess, body: Any, files: FileStore, settings: Settings, fetches: tuple[Fetch, ...] = ()
-) -> Execution:
+def check_execution(process: Process[Any], body: Any, stored: Stored, fetches: tuple[Fetch, ...] = ()) -> Execution:
     """Validate a parsed request body against the process and what is stored.
 
     Parameters
     ----------
     process, body
         What is to be run, and how.
-    files, settings
+    stored
         What there is, and limits.
     fetches
         Files that the job will fetch; the body has their identifiers already.
@@ -61,26 +57,29 @@ def check_execution(
         With a pointer to every bad field.
     """
     request = validated(process.request_model, body)
-    unknown = [name for name in request.outputs or {} if name not in _output_names(process)]
+    wanted = request.wanted()
+    unknown = [name for name in wanted if name not in process.output_names]
     if unknown:
         raise InvalidRequestError(
             WRONG_FIELDS,
             [FieldFault(pointer_to("outputs", name), f"'{process.id}' has no such output") for name in unknown],
         )
+    inputs = with_stations_of_jobs(request.inputs, stored)
     try:
-        check_files(request.inputs, files, settings)
+        process.check(inputs, stored)
     except InvalidRequestError as error:
         other = without_absence(error, fetches)
         if other is not None:
             raise other from None
     return Execution(
         process,
-        _as_stored(process, request.inputs),
-        _files_of(request.inputs),
-        tuple(request.outputs) if request.outputs else None,
+        _as_stored(process, inputs),
+        _files_of(inputs),
+        wanted or None,
         request.response == "raw",
         request.subscriber,
         fetches,
+        {name: asked.model_dump(mode="json", by_alias=True) for name, asked in request.wanted_files().items()},
     )
 
 
@@ -154,51 +153,40 @@ def submit_job(
     return made_before or job
 
 
-def answer_at_once(execution: Execution) -> Json:
-    """Give the outputs of `echo`: its inputs, or the wanted ones of them."""
-    wanted = execution.outputs or tuple(execution.inputs)
-    return {name: execution.inputs[name] for name in wanted if name in execution.inputs}
+async def answer_at_once(execution: Execution) -> Json | None:
+    """Give the wanted outputs of a process that answers at once; None for all others."""
+    if execution.process.answer is None:
+        return None
+    outputs = await execution.process.answer(execution.inputs)
+    return {name: outputs[name] for name in execution.outputs or outputs if name in outputs}
 
 
 def _wanted(execution: Execution) -> Json | None:
     if execution.outputs is None and not execution.raw:
         return None
-    return {"outputs": None if execution.outputs is None else list(execution.outputs), "raw": execution.raw}
+    wanted = {"outputs": None if execution.outputs is None else list(execution.outputs), "raw": execution.raw}
+    return {**wanted, "files": dict(execution.files)} if execution.files else wanted
 
 
-def _output_names(process: OfferedProcess) -> set[str]:
-    return {field.serialization_alias or name for name, field in process.outputs.model_fields.items()}
-
-
-def _as_stored(process: OfferedProcess, inputs: BaseModel) -> Json:
-    """Give the inputs as JSON; `echo` gives back only what came in, the others are stored with their defaults."""
+def _as_stored(process: Process[Any], inputs: BaseModel) -> Json:
+    """Give the inputs as JSON; what answers at once gives back what came in, others are stored with their defaults."""
     return inputs.model_dump(mode="json", by_alias=True, exclude_unset=process.synchronous)
 
 
-def check_files(inputs: BaseModel, files: FileStore, settings: Settings) -> None:
-    """Check the files that validated inputs name, and whatever else a schema cannot know.
-
-    Raises
-    ------
-    InvalidRequestError
-        With a pointer to every bad field.
-    """
-    if isinstance(inputs, RegisterInputs):
-        check_register_inputs(inputs, files, settings.max_stations)
-    elif isinstance(inputs, ExtractLinesInputs):
-        check_station(inputs.station, files)
-    elif isinstance(inputs, DetectEdgesInputs):
-        check_photo(inputs.photo, files)
-
-
 def _files_of(inputs: BaseModel) -> tuple[str, ...]:
-    """List the files of scans and photos, each once."""
-    stations: Sequence[Station] = ()
-    if isinstance(inputs, RegisterInputs):
-        stations = inputs.stations
-    elif isinstance(inputs, ExtractLinesInputs):
-        stations = [inputs.station]
-    elif isinstance(inputs, DetectEdgesInputs):
-        return (inputs.photo.file,)
-    files = [file for each in stations for file in (each.scan.file, *(photo.file for photo in each.photos))]
-    return tuple(dict.fromkeys(files))
+    """List the files that inputs name, each once."""
+    return tuple(dict.fromkeys(reference.file for reference in _references(inputs)))
+
+
+def _references(part: Any) -> Iterator[FileReference]:
+    if isinstance(part, FileReference):
+        yield part
+    if isinstance(part, BaseModel):
+        for name in type(part).model_fields:
+            yield from _references(getattr(part, name))
+    elif isinstance(part, list | tuple):
+        for each in part:
+            yield from _references(each)
+    elif isinstance(part, dict):
+        for each in part.values():
+            yield from _references(each)

@@ -1,18 +1,16 @@
 """The steps in which a job gets the files that it was promised: fetched, inspected, entered, checked."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from service.errors import ComputationFailedError, NoSuchJobError, ServiceError, StorageError
-from service.ports import Job, JobStore, Json, StepFailedError, StepRunner
+from service.ports import Job, JobStore, Json, Process, StepFailedError, StepRunner, Stored
 from service.refusals import BusyError
 from service.use_cases.inputs.fetch_files import Fetch, pointed, with_pointers
 from service.use_cases.inputs.validate_request import validated
-from service.use_cases.jobs.describe_processes import offered_process
-from service.use_cases.jobs.submit_job import check_files
 from service.use_cases.uploads.store_files import FileIntake, Received
 
 FETCH, CHECK = "fetch-file", "check-files"
@@ -32,6 +30,8 @@ class FetchingRunner:
         Where files go.
     jobs
         All jobs.
+    processes
+        Whose jobs these are, by id.
     patience
         Calls functions of the stores, whose database may be away for a while.
     """
@@ -39,6 +39,7 @@ class FetchingRunner:
     runner: StepRunner
     intake: FileIntake
     jobs: JobStore
+    processes: Mapping[str, Process[Any]]
     patience: Callable[..., Awaitable[Any]] = asyncio.to_thread
 
     async def run(
@@ -95,6 +96,7 @@ class FetchingRunner:
     async def _checked(self, job: Job) -> Json:
         """Check of the request what could not be known before the files were there."""
         intake = self.intake.of(job.owner)
-        inputs = validated(offered_process(job.process_id).inputs, job.inputs, "/inputs")
-        await self.patience(check_files, inputs, intake.files, intake.settings)
+        process = self.processes[job.process_id]
+        inputs = validated(process.inputs, job.inputs, "/inputs")
+        await self.patience(process.check, inputs, Stored(intake.files, self.jobs.of(job.owner), intake.settings))
         return {}

@@ -47,6 +47,14 @@ def inspect_uploaded_file(context: StepContext, arguments: Json) -> Json:
     }
 
 
+def extract_features_with_kernels(context: StepContext, arguments: Json) -> Json:
+    """Extract the features of one scan; compile the kernels first where nobody did before."""
+    from service.use_cases.steps.kernels import ensure_compiled
+
+    ensure_compiled(context.progress)
+    return extract_features_of_scan(context, arguments)
+
+
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
     photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))

@@ -14,8 +14,9 @@ from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
 from algorithms.registration.base import FineRegistration, OwnFigures, PairResult, PairStatus
 from schemas.own_figures import OwnFigures as OwnFiguresDocument
 from schemas.registration_methods import MethodRequest
+from service.processes import offered_process
 from service.use_cases.documents.own_figures_documents import own_figures_document
-from service.use_cases.jobs.describe_processes import input_descriptions, offered_process
+from service.use_cases.jobs.describe_processes import input_descriptions
 from service.use_cases.steps.run_pair import method_of
 from tests.scenes.lines.line_scenes import generic_lines, observed_pair
 

@@ -13,7 +13,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, next_pairs
 from algorithms.network.similarity import distance_profile, similarities
 from algorithms.network.whereabouts import Whereabouts, whereabouts_of
-from service.use_cases.steps.plans import RegisterPlan
+from service.processes.register.plan import RegisterPlan
 from tests.scenes.buildings.plane_rooms import plane_rooms, seen_from
 from tests.scenes.lines.line_scenes import LineScene, random_motion
 

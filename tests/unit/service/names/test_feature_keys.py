@@ -6,7 +6,7 @@ import pytest
 
 from service.names.feature_keys import feature_key, features_of_content
 from service.ports import StoredFile
-from service.use_cases.steps.plans import PLANS
+from service.processes import PLANS
 
 SHA256 = "a" * 64
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from service.processes import OFFERED_PROCESSES
 from service.use_cases.inputs.validate_request import validated
-from service.use_cases.jobs.describe_processes import OFFERED_PROCESSES
 
 CAMERA = {"width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
 POSE = [[1.0, 0.0, 0.0, 0.5], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

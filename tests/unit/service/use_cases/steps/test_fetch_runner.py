@@ -21,11 +21,11 @@ from service.errors import (
     to_problem,
 )
 from service.ports import Job, JobStatus, Json, RemoteFile, StepContext, StepFailedError
+from service.processes import OFFERED_PROCESSES, PLANS
 from service.settings import Settings
 from service.use_cases.inputs.fetch_files import Fetch
 from service.use_cases.limits.quotas import Belongings
 from service.use_cases.steps.fetch_runner import FetchingRunner
-from service.use_cases.steps.plans import PLANS
 from service.use_cases.steps.run_fetch import fetch_file
 from service.use_cases.uploads.store_files import FileIntake
 from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobStore
@@ -113,7 +113,7 @@ class Scene:
         made = Settings(data_dir=directory, min_free_bytes=0, **settings)
         belongings = Belongings(self.files, self.jobs, LocalUploads(directory / "uploads"))
         self.runner = FetchingRunner(
-            self.processes, FileIntake(belongings, self.blobs, self.processes, made), self.jobs
+            self.processes, FileIntake(belongings, self.blobs, self.processes, made), self.jobs, OFFERED_PROCESSES
         )
         self.jobs.create_and_enqueue(JOB)
 

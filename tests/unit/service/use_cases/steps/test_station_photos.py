@@ -21,9 +21,9 @@ from service.errors import UnreadableFileError
 from service.formats.photo import PhotoInfo, camera_document
 from service.names.feature_keys import feature_key, photos_identity
 from service.ports import StepContext
+from service.processes.extract_lines import ExtractLinesPlan
 from service.settings import Settings
 from service.use_cases.reports.edges_drawing import LINE_COLORS, lines_png
-from service.use_cases.steps.plans import ExtractLinesPlan
 from service.use_cases.steps.station_photos import pose_of_camera, read_station_photo
 from tests.doubles.memory import MemoryBlobStore
 from tests.scenes.photos.photo_wall import CAMERA, CORNERS, SCAN_FROM_CAMERA, wall_photo, wall_scan

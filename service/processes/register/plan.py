@@ -1,0 +1,171 @@
+"""Stages of a registration: features of each scan, pairs, of many stations their adjustment together, one report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from algorithms.network.options import ALL_PAIRS_UP_TO
+from service.ports import Json, StepCall
+from service.use_cases.steps.station_calls import REPORT_WEIGHT, features_call, scan_of
+
+PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT = 2.0, 0.3, 0.3
+MOST_ROUNDS = 12
+"""Rounds of growth of a network of many stations."""
+
+
+@dataclass(frozen=True)
+class RegisterPlan:
+    """Features per scan, then pairs, of three stations or more their adjustment together, then one report.
+
+    With `pairs: auto` and many stations pairs come in rounds: each round is chosen by what the ones before have found.
+    """
+
+    def next_stage(self, job: Json, outputs: Sequence[Sequence[Json]]) -> Sequence[StepCall] | None:
+        """Give the next stage of `register`."""
+        inputs = job["inputs"]
+        stations = inputs["stations"]
+        if len(outputs) == 0:
+            options, of_photos = inputs["method"].get("features"), inputs.get("photo_lines")
+            return [features_call(job, station, options, of_photos) for station in stations]
+        pairs = _grown(job, outputs) if grows(inputs) else _planned(job, outputs)
+        if pairs.calls is not None:
+            return pairs.calls
+        is_network = len(stations) > 2
+        if is_network and len(outputs) == pairs.stages:
+            return [_network_call(job, outputs[0], pairs.outputs)]
+        if len(outputs) == pairs.stages + is_network:
+            return [
+                StepCall(
+                    "report-registration",
+                    {
+                        "job_id": job["id"],
+                        "inputs": inputs,
+                        "features": outputs[0],
+                        "pairs": pairs.outputs,
+                        "network": outputs[-1][0]["network"] if is_network else None,
+                    },
+                    "writing the report",
+                    weight=REPORT_WEIGHT,
+                )
+            ]
+        return None
+
+    def total_weight(self, job: Json) -> float:
+        """Add up features, pairs and report; of a network that grows the pairs of the first round, at least."""
+        inputs = job["inputs"]
+        stations = len(inputs["stations"])
+        pairs = 3 * stations if grows(inputs) else len(pairs_to_try(inputs))
+        network = NETWORK_WEIGHT if stations > 2 else 0.0
+        return 2.0 * stations + PAIR_WEIGHT * pairs + network + REPORT_WEIGHT
+
+
+def grows(inputs: Json) -> bool:
+    """Say whether the pairs of a `register` job are chosen round by round."""
+    return bool(inputs["pairs"] == "auto" and len(inputs["stations"]) > ALL_PAIRS_UP_TO)
+
+
+def pairs_to_try(inputs: Json) -> Sequence[tuple[str, str]]:
+    """List the (target, source) pairs that a `register` job tries where they are known in advance."""
+    if inputs["pairs"] != "auto":
+        return [(target, source) for target, source in inputs["pairs"]]
+    return list(combinations([station["name"] for station in inputs["stations"]], 2))
+
+
+def known_of_stations(inputs: Json) -> Json:
+    """Give what a `register` job says of stations beforehand, by name; stations of which nothing is said are missing.
+
+    Parameters
+    ----------
+    inputs
+        Of the job.
+    """
+    said = {
+        station["name"]: {
+            name: station[name] for name in ("levelled_std_gon", "approximate_pose") if station.get(name) is not None
+        }
+        for station in inputs["stations"]
+    }
+    return {name: known for name, known in said.items() if known}
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """How far the pairs of a job are."""
+
+    calls: Sequence[StepCall] | None
+    """The next stage; None when all pairs are done."""
+    outputs: Sequence[Json]
+    """Of the pairs that are done."""
+    stages: int
+    """Stages up to and with the last one of pairs, features counted."""
+
+
+def _planned(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
+    """Register the pairs that are known in advance."""
+    if len(outputs) == 1:
+        return _Pairs(_pair_calls(job, outputs[0], pairs_to_try(job["inputs"]), 0), [], 1)
+    return _Pairs(None, outputs[1], 2)
+
+
+def _grown(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
+    """Choose pairs, register them, choose again; stages 1, 3, 5, ... are choices, those between them pairs."""
+    done: list[Json] = []
+    for stage in range(1, 2 * MOST_ROUNDS, 2):
+        if stage == len(outputs):
+            return _Pairs([_choice_call(job, outputs[0], done)], done, stage)
+        chosen = outputs[stage][0]["pairs"]
+        if not chosen:
+            return _Pairs(None, done, stage + 1)
+        if stage + 1 == len(outputs):
+            return _Pairs(_pair_calls(job, outputs[0], chosen, len(done)), done, stage + 1)
+        done += outputs[stage + 1]
+    return _Pairs(None, done, 2 * MOST_ROUNDS + 1)
+
+
+def _pair_calls(
+    job: Json, features: Sequence[Json], pairs: Sequence[Sequence[str]], first_number: int
+) -> list[StepCall]:
+    stations = job["inputs"]["stations"]
+    known = known_of_stations(job["inputs"])
+    sides = {
+        station["name"]: {
+            "name": station["name"],
+            "features": output["features"],
+            "known": known.get(station["name"]),
+            "scan": scan_of(job, station),
+        }
+        for station, output in zip(stations, features, strict=True)
+    }
+    return [
+        StepCall(
+            "register-pair",
+            {
+                "job_id": job["id"],
+                "number": number,
+                "target": sides[target],
+                "source": sides[source],
+                "method": job["inputs"]["method"],
+            },
+            f"registering {source} to {target}",
+            weight=PAIR_WEIGHT,
+        )
+        for number, (target, source) in enumerate(pairs, start=first_number)
+    ]
+
+
+def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
+    arguments = {**_network_arguments(job, features), "pairs": pairs, "known": known_of_stations(job["inputs"])}
+    return StepCall("choose-pairs", arguments, "choosing pairs of stations", weight=CHOICE_WEIGHT)
+
+
+def _network_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
+    arguments = {**_network_arguments(job, features), "pairs": pairs, "method": job["inputs"]["method"]}
+    return StepCall("adjust-network", arguments, "adjusting all stations", weight=NETWORK_WEIGHT)
+
+
+def _network_arguments(job: Json, features: Sequence[Json]) -> Json:
+    return {
+        "job_id": job["id"],
+        "names": [station["name"] for station in job["inputs"]["stations"]],
+        "features": [output["features"] for output in features],
+    }
