@@ -47,6 +47,7 @@ def practise() -> None:
     ]
     problem = RegistrationProblem(features[0], features[1])
     DEFAULT_METHOD().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    _practise_on_deviations()
 
 
 def tiny_room(*, structured: bool) -> Scan:
