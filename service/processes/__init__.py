@@ -11,7 +11,6 @@ from typing import Any
 from service.errors import NoSuchProcessError
 from service.ports import Json, Plan, Process, StepContext
 from service.processes.compare import COMPARE
-from service.processes.compare import COMPARE
 from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
