@@ -50,6 +50,18 @@ def practise() -> None:
     _practise_on_deviations()
 
 
+def _practise_on_deviations() -> None:
+    """Compare the tiny room with itself in both ways of averaging."""
+    from algorithms.deviations.joint_poses import exact_poses
+    from algorithms.deviations.m3c2 import m3c2
+    from algorithms.deviations.options import Average, M3C2Options, WavesOf
+
+    points = tiny_room(structured=False).points
+    for average, waves in zip(Average, WavesOf, strict=True):
+        options = M3C2Options(0.3, 0.5, (0.5,), average, waves=waves)
+        m3c2(points, points, points[::20], exact_poses(), options, rng=np.random.default_rng(0))
+
+
 def tiny_room(*, structured: bool) -> Scan:
     """Scan a box from inside, from a place off its middle."""
     zenith = np.linspace(0.3, np.pi - 0.3, ROWS)
