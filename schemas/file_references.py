@@ -8,18 +8,20 @@ from schemas.base import RequestModel
 
 
 def by_file_or_address(schema: dict[str, Any]) -> None:
-    """Describe both ways; the service puts an identifier in the place of an address before it validates a request."""
+    """Describe both ways; the service puts an identifier in the place of an address before it validates a request.
+
+    That one of them must be there is said in words: of `anyOf` beside properties generators of clients make no class.
+    """
     schema["required"].remove("file")
     if not schema["required"]:
         del schema["required"]
-    schema["anyOf"] = [{"required": ["file"]}, {"required": ["href"]}]
     schema["properties"]["href"] = {
         "type": "string",
         "format": "uri",
         "maxLength": 2000,
         "title": "Href",
-        "description": "Instead of `file`: where the job fetches it, `https://…` or `s3://bucket/key`, if the operator "
-        "allows that source. The file is stored like one that was uploaded.",
+        "description": "In place of `file` (one of both must be there): where the job fetches it, `https://…` or "
+        "`s3://bucket/key`, if the operator allows that source. The file is stored like one that was uploaded.",
     }
 
 

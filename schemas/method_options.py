@@ -4,14 +4,22 @@ import ast
 import inspect
 import textwrap
 from dataclasses import MISSING, Field, asdict, fields, is_dataclass
+from functools import cache
 from typing import Any, Literal, get_type_hints
 
-from pydantic import BaseModel, create_model
+from pydantic import BaseModel, ConfigDict, create_model
 from pydantic import Field as ModelField
 
 from schemas.base import RequestModel
 
 
+class OptionsModel(RequestModel):
+    """Leave docstrings alone, which were read already: pydantic would look for the source of a class that has none."""
+
+    model_config = ConfigDict(use_attribute_docstrings=False)
+
+
+@cache
 def options_model(options: type[Any], method: str | None = None) -> type[BaseModel]:
     """Build the request model of an option dataclass.
 
@@ -42,7 +50,7 @@ def options_model(options: type[Any], method: str | None = None) -> type[BaseMod
             members[option.name] = (kind, ModelField(description=docs.get(option.name), **_default(option)))
     return create_model(
         f"{options.__name__.removesuffix('Options')}Options",
-        __base__=RequestModel,
+        __base__=OptionsModel,
         __doc__=inspect.getdoc(options),
         **members,
     )

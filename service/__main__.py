@@ -85,8 +85,8 @@ def register(
     photos: Annotated[
         Path | None,
         typer.Option(
-            help="JSON file that names the photos of each station with their cameras and poses (see README); its "
-            "stations may also have `levelled_std_gon`, `approximate_pose` and `point_std_m`.",
+            help="JSON file that names the photos of each station with cameras and poses (see service/PHOTOS.md); "
+            "its stations may also have `levelled_std_gon`, `approximate_pose` and `point_std_m`.",
             exists=True,
             dir_okay=False,
         ),
@@ -173,12 +173,13 @@ def register(
 @app.command(epilog=EXIT_CODES)
 def demo(
     scans: Annotated[Path | None, typer.Option(help="Folder to leave the simulated scan files in.")] = None,
+    plan: Annotated[Path | None, typer.Option(help="SVG file for a plan of the lines with the verdict.")] = None,
 ) -> None:
     """Simulate two stations of a house, register them over HTTP, print truth beside estimate."""
     from service.demo import run_demo
 
     console = Console()
-    _finish(lambda: run_demo(console, scans))
+    _finish(lambda: run_demo(console, scans, plan))
 
 
 @keys.command()

@@ -20,22 +20,24 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
-from service.adapters.files.object_files import blob_store
+from service.adapters.files.handed_files import HandedFiles
 from service.adapters.outgoing.remote_sources import RemoteSources
 from service.adapters.processes.confinement import confine
+from service.adapters.processes.handing import WantedError
 from service.adapters.processes.nursery import Nursery
 from service.adapters.processes.process_limits import (
     DEFAULT_STEPS,
     die_with_parent,
     go_first,
-    is_harmless,
     let_others_first,
     limit_resources,
 )
 from service.errors import ComputationFailedError, to_problem
 from service.ports import Json, StepContext
 from service.settings import GIGABYTE, Settings
-from service.use_cases.limits.machine_shares import INSPECT, machine_shares
+from service.use_cases.limits.machine_shares import machine_shares
+from service.use_cases.steps.step_needs import FETCH
+from service.use_cases.steps.step_preparation import prepare
 
 REPORT_INTERVAL_S = 0.1
 Steps = Mapping[str, Callable[[StepContext, Json], Json]]
@@ -76,12 +78,23 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
     limit_resources(settings, memory_bytes)
     limits = {name: value for name, value in settings.model_dump().items() if isinstance(value, int)}
     scratch = Path(request["scratch"])
-    context = StepContext(blob_store(settings, scratch), pipe, limits, RemoteSources(settings))
+    files = HandedFiles(request["paths"], request["on_request"], scratch)
+    context = StepContext(files, pipe, limits, RemoteSources(settings))
     try:
-        if request["step"] == INSPECT and settings.confine_readers:
-            _confine_to(context.blobs.local_path(arguments["key"]), scratch, settings)
+        tempfile.tempdir = str(scratch)
+        if settings.confine_children:
+            # compiled kernels are read only from then on: who could write them would be in all computations to come
+            prepare(request["step"], arguments, pipe)
+            confine(
+                [Path(path) for path in request["paths"].values()],
+                scratch,
+                settings.data_dir,
+                network=request["step"] == FETCH,
+            )
         result = steps[request["step"]](context, arguments)
         pipe.send({"result": result})
+    except WantedError as wanted:
+        pipe.send({"wanted": wanted.key})
     except MemoryError:
         traceback.print_exc()
         limit = memory_bytes / GIGABYTE
@@ -93,14 +106,6 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
         pipe.send({"problem": to_problem(error)})
         return False
     return True
-
-
-def _confine_to(file: Path, scratch: Path, settings: Settings) -> None:
-    """Leave this process what reading a file needs."""
-    for name in [name for name in os.environ if not is_harmless(name)]:
-        del os.environ[name]
-    tempfile.tempdir = str(scratch)
-    confine(file, scratch, settings.data_dir)
 
 
 def load(reference: str) -> Any:

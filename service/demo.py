@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ ROWS, COLUMNS = 1000, 2400
 """About a million points per station."""
 
 
-def run_demo(console: Console, scans: Path | None = None) -> bool:
+def run_demo(console: Console, scans: Path | None = None, plan: Path | None = None) -> bool:
     """Simulate, upload, register, compare. Tell whether the stations were registered.
 
     Parameters
@@ -30,6 +31,8 @@ def run_demo(console: Console, scans: Path | None = None) -> bool:
         Where to print.
     scans
         Folder in which the simulated scan files stay; None leaves nothing behind.
+    plan
+        SVG file for a plan of the lines with the verdict; None for none.
 
     Raises
     ------
@@ -54,7 +57,11 @@ def run_demo(console: Console, scans: Path | None = None) -> bool:
         for file in files:
             console.print(f"{file['name']}: {file['scans'][0]['points']:,} points")
         stations = stations_of(files)
-        result = wait_for_job(client, start_job(client, "register", {"stations": stations}, console), console)
+        job = start_job(client, "register", {"stations": stations}, console)
+        result = wait_for_job(client, job, console)
+        if plan is not None:
+            client.download(job, "report.html", folder / "report.html")
+            plan.write_text(plan_of((folder / "report.html").read_text(), result))
     print_comparison(console, result, truth)
     console.print(f"{time.perf_counter() - started:.0f} s in all", style="dim")
     return bool(result["status"] == "registered")
@@ -109,6 +116,30 @@ def print_comparison(console: Console, result: Document, truth: dict[str, float]
             f"m{unit}",
         )
     console.print(table)
+
+
+def plan_of(report: str, result: Document) -> str:
+    """Take the plan of the lines out of a report, and write the verdict into it.
+
+    Raises
+    ------
+    ValueError
+        The report has no plan.
+    """
+    start = report.find("<svg ")
+    end = report.find("</svg>", start)
+    if start < 0 or end < 0:
+        raise ValueError("the report has no plan: no lines were found")
+    pair, second = result["pairs"][0], result["stations"][1]
+    verdict = f"{pair['source']} in the frame of {pair['target']}: {pair['status']}"
+    if second["world_from_scan"] is not None:
+        std = second["world_from_scan"]["std"]
+        stated = ", ".join(
+            f"{key.removesuffix('_m')} {1e3 * std[key]:.2f}" for key in ("tx_m", "ty_m", "tz_m") if std[key]
+        )
+        verdict += f"; standard deviations [mm] {stated}"
+    note = f'<text x="40" y="40" font-size="15" font-weight="bold">{escape(verdict)}</text>'
+    return f"{report[start:end]}{note}</svg>\n"
 
 
 def _difference(estimate: float, truth: float, unit: str) -> float:

@@ -22,6 +22,7 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
+from service.adapters.database.callbacks import seal_old_secrets
 from service.adapters.database.files import DatabaseFileStore
 from service.adapters.database.jobs import let_shrink, migrate
 from service.adapters.database.keys import DatabaseKeyStore
@@ -35,6 +36,7 @@ from service.errors import StorageError
 from service.names.content_keys import INCOMING
 from service.refusals import OpenToAllError
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.access.service_proof import LOCK, new_secret
 from service.use_cases.uploads.adopt_files import adopt_files
 
@@ -108,10 +110,11 @@ def prepare(settings: Settings) -> None:
     except OperationalError as error:
         place = sa.make_url(settings.sqlalchemy_url).render_as_string(hide_password=True)
         raise StorageError(f"the database {place} cannot be used: {error.orig}") from None
+    tables = connect(settings)
+    seal_old_secrets(tables, seal_of(settings))
     if not settings.storage_url:
-        tables = connect(settings)
         adopt_files(DatabaseFileStore(tables), LocalFiles(settings.data_dir))
-        tables.dispose()
+    tables.dispose()
 
 
 def serve(

@@ -79,9 +79,7 @@ def app_from_environment() -> FastAPI:
     settings = Settings()
     database = connect(settings, reserve=True, fresh_s=FRESH_S)
     step_back(settings.niceness)
-    readers = ChildProcesses(
-        settings, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"), reads_only=True
-    )
+    readers = ChildProcesses(settings, blob_store, warm_up=WarmUp("service.use_cases.steps.warm_up:load_for_reading"))
     blobs = blob_store(settings)
     upload_store = upload_store_of(settings, database, blobs)
     adapters = Adapters(
@@ -97,7 +95,7 @@ def app_from_environment() -> FastAPI:
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
-        log.info("what reads uploaded files is confined", by=_confinement(settings))
+        log.info("computations are confined", by=_confinement(settings))
         anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
         try:
             await asyncio.to_thread(reserve_connections, database)
@@ -204,8 +202,8 @@ def create_app(
 
 
 def _confinement(settings: Settings) -> str:
-    """Say how what reads uploaded files is confined."""
-    return available().text if settings.confine_readers else "off: TIELINE_CONFINE_READERS=false"
+    """Say how computations are confined."""
+    return available().text if settings.confine_children else "off: TIELINE_CONFINE_CHILDREN=false"
 
 
 def _openapi(app: FastAPI) -> dict[str, Any]:

@@ -1,6 +1,8 @@
 """Register scan files from the command line, through a running service or an embedded one."""
 
+import errno
 import json
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -67,6 +69,7 @@ def register_files(
         The results cannot be written.
     """
     listed = read_request(said, paths)
+    check_writable(output)
     with chosen_service(url, console) as address, ServiceClient(address, key=key) as client:
         files = upload_files(client, paths, console, said.columns) + upload_files(client, listed.paths, console)
         for file in files[: len(paths)]:
@@ -85,6 +88,24 @@ def register_files(
 def default_output(now: datetime) -> Path:
     """Name the folder in which results are kept where nothing is said."""
     return Path(f"tieline-{now:%Y%m%d-%H%M%S}")
+
+
+def check_writable(output: Path) -> None:
+    """Find out before anything is computed whether its results can be written.
+
+    Raises
+    ------
+    OSError
+        They cannot.
+    """
+    place = output.absolute()
+    while not place.exists():
+        place = place.parent
+    wants_file = place == output.absolute() and output.suffix.lower() == ".json"
+    if not place.is_dir() and not wants_file:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
+    if not os.access(place, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
 
 
 def keep_results(client: ServiceClient, job_id: str, result: Document, output: Path) -> None:
@@ -163,7 +184,7 @@ def wait_for_job(client: ServiceClient, job_id: str, console: Console) -> Docume
     """
     try:
         if not console.is_terminal:
-            return client.wait(job_id, _Lines(console).tell)
+            return client.wait(job_id, ProgressLines(console).tell)
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console) as bars:
             bar = bars.add_task("waiting", total=100)
@@ -175,19 +196,20 @@ def wait_for_job(client: ServiceClient, job_id: str, console: Console) -> Docume
         raise
 
 
-class _Lines:
+class ProgressLines:
     """Print what a job does as lines: each step when it begins, and what is said of it now and then."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._step, self._message, self._next = "", "", 0.0
+        self._told: dict[str, tuple[str, float]] = {}
 
     def tell(self, percent: int, message: str) -> None:
-        """Print a line if there is news."""
+        """Print a line if there is news of the step, several of which may take turns in what is said."""
         step, now = message.partition(":")[0], time.monotonic()
-        if message != self._message and (step != self._step or now >= self._next):
-            self._console.print(f"{percent:3d} % {message}", markup=False, highlight=False)
-            self._step, self._message, self._next = step, message, now + LINE_INTERVAL_S
+        last, next_time = self._told.get(step, ("", 0.0))
+        if message != last and now >= next_time:
+            self._console.print(f"{percent:3d} % {message}", markup=False, highlight=False, soft_wrap=True)
+            self._told[step] = message, now + LINE_INTERVAL_S
 
 
 def stations_with_photos(listed: PhotoList, scans: Sequence[Document], photos: Sequence[Document]) -> list[Document]:

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from schemas.register_inputs import RegisterInputs
 from service.errors import FieldFault, InvalidRequestError
 from service.use_cases.inputs.read_photo_list import PhotoList, read_photo_list
-from service.use_cases.inputs.validate_request import parse_json
+from service.use_cases.inputs.validate_request import parse_json, validated
 
 Document = dict[str, Any]
+ANY_STATIONS = [{"name": name, "scan": {"file": name}} for name in "AB"]
+"""In place of those that are known when the files are there."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,8 @@ def read_request(said: RequestOptions, scans: Sequence[Path]) -> PhotoList:
     Raises
     ------
     InvalidRequestError
-        A file cannot be read, or what it says makes no sense.
+        A file cannot be read, or what it or the command line says makes no sense, which is better known before scans
+        are uploaded.
     """
     listed = [read_photo_list(path, scans) for path in (said.options, said.photos) if path is not None]
     inputs: Document = {}
@@ -62,6 +66,10 @@ def read_request(said: RequestOptions, scans: Sequence[Path]) -> PhotoList:
         inputs["pairs"] = parsed_pairs(said.pairs)
     if said.reference is not None:
         inputs["reference"] = object_in(said.reference)
+    try:
+        validated(RegisterInputs, {**inputs, "stations": [said.completed(station) for station in ANY_STATIONS]})
+    except InvalidRequestError as error:
+        raise InvalidRequestError("some options make no sense", error.faults) from None
     return PhotoList(inputs, paths)
 
 

@@ -55,9 +55,9 @@ class Settings(BaseSettings):
     where a command starts the service for itself, to 19; each step costs a fifth of their share of a processor."""
     nursery: bool = True
     """Keep a process with the libraries loaded, of which computations are copies (Linux); else each loads its own."""
-    confine_readers: bool = True
-    """Let the process that reads an uploaded file see that file and the libraries only, and no network, where the
-    kernel can do it (Linux: Landlock, seccomp)."""
+    confine_children: bool = True
+    """Let each computation see the files that it reads, and the libraries, only, write to a directory of its own only,
+    and reach no network unless it fetches a file, where the kernel can do it (Linux: Landlock, seccomp)."""
     max_file_bytes: int = Field(default=20 * GIGABYTE, ge=1)
     """Largest upload."""
     max_points: int = Field(default=200_000_000, ge=1)
@@ -107,8 +107,9 @@ class Settings(BaseSettings):
     """Allow these addresses to be those of private networks and of this machine."""
     callback_secret: Literal[""] | CallbackSecret = Field(default="", repr=False)
     """From which the secrets are derived that sign callbacks, one for each project, receiver and process (`tieline keys
-    callback` tells them): `whsec_` and a key in base64, or any text of 16 characters or more; empty: only those whose
-    subscriber brought a secret are signed."""
+    callback` tells them), and the key that encrypts secrets which subscribers bring: `whsec_` and a key in base64, or
+    any text of 16 characters or more; empty: only callbacks whose subscriber brought a secret are signed, and with
+    PostgreSQL such secrets are refused."""
     allow_private_callbacks: bool = False
     """Allow callbacks to addresses of private networks and of this machine."""
     callback_ports: str = Field(default="80,443,8080,8443", pattern=r"^\s*(\d{1,5}\s*(,\s*\d{1,5}\s*)*)?$")

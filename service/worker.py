@@ -70,7 +70,7 @@ def main(
     database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
     executors = DatabaseExecutors(database)
     jobs = DatabaseJobStore(database)
-    runner = ChildProcesses(settings, steps, WARM_UP if steps == DEFAULT_STEPS else NOTHING_WARM)
+    runner = ChildProcesses(settings, blob_store, steps, WARM_UP if steps == DEFAULT_STEPS else NOTHING_WARM)
     runner.warm_up()
     module, _, attribute = plans.partition(":")
     files, blobs = DatabaseFileStore(database), blob_store(settings)

@@ -38,8 +38,6 @@ class RankReport:
     """The same in words."""
     advice: str
     """What to add to make the pose determined; empty at full rank."""
-    weakest_shift: Vector3
-    """(3,) unit direction of the least determined translation, target frame."""
     shift_information: float
     """Information on that translation [1/m²]."""
     ghost_information: float
@@ -135,7 +133,6 @@ def analyse_rank(
         held=np.hstack([held_shifts, np.vstack([turns[:3], np.zeros_like(turns[:3])])]),
         free_directions=tuple(words),
         advice=_advice_for(shifts, turns),
-        weakest_shift=vectors[:, 0],
         shift_information=float(values[0]),
         ghost_information=float(ghosts[0]),
     )

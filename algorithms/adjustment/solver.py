@@ -77,8 +77,6 @@ class Solution:
     """Independent observations minus determined parameters."""
     iterations: int
     converged: bool
-    last_step_std: float
-    """Last step in units of its standard deviation."""
     linear_step: Array | None = None
     """(u,) step from the start values, all of it taken for linear; None where observations were linearised anew."""
 
@@ -185,7 +183,6 @@ def solve(
         redundancy=whitening.rank - unknowns.count + held.shape[1],
         iterations=iterations,
         converged=converged,
-        last_step_std=step_std,
         linear_step=linear_step,
     )
 

@@ -49,6 +49,9 @@ class PhotoEdges:
     """w lines of edges that are crowded or of unclear owner: they measure nothing but help to tell poses apart."""
     witness_normals: Array | None = None
     """(w, 3) unit normals, towards the camera, of their surfaces."""
+    other_readings: Array | None = None
+    """(q, 2) another reading of each photo's pose with which its lines are found again in the scan, -1 where there is
+    none, and how many are (`misstated_mounts`)."""
 
 
 @dataclass(frozen=True, eq=False)

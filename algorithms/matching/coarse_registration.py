@@ -70,12 +70,6 @@ class CoarseRegistration:
     lone_spotless: bool = False
     """Whether hardly anything speaks against the pose and clearly more against every other (`spotless`), all shifts of
     the surfaces searched."""
-    cleanest_rival_share: float = 1.0
-    """Of all other poses ranked that would show the instruments another picture and lay 0.02 of the surface on surface:
-    the smallest share of what can be judged (what fits or stands in free space) that stands in free space; 1 if there
-    are none. Compare it with the share against the pose itself: right poses of 164 pairs showed a median of 0.000 in
-    simulated scenes, 0.003 in a garage, 0.007 in a street, 0.04 among trees, the cleanest wrong ones beside them 0.09
-    to 0.26."""
 
     def inverted(self) -> "CoarseRegistration":
         """Give the same finding with target and source exchanged; its words name neither."""
@@ -266,7 +260,6 @@ def _described(
         reasons=tuple(reasons),
         remarks=_remarks(source, ranked, weighed),
         lone_spotless=weighed.spotless,
-        cleanest_rival_share=weighed.cleanest_share,
     )
 
 

@@ -6,7 +6,6 @@ and surface that fits in one pose and stands in free space in the other (`surfac
 
 from dataclasses import dataclass, field
 
-import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import ScanFeatures
@@ -14,7 +13,7 @@ from algorithms.matching.feature_fit import GATES, common_features, feature_pose
 from algorithms.matching.hypotheses import RankedPoses
 from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.matching.options import MatchingOptions
-from algorithms.matching.self_likeness import SPOTLESS, Contradiction, are_near, is_possible_alternative
+from algorithms.matching.self_likeness import SPOTLESS, Contradiction, is_possible_alternative
 from algorithms.matching.spotless import lone_spotless_pose
 from algorithms.matching.surface_evidence import SurfaceEvidence, SurfaceWitness
 
@@ -45,8 +44,6 @@ class Weighed:
     """Those that lines refute although the surfaces do not: number, evidence of the best pose, evidence there."""
     told_apart: list[tuple[int, SurfaceEvidence]] = field(default_factory=list)
     """Those that what little differs between the surfaces refutes: number, evidence."""
-    cleanest_share: float = 1.0
-    """Smallest share against any other pose that is not near the best one; 1 if there is none."""
 
 
 def weigh_poses(
@@ -102,7 +99,7 @@ class _Weighing:
         """Weigh all poses."""
         poses, charitable = self.ranked.poses, self.ranked.scores.charitable
         first, spotless = self._first()
-        weighed = Weighed(first, spotless, cleanest_share=self._cleanest_share(first))
+        weighed = Weighed(first, spotless)
         for k in range(len(poses)):
             if k == first:
                 continue
@@ -185,13 +182,3 @@ class _Weighing:
         if k not in self.fitted:
             self.fitted[k] = feature_pose_near(self.target, self.source, self.ranked.poses[k])
         return self.fitted[k]
-
-    def _cleanest_share(self, first: int) -> float:
-        """Give the smallest share against any other pose that would show the instruments another picture."""
-        poses = self.ranked.poses
-        shares = [each.share for each in self.judged]
-        others = (
-            int(k) for k in np.argsort(shares, kind="stable") if k != first and self.judged[k].support >= LEAST_SUPPORT
-        )
-        far = (k for k in others if not are_near(poses[first], poses[k], self.target.index, self.source.index))
-        return shares[k] if (k := next(far, None)) is not None else 1.0

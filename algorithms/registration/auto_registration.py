@@ -49,6 +49,12 @@ NOISES_APART = 2.0
 """Poses of features and surfaces that are less than so many standard deviations of single points apart do not
 contradict each other, however significant it is: so far off are uneven surfaces. Farther apart one of them errs; while
 that is within what is asked of a pose (`allowed_m`), the standard deviations hold both."""
+MOST_CONTRADICTION = 3.0
+"""So many times the limit may the test value be where features and surfaces differ by more than chance. Farther beyond
+the variances of either are no measure of its errors, and neither enlarged ones nor such that hold both may be signed:
+one large plane is off, or the scans differ by more than a motion where they hardly show it. In a car park, a yard, a
+hall and a street with references the value was at most 1.6 times the limit, in scans stretched by 0.2 and 1 % in
+height, with one floor in common, 20 and 3.3 times."""
 NEAR = ((0.02, 0.05),) * 3
 """Gates for correspondences found anew near the surfaces' pose."""
 
@@ -211,9 +217,11 @@ def _answer(
             torn = apart_m > NOISES_APART * noise_m
             if torn and apart_m > allowed_m(problem):
                 good, doubts = None, (_contradiction(attempts[0]),)
+            elif good.comparison is not None and apart_m > noise_m and _is_far_beyond_chance(good.comparison):
+                doubts = (_far_beyond_chance(good.comparison),)
     if good is not None and good.comparison is not None:
         if good.comparison.apart_m > allowed_m(problem):
-            doubts = (_apart(good.comparison, allowed_m(problem)),)
+            doubts = *doubts, _apart(good.comparison, allowed_m(problem))
         whole = joined(problem, good.fine, surfaces, good.comparison, good.label, torn=torn)
         final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
         hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
@@ -230,6 +238,19 @@ def _nearest(attempts: list[_Attempt]) -> tuple[_Attempt, float]:
     apart = [0.0 if attempt.comparison is None else attempt.comparison.apart_m for attempt in attempts]
     nearest = int(np.argmin(apart))
     return attempts[nearest], apart[nearest]
+
+
+def _is_far_beyond_chance(comparison: Comparison) -> bool:
+    """Say whether features and surfaces differ by so much more than they promise that neither promise holds."""
+    return comparison.test.statistic > MOST_CONTRADICTION * comparison.test.critical
+
+
+def _far_beyond_chance(comparison: Comparison) -> str:
+    return (
+        f"lines and planes contradict the surfaces far beyond chance ({in_words(comparison)}; "
+        f"{MOST_CONTRADICTION:g} times the limit would be allowed): a large plane is off, or the scans differ by more "
+        "than a motion, such as another scale of heights, which hardly shows in what they have in common"
+    )
 
 
 def _apart(comparison: Comparison, limit_m: float) -> str:

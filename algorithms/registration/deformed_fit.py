@@ -6,11 +6,12 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Labels, Matrix3, Points, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Labels, Matrix3, Points, Scalars, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import rotation_matrix
 from algorithms.registration.neighbourhood_covariance import neighbourhood_covariance
+from algorithms.registration.rounding_covariance import least_spread, rounding_covariance
 from algorithms.registration.wall_covariance import covering, wall_covariance, wall_pieces
 from algorithms.scans.surface_index import EvidenceLimits
 from algorithms.scans.surface_matches import nearest_surface
@@ -120,12 +121,19 @@ class DeformedFit:
     fitting: float
     """Surface that fits within three such standard deviations, by weight."""
     fitting_rigidly: float
-    """The same in the pose that was asked about."""
+    """The same in the pose that was asked about, or in the best one near it without any deformation."""
+    rigid_spread_m: float = 0.0
+    """Robust standard deviation of the gaps there, those within the last gate [m]."""
 
     @property
     def gain(self) -> float:
-        """How much more surface fits than in the pose, relative to that."""
+        """How much more surface fits than without the deformation, relative to that."""
         return self.fitting / max(self.fitting_rigidly, 1e-9) - 1.0
+
+    @property
+    def explained_m(self) -> float:
+        """How large the gaps are that the deformation closes, as a standard deviation [m]."""
+        return float(np.sqrt(max(self.rigid_spread_m**2 - self.spread_m**2, 0.0)))
 
     def apply(self, points: Points) -> Points:
         """Take points of the source (n, 3) to the target frame, deformed."""
@@ -151,6 +159,16 @@ class _Gaps:
     gaps_m: Scalars
     weights: Scalars
     planes: Labels
+    of_target: Indices
+    of_source: Indices
+    least_spread_m: float
+    """Gaps scatter by so much at least, by the rounding of coordinates, whatever the misfits say [m]."""
+
+    @property
+    def spread_m(self) -> float:
+        """Robust standard deviation of the gaps [m]."""
+        spread_m = MAD_TO_STD * float(np.median(np.abs(self.gaps_m)))
+        return max(spread_m, self.least_spread_m)
 
 
 def fit_deformed(
@@ -213,16 +231,44 @@ def fit_deformed(
     gaps = _measure(target, source, found, bent, centre, gate, most)
     system = _System.of(gaps, bent, centre, None)
     fits_m = FITS_SPREADS * system.spread_m
+    rigid = _best_without(target, source, pose, bent, centre, gate, most, fits_m)
     return DeformedFit(
         target_from_source=found,
         centre_m=centre,
         deformation=bent,
         determined=system.determined,
-        covariance=system.covariance(),
+        covariance=system.covariance(target, source),
         spread_m=system.spread_m,
         fitting=_weight_within(gaps, fits_m),
-        fitting_rigidly=_weight_within(_measure(target, source, pose, None, centre, gate, most), fits_m),
+        fitting_rigidly=_weight_within(rigid, fits_m),
+        rigid_spread_m=rigid.spread_m,
     )
+
+
+def _best_without(
+    target: ScanFeatures,
+    source: ScanFeatures,
+    pose: RigidTransform,
+    bent: Deformation,
+    centre: Vector3,
+    gate: float,
+    most: int,
+    fits_m: float,
+) -> _Gaps:
+    """Give the gaps in a pose, or in the best one near it where more fits: what a motion closes no deformation must.
+
+    Poses rest on lines and planes too, and on rounded coordinates: they may be off by more than the gaps scatter.
+    """
+    found = pose
+    straight = replace(bent, coefficients=np.zeros_like(bent.coefficients))
+    for _ in range(MOST_LAST_STEPS):
+        system = _System.of(_measure(target, source, found, None, centre, gate, FEW_POINTS), straight, centre, None)
+        step = system.motion()
+        found = _moved(found, step, centre, bent.radius_m)
+        if float(np.linalg.norm(step)) < SETTLED_SPREADS * system.spread_m:
+            break
+    given, best = (_measure(target, source, each, None, centre, gate, most) for each in (pose, found))
+    return max(given, best, key=lambda gaps: _weight_within(gaps, fits_m))
 
 
 def _weight_within(gaps: _Gaps, distance_m: float) -> float:
@@ -276,6 +322,9 @@ def _measure(
         ),
         weights=np.concatenate([there.weights[:points][on], here.weights[:points][on_back]]),
         planes=np.concatenate([labels[match[on]], labels[:points][on_back]]),
+        of_target=np.concatenate([match[on], on_back]),
+        of_source=np.concatenate([on, rematch[on_back]]),
+        least_spread_m=max(LEAST_SPREAD_M, least_spread(target, source)),
     )
 
 
@@ -298,7 +347,7 @@ class _System:
     @staticmethod
     def of(gaps: _Gaps, bent: Deformation, centre: Vector3, doubtful_m: float | None) -> "_System":
         """Weigh gaps: those of `doubtful_m` count a quarter; None: Tukey's weights by the spread of the gaps."""
-        spread = max(MAD_TO_STD * float(np.median(np.abs(gaps.gaps_m))), LEAST_SPREAD_M)
+        spread = gaps.spread_m
         if doubtful_m is None:
             squares = np.square(gaps.gaps_m / (TUKEY * spread))
             inside = squares < 1.0
@@ -333,8 +382,14 @@ class _System:
         k = self.known.shape[1]
         return self.known @ x[:k], self.determined @ x[k:] / self.radius_m
 
-    def covariance(self) -> Array:
-        """Give the covariance (r, r) of the determined deformations."""
+    def motion(self) -> Array:
+        """Give the motion (6,) [m] that closes the gaps without any change of the coefficients."""
+        reduced = self.design[:, :6] @ self.known
+        weighted = reduced * self.weights[:, None]
+        return np.asarray(self.known @ np.linalg.solve(weighted.T @ reduced, weighted.T @ self.gaps.gaps_m))
+
+    def covariance(self, target: ScanFeatures, source: ScanFeatures) -> Array:
+        """Give the covariance (r, r) of the determined deformations; rounded coordinates of both scans add theirs."""
         reduced, k = self.reduced, self.known.shape[1]
         found = neighbourhood_covariance(
             reduced, self.weights, self.gaps.gaps_m, self.gaps.positions, self.gaps.normals,
@@ -344,4 +399,7 @@ class _System:
         pieces = wall_pieces(self.gaps.planes, self.gaps.positions)
         walls = wall_covariance(reduced, self.weights, self.gaps.gaps_m, pieces, slopes=self.slopes)
         whole = covering((found.axes * variances) @ found.axes.T, walls)
+        weighted = reduced * self.weights[:, None]
+        gain = np.linalg.solve(weighted.T @ reduced, weighted.T)
+        whole = whole + rounding_covariance(gain, target, source, self.gaps.of_target, self.gaps.of_source)
         return np.asarray(whole[k:, k:] / self.radius_m**2)

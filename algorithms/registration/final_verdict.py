@@ -69,9 +69,10 @@ def status_of_final(
         return PairStatus.DEGENERATE, (
             f"features and surfaces determine only {rank} of 6 parameters, free: {free}. {final.advice}",
             *reasons,
+            *doubts,
         )
     if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
-        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
+        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons, *doubts]))
     found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem)), *_doubts_far_off(problem, final)]
     if fine is not None:
         found += [*misfit_doubts([fine]), *agreement_doubts(fine)]

@@ -26,6 +26,9 @@ itself, and scanners bend their clouds a little."""
 CERTAIN, LARGE = 10.0, 0.002
 """So many standard deviations tell a stretch that is larger than this, 2 mm in a metre, where it explains a little
 surface: a scanner's ranges err by a tenth of that at the very most."""
+EXPLAINED_NOISES = 1.0
+"""A bend that closes gaps as large as the noise of single points is there, where it explains a little surface: what a
+bend closed in poses of a car park, a yard, a hall and a street that were right was three quarters of it at most."""
 WORTH_A_LOOK = 0.005
 """Where less more surface fits nothing is explained."""
 
@@ -141,18 +144,19 @@ def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -
     """
     if not comes_first(target, source):
         return rigidity(source, target, pose.inv()).inverted(pose.inv())
+    noise_m = max(target.noise_std_m, source.noise_std_m)
     try:
         scale = fit_deformed(target, source, pose, DeformationKind.SCALE)
         strain = fit_deformed(target, source, pose, DeformationKind.STRAIN, thorough=False)
         bend = fit_deformed(target, source, pose, DeformationKind.BEND, thorough=False, start=strain)
         if max(strain.gain, bend.gain) > WORTH_A_LOOK:
             strain = fit_deformed(target, source, pose, DeformationKind.STRAIN)
-        if bend.gain > max(scale.gain, strain.gain) + LEAST_GAINS[DeformationKind.BEND]:
+        if explained_by_a_bend(scale, strain, bend, noise_m):
             bend = fit_deformed(target, source, pose, DeformationKind.BEND, start=strain)
     except TooFewCorrespondencesError:
         return Rigidity(None)
     by_scale, stretch = _scale_of(scale), _largest_stretch(strain, pose)
-    kind = _kind(scale, strain, bend, by_scale, stretch)
+    kind = _kind(scale, strain, bend, by_scale, stretch, noise_m)
     if kind is None:
         return Rigidity(by_scale, stretch)
     best = {DeformationKind.SCALE: scale, DeformationKind.STRAIN: strain, DeformationKind.BEND: bend}[kind]
@@ -160,8 +164,28 @@ def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -
     return Rigidity(by_scale, stretch, kind, best.gain, motions, shifts)
 
 
+def explained_by_a_bend(scale: DeformedFit, strain: DeformedFit, bend: DeformedFit, noise_m: float) -> bool:
+    """Say whether a bend explains what simpler deformations do not: surface, or gaps as large as the noise.
+
+    Parameters
+    ----------
+    scale, strain, bend
+        The fits.
+    noise_m
+        Standard deviation of single points [m].
+    """
+    more = bend.gain - max(scale.gain, strain.gain, 0.0)
+    closes = bend.explained_m > EXPLAINED_NOISES * noise_m
+    return more > LEAST_GAINS[DeformationKind.BEND] or (more > LEAST_GAINS[DeformationKind.SCALE] and closes)
+
+
 def _kind(
-    scale: DeformedFit, strain: DeformedFit, bend: DeformedFit, by_scale: Stretch | None, stretch: Stretch | None
+    scale: DeformedFit,
+    strain: DeformedFit,
+    bend: DeformedFit,
+    by_scale: Stretch | None,
+    stretch: Stretch | None,
+    noise_m: float,
 ) -> DeformationKind | None:
     """Say which deformation is there: the simplest that explains the surface; None if none is significant."""
     more = strain.gain - max(scale.gain, 0.0)
@@ -169,9 +193,7 @@ def _kind(
         return DeformationKind.SCALE
     if _tells(stretch, strain):
         return DeformationKind.STRAIN
-    if bend.gain - max(scale.gain, strain.gain, 0.0) > LEAST_GAINS[DeformationKind.BEND]:
-        return DeformationKind.BEND
-    return None
+    return DeformationKind.BEND if explained_by_a_bend(scale, strain, bend, noise_m) else None
 
 
 def _tells(found: Stretch | None, fit: DeformedFit) -> bool:

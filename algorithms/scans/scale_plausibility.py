@@ -9,6 +9,8 @@ scan is called implausible only where one of these is beyond everything known, a
 * *Flat faces.* A plane may be any length (a floor, a tunnel, flat country, a slope), but two plane faces across each
   other, as floor and wall, that are both hundreds of metres wide in either direction are not built, and slopes of
   mountains neither so plane nor so steep on both sides: rooms in millimetres or centimetres have them.
+* *Height over width.* Degrees of longitude and latitude beside heights in metres make a thread, ten metres high and a
+  fraction of a millimetre wide.
 * *Range.* Where the file says where the instrument stood, terrestrial scanners reach `LONGEST_RANGE_M` at most.
 
 What is small may be small: parts and models are scanned too. Feet are told from metres by none of these unless the scan
@@ -29,6 +31,9 @@ WIDEST_SPACING_M = 12.0
 """Largest median distance of neighbouring points [m]."""
 LONGEST_RANGE_M = 10_000.0
 """Farthest that 99 % of the points may be from a known instrument [m]."""
+WIDEST_THREAD_M, LEAST_THREAD_M, THREAD_RATIO = 0.05, 1.0, 300.0
+"""A scan that is narrower than the first in x and y [m], higher than the second [m], and so many times higher than wide
+is in degrees: half a centimetre of them are half a kilometre."""
 LARGEST_FACE_M = 40.0
 """Largest standard deviation across the narrower side of faces: 140 m from end to end."""
 FLATNESS = 0.006
@@ -110,6 +115,15 @@ def scale_warnings(points: Points, sensor_m: Vector3 | None, rng: np.random.Gene
         Draws the planes that are tried.
     """
     extent = extent_of(points)
+    x, y, z = extent.sides_m
+    if max(x, y) < WIDEST_THREAD_M and z > max(LEAST_THREAD_M, THREAD_RATIO * max(x, y)):
+        wide_mm = max(x, y) * 1e3
+        words = (
+            f"the coordinates are taken for metres, but the scan is {z:.3g} m high and only {wide_mm:.2g} mm wide: its "
+            "x and y may be degrees of longitude and latitude, in which nothing can be measured. Nothing is converted: "
+            "transform them to a projected system in metres (such as UTM) and send that"
+        )
+        return (words,)
     why = []
     if extent.spacing_m > WIDEST_SPACING_M:
         why.append(f"neighbouring points are {extent.spacing_m:.3g} m apart in the median, and no scanner measures so")

@@ -251,6 +251,8 @@ def _fault(line: str, words: Sequence[str]) -> str:
     shown = line[:60]
     if any(THOUSANDS.fullmatch(part) for part in re.split(r"[;\s]+", line)):
         return f"'{shown}' has marks between thousands; write numbers without them"
+    if sum(is_number(word.strip("\"'")) and not is_number(word) for word in words) >= 3:
+        return f"'{shown}' has numbers in quotation marks; write them without"
     if all(map(is_number, words)) and len(words) < 3:
         return f"'{shown}' has {len(words)} number{'s' * (len(words) != 1)}, but coordinates need three"
     fault = f"'{shown}' is neither a line of at least three numbers nor column names"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from service.ports import Json
 
-FEATURE_VERSION = 14
+FEATURE_VERSION = 15
 """Raise when extraction gives other features for the same scan and options."""
 
 
@@ -27,6 +27,14 @@ def photos_identity(photos: Sequence[Json], options: Json) -> Json | None:
 def features_of_content(sha256: str) -> str:
     """Name the folder with the features of all scans of a file, by its content."""
     return f"{FEATURES}{sha256}"
+
+
+def features_of_step(arguments: Json) -> str:
+    """Name the blob that a step `features` makes, by its arguments."""
+    photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
+    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
+    what = arguments["sha256"], arguments["index"], arguments["options"]
+    return feature_key(*what, photos, arguments.get("owner", ""), reading)
 
 
 def feature_key(

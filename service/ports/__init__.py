@@ -1,7 +1,7 @@
 """What the service needs of the world: storage of metadata and blobs, and a queue. Adapters provide it."""
 
 from service.ports.audit import AuditEntry, AuditFilter, AuditLog
-from service.ports.blobs import BlobStore
+from service.ports.blobs import BlobStore, StepFiles
 from service.ports.callbacks import (
     CallbackBody,
     CallbackEvent,
@@ -86,6 +86,7 @@ __all__ = [
     "StepContext",
     "StepFailedError",
     "StepFigures",
+    "StepFiles",
     "StepPlace",
     "StepProgress",
     "StepQueue",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from service.errors import ComputationFailedError, ServiceError
-from service.ports.blobs import BlobStore
+from service.ports.blobs import StepFiles
 from service.ports.documents import Json
 from service.ports.sources import Sources
 
@@ -58,7 +58,7 @@ class Plan(Protocol):
 class StepContext:
     """What a step may use besides its arguments."""
 
-    blobs: BlobStore
+    blobs: StepFiles
     progress: StepProgress
     limits: Mapping[str, int] = field(default_factory=dict)
     sources: Sources | None = None

@@ -10,6 +10,13 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 
 from service.dependencies import Adapters, WholeServiceDependency
+from service.errors import (
+    ComputationFailedError,
+    InsufficientStorageError,
+    QueueError,
+    ServiceError,
+    StorageError,
+)
 from service.ports import JobFilter, JobStatus, StepFigures
 from service.routes.readable_router import ReadableRouter
 from service.routes.request_counts import RequestCounts, RequestFigures
@@ -22,6 +29,16 @@ SUMMARIES = (
     ("tieline_step_seconds", "step_seconds", "How long steps were computed."),
     ("tieline_step_wait_seconds", "step_wait_seconds", "How long steps waited for a worker before they were computed."),
 )
+
+
+FAULTS = (
+    ComputationFailedError.title,
+    InsufficientStorageError.title,
+    QueueError.title,
+    ServiceError.title,
+    StorageError.title,
+)
+"""Kinds of failures that are not the clients'."""
 
 
 class JobFigures(Collector):
@@ -66,7 +83,8 @@ def _of_steps(figures: StepFigures) -> Iterator[Metric]:
             summary.add_metric([step], int(number), figures.totals.get(total, {}).get(step, 0.0))
         yield summary
     failures = CounterMetricFamily("tieline_job_failures", "Jobs that failed, by kind of problem.", labels=["kind"])
-    for kind, number in sorted(figures.totals.get("job_failures", {}).items()):
+    # an increase is only seen of what was there before
+    for kind, number in sorted({**dict.fromkeys(FAULTS, 0.0), **figures.totals.get("job_failures", {})}.items()):
         failures.add_metric([kind], number)
     yield failures
     deaths = sum(figures.totals.get("deaths", {}).values())

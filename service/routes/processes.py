@@ -120,7 +120,7 @@ async def execute(
     execution = await asyncio.to_thread(check_execution, process, body, stored, fetches)
     subscription = None
     if execution.subscriber is not None:
-        subscription = await checked_subscription(execution.subscriber, callbacks, url.url)
+        subscription = await checked_subscription(execution.subscriber, callbacks, url.url, settings)
     outputs = None if asynchronous else await answer_at_once(execution)
     if outputs is not None:
         return await asyncio.to_thread(raw_outputs if execution.raw else JSONResponse, outputs)

@@ -120,7 +120,7 @@ async def register(
     """Store scans and photos (all or none) and start the process `register`."""
 
     async def subscribe(subscriber: Subscriber) -> Subscription:
-        return await checked_subscription(subscriber, callbacks, url.url)
+        return await checked_subscription(subscriber, callbacks, url.url, settings)
 
     if media_type(request) != "multipart/form-data":
         raise UnsupportedMediaTypeError(

@@ -9,6 +9,7 @@ import pytest
 
 from service.dependencies import Adapters
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from tests.api.conftest import Client
 from tests.doubles.application import create_app
 
@@ -183,6 +184,33 @@ def test_a_bad_field_beside_the_inputs_is_pointed_at(
     client: Client, inputs: dict[str, Any], pointers: Pointers, change: dict[str, Any], pointer: str
 ) -> None:
     assert pointers(client.post("/processes/register/execution", json={"inputs": inputs, **change})) == [pointer]
+
+
+SUBSCRIBED = {"subscriber": {"successUri": "http://127.0.0.1:8080/", "secret": "a secret of the subscriber"}}
+
+
+def test_the_secret_of_a_subscriber_is_not_kept_as_it_came(
+    settings: Settings, adapters: Adapters, inputs: dict[str, Any]
+) -> None:
+    allowing = settings.model_copy(update={"allow_private_callbacks": True})
+    client = Client(create_app(allowing, adapters))
+    answer = client.post("/processes/register/execution", json={"inputs": inputs, **SUBSCRIBED})
+    job = adapters.jobs.get(answer.json()["jobID"])
+    seal = seal_of(allowing)
+    assert job is not None
+    assert job.subscriber is not None
+    assert seal is not None
+    assert "a secret of the subscriber" not in repr(job)
+    assert seal.opened(job.subscriber["secret"], job.owner) == "a secret of the subscriber"
+
+
+def test_a_secret_that_could_only_be_kept_in_the_clear_is_refused(
+    settings: Settings, adapters: Adapters, inputs: dict[str, Any], pointers: Pointers
+) -> None:
+    shared = {"allow_private_callbacks": True, "database_url": "postgresql://tieline@nowhere/x", "callback_secret": ""}
+    client = Client(create_app(settings.model_copy(update=shared), adapters))
+    answer = client.post("/processes/register/execution", json={"inputs": inputs, **SUBSCRIBED})
+    assert pointers(answer) == ["/subscriber/secret"]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from service.ports import Job, JobStatus
 from service.settings import Settings
 from tests.api.conftest import Client
 from tests.doubles.application import create_app
+from tests.measures.patience import patience
 
 NOW = datetime(2026, 1, 31, 12, tzinfo=UTC)
 
@@ -61,7 +62,7 @@ def followed(
                 while looks[0] < seen + 2:  # noqa: ASYNC110 - another thread looks
                     await asyncio.sleep(0.01)
                 change()
-            return (await asyncio.wait_for(asked, 10.0)).text
+            return (await asyncio.wait_for(asked, 10.0 * patience())).text
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(adapters.jobs, "get", counted)

@@ -9,6 +9,7 @@ from service.dependencies import Adapters
 from service.settings import Settings
 from tests.doubles.application import create_app
 from tests.doubles.memory import MemoryBlobStore
+from tests.measures.patience import patience
 
 FORM = b"".join(
     b'--b\r\nContent-Disposition: form-data; name="%s"; filename="%s.xyz"\r\n\r\n1 2 3\r\n' % pair
@@ -67,7 +68,7 @@ def test_an_inspection_ends_when_its_client_has_gone(settings: Settings, adapter
         async def send(_message: Any) -> None:
             return None
 
-        async with asyncio.timeout(60.0):
+        async with asyncio.timeout(60.0 * patience()):
             await app(scope, receive, send)  # type: ignore[arg-type]
         return steps
 

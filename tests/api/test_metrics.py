@@ -1,5 +1,6 @@
 """Figures for Prometheus."""
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -7,6 +8,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from service.dependencies import Adapters
 from service.ports import Job, JobStatus, StepFigures
+from service.routes.metrics import FAULTS
 from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
 from tests.doubles.application import create_app
@@ -54,6 +56,15 @@ def test_the_queue_of_steps_is_told_with_times_and_failures(tmp_path: Path) -> N
     assert found["tieline_interrupted_steps_total",] == 1
 
 
+def test_failures_that_are_the_services_are_told_before_there_is_any_so_that_the_first_one_is_an_increase(
+    client: Client,
+) -> None:
+    found = figures(client)
+    for kind in ("Computation failed", "Insufficient storage", "Internal error", "Queue unavailable"):
+        assert found["tieline_job_failures_total", kind] == 0
+    assert found["tieline_job_failures_total", "Storage unavailable"] == 0
+
+
 def test_requests_are_counted_by_route_not_by_address(client: Client) -> None:
     for name in ("one", "two"):
         client.get(f"/jobs/{name}")
@@ -81,3 +92,18 @@ def test_sizes_and_times_are_counted_by_route(client: Client) -> None:
     assert found["http_request_duration_seconds_count", "/jobs/{job_id}", "GET"] == 1
     assert found["http_request_duration_highr_seconds_count",] >= 1
     assert found["http_response_size_bytes_sum", "/jobs/{job_id}"] > 0
+
+
+def test_alarms_that_the_page_names_ask_for_figures_and_kinds_that_there_are(client: Client) -> None:
+    client.get("/jobs")
+    page = (Path(__file__).resolve().parents[2] / "service" / "README.md").read_text()
+    alarms = page.partition("\n## Watching it\n")[2].partition("\n## ")[0]
+    known = {name for name, *_ in figures(client)} | {
+        f"tieline_step{what}_seconds{part}" for what in ("", "_wait") for part in ("", "_sum", "_count")
+    }
+    named = set(re.findall(r"\b(?:tieline|http)_\w+", alarms))
+    assert named
+    assert named <= known
+    kinds = re.search(r'kind=~"([^"]+)"', alarms)
+    assert kinds is not None
+    assert set(kinds[1].split("\\|")) == set(FAULTS)

@@ -40,7 +40,7 @@ LIMITS = {
         "threads",
         "max_points",
         "max_photo_pixels",
-        "confine_readers",
+        "confine_children",
     ),
     "request": ("max_file_bytes", "max_stations", "header_timeout_s", "body_timeout_s"),
     "key or address": ("max_requests_per_minute", "max_address_requests_per_minute", "max_key_checks_per_minute"),

@@ -2,7 +2,10 @@
 
 import configparser
 import ipaddress
+import os
 import re
+import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +163,60 @@ def test_image_runs_as_an_ordinary_user_from_the_lock() -> None:
     dockerfile = (DOCKER / "Dockerfile").read_text()
     assert re.search(r"^USER [1-9]\d+$", dockerfile, re.MULTILINE)
     assert all("--locked" in line for line in dockerfile.splitlines() if "uv sync" in line)
+
+
+def test_images_of_others_are_named_by_their_digest() -> None:
+    dockerfile = (DOCKER / "Dockerfile").read_text()
+    stages = set(re.findall(r"(?m)^FROM \S+ AS (\w+)$", dockerfile))
+    images = [image for image in re.findall(r"(?m)^FROM (\S+)", dockerfile) if image not in stages]
+    images += [service["image"] for service in SERVICES.values() if "build" not in service]
+    assert len(images) >= 5
+    assert [image for image in images if not re.search(r"\w:[\w.-]+@sha256:[0-9a-f]{64}$", image)] == []
+
+
+STORE = """#!/bin/sh
+if [ -n "${ROOT_SECRET_KEY:-}" ]; then echo "server as $ROOT_ACCESS_KEY" >> "$TOLD"; fi
+echo "$ROOT_SECRET_KEY" > "$TOLD.root"
+trap 'echo "server ended" >> "$TOLD"; exit 0' TERM
+while :; do sleep 0.1; done
+"""
+ADMIN = """#!/bin/sh
+echo "$ADMIN_ACCESS_KEY_ID, $(test "$ADMIN_SECRET_ACCESS_KEY" = "$(cat "$TOLD.root")" && echo knows): $*" >> "$TOLD"
+"""
+
+
+def test_the_object_store_has_a_user_of_one_bucket_and_a_root_account_whose_password_nobody_is_told(
+    tmp_path: Path,
+) -> None:
+    assert not [name for name in SERVICES["storage"]["environment"] if "ROOT" in name]
+    for name, program in (("docker-entrypoint.sh", STORE), ("versitygw", ADMIN), ("wget", "#!/bin/sh\n")):
+        (tmp_path / name).write_text(program)
+        (tmp_path / name).chmod(0o755)
+    told = tmp_path / "told"
+    environment = {
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "TOLD": str(told),
+        "VGW_IAM_DIR": str(tmp_path / "accounts"),
+        "STORAGE_PASSWORD": "password",
+    }
+    script = (DOCKER / "storage.sh").read_text().replace("/tmp/ready", str(tmp_path / "ready"))  # noqa: S108
+    store = subprocess.Popen(["/bin/sh", "-c", script], env=environment)
+    try:
+        deadline = time.monotonic() + 60.0
+        while not (tmp_path / "ready").exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        store.terminate()
+        assert store.wait(60.0) == 0
+    finally:
+        store.kill()
+    assert told.read_text().splitlines() == [
+        "server as root",
+        "root, knows: admin create-user --access tieline --secret password --role user",
+        "root, knows: admin change-bucket-owner --bucket tieline --owner tieline",
+        "server ended",
+    ]
+    assert re.fullmatch(r"[0-9a-f]{64}\n", Path(f"{told}.root").read_text())
 
 
 def test_the_unit_of_systemd_names_what_exists() -> None:

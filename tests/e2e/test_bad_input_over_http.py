@@ -60,6 +60,7 @@ BAD_FILES: dict[str, tuple[str, bytes, str]] = {
     "a JPEG called E57": ("a.e57", b"\xff\xd8\xff\xe0\0\x10JFIF\0" + bytes(200), "JPEG"),
     "with absurd coordinates": ("a.ply", ply(with_value(1e300)), "1e+300"),
     "with absurd coordinates in text": ("a.xyz", b"1 2 3\n4 5 6\n1 1e300 4\n0 0 1\n9 9 9\n", "1e+300"),
+    "of numbers in quotation marks": ("a.csv", b'"1.5","2.5","3.5"\n' * 40, "quotation marks"),
     "of one point": ("a.xyz", b"1 2 3\n", "equal"),
     "of equal points": ("a.ply", ply(np.ones((40, 3))), "equal"),
     "of 1e18 points in a PLY header": ("a.ply", ply(POINTS, 10**18), "1000000000000000000"),

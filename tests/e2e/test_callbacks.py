@@ -74,6 +74,9 @@ def test_a_failure_is_told_once_with_the_status(
         "subscriber": {**all_three(receiver), "secret": "a secret of the subscriber"},
     }
     job = str(reaching.post("/processes/detect-edges/execution", json=body).json()["jobID"])
+    kept = list(reaching.home.rglob("tieline.sqlite*"))
+    assert kept
+    assert [path.name for path in kept if b"a secret of the subscriber" in path.read_bytes()] == []
     settled(reaching, job, f"{job}_failed to {receiver.url}/failed: delivered")
     (told,) = receiver.of("/failed")
     assert json.loads(told.body) == reaching.job(job)

@@ -62,6 +62,15 @@ def test_millimetres_end_with_an_answer_that_names_them(registered: Registered) 
     assert any("S1 is" in reason and "millimetres" in reason for reason in pair["reasons"])
 
 
+def test_degrees_beside_heights_are_named(registered: Registered) -> None:
+    thread = room(1) * [1e-5, 1e-5, 1.0] + [8.5, 47.4, 400.0]
+    warnings, pair = registered(thread, MOTION.apply(room(2)))
+    assert "degrees of longitude and latitude" in warnings[0][0]
+    assert warnings[1] == []
+    assert pair["status"] != "accepted"
+    assert any("S1" in reason and "degrees of longitude" in reason for reason in pair["reasons"])
+
+
 def test_a_moved_copy_is_never_accepted_and_says_why(registered: Registered) -> None:
     scan = room(1)
     _, pair = registered(scan, MOTION.apply(scan)[::2])

@@ -14,6 +14,7 @@ from typing import Any
 import psutil
 import pytest
 
+from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.adapters.processes.nursery_client import WarmUp
 from service.errors import ComputationFailedError
@@ -54,7 +55,7 @@ class Inspection:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
         try:
-            answer = asyncio.run(self._run({"key": "incoming/hostile", "filename": name}))
+            answer = asyncio.run(self._run({"key": "incoming/hostile", "filename": name, "bytes": len(content)}))
         except StepFailedError as error:
             pytest.fail(f"{name}: {error.problem}")
         except ComputationFailedError as error:
@@ -67,7 +68,7 @@ class Inspection:
         return answer
 
     async def _run(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        return await self.runner.run("inspect", arguments, timeout_s=PATIENCE_S * patience())
+        return await self.runner.run("inspect-file", arguments, timeout_s=PATIENCE_S * patience())
 
     def is_bounded(self, answer: Mapping[str, Any], content: bytes) -> bool:
         """Tell whether memory kept to what the limits and the length of the file allow."""
@@ -81,9 +82,8 @@ def inspection(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Inspection]
     settings = Settings(
         data_dir=home, max_points=MAX_POINTS, max_photo_pixels=MAX_PIXELS, step_memory_bytes=2_000_000_000
     )
-    runner = ChildProcesses(
-        settings, "tests.scenes.hostile.hostile_steps:STEPS", WarmUp("service.use_cases.steps.warm_up:load_for_reading")
-    )
+    warm_up = WarmUp("service.use_cases.steps.warm_up:load_for_reading")
+    runner = ChildProcesses(settings, blob_store, "tests.scenes.hostile.hostile_steps:STEPS", warm_up)
     before = set(psutil.Process().children(recursive=True))
     made = Inspection(runner, settings)
     yield made

@@ -137,7 +137,7 @@ def test_an_upload_under_way_ends_when_its_key_is_revoked(guarded: RunningServic
         writer.close()
         return answer.result()
 
-    answer = asyncio.run(asyncio.wait_for(send(), 30.0))
+    answer = asyncio.run(asyncio.wait_for(send(), 30.0 * patience()))
     assert answer.startswith(b"HTTP/1.1 401 "), answer
     wait_until(lambda: not [name for name in guarded.stored() if "incoming" in name or "partial" in name], 10.0)
 

@@ -17,6 +17,7 @@ from service.settings import Settings
 from service.use_cases.limits.machine_shares import INSPECT, machine_shares
 from tests.e2e.running_service import RunningService, running_service, wait_until
 from tests.measures.memory_watch import MemoryWatch, memory_below
+from tests.measures.patience import patience
 
 pytestmark = pytest.mark.service
 AT_ONCE = 10
@@ -83,7 +84,7 @@ def test_many_large_photos_at_once_stay_within_the_share_of_inspections(alone: R
     done = threading.Event()
 
     def ask() -> None:
-        with httpx.Client(base_url=alone.url, timeout=30.0) as client:
+        with httpx.Client(base_url=alone.url, timeout=30.0 * patience()) as client:
             while not done.wait(0.05):
                 began = time.perf_counter()
                 assert client.get("/healthz").status_code == 200

@@ -113,3 +113,21 @@ def test_the_command_line_tells_what_became_of_the_lines_of_photos(
     done, document = from_command_line
     counts = document["pairs"][0]["photo_lines"]
     assert f"{counts['matched']} matched, {counts['used']} used" in done.stdout
+
+
+def test_a_pose_of_a_camera_that_is_inverted_is_named(
+    service: RunningService, house: Sequence[Path], taken: Sequence[tuple[Path, Mapping[str, Any]]], options: Document
+) -> None:
+    wrong = json.loads(json.dumps(options))
+    photo = wrong["stations"][1]["photos"][0]
+    photo["scan_from_camera"] = (
+        RigidTransform.from_matrix(np.array(photo["scan_from_camera"])).inv().as_matrix().tolist()
+    )
+    files = [("scan", (path.name, path.read_bytes())) for path in house]
+    files += [("photo", (path.name, path.read_bytes())) for path, _ in taken]
+    answer = service.post("/registrations", files=files, data={"options": json.dumps(wrong)})
+    assert answer.status_code == 201, answer.text
+    reasons = service.result(answer.json()["jobID"])["pairs"][0]["reasons"]
+    named = [reason for reason in reasons if "inverse of scan_from_camera" in reason]
+    assert len(named) == 1
+    assert named[0].startswith("source: no line of photo 1")

@@ -57,6 +57,12 @@ def test_the_reasons_say_that_rounding_dominates(result: Document) -> None:
     assert any("coordinates are rounded to 10 mm" in reason for reason in pair["reasons"]), pair["reasons"]
 
 
+def test_rounding_is_not_taken_for_a_deformation(result: Document) -> None:
+    (pair,) = result["pairs"]
+    assert pair["status"] == "accepted", pair["reasons"]
+    assert not any("differ by more than a motion" in reason for reason in pair["reasons"]), pair["reasons"]
+
+
 def test_the_pose_is_as_good_as_it_says(result: Document) -> None:
     stations = SCENES["house"]().stations
     pose = result["pairs"][0]["target_from_source"]

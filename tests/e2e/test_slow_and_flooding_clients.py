@@ -52,7 +52,7 @@ class Outcome:
 
 def connected(url: str) -> socket.socket:
     address = httpx.URL(url)
-    return socket.create_connection((address.host, address.port or 80), timeout=10.0)
+    return socket.create_connection((address.host, address.port or 80), timeout=10.0 * patience())
 
 
 def outcome_of(url: str, attack: Attack) -> Outcome:

@@ -13,6 +13,8 @@ import httpx
 from tusclient.exceptions import TusCommunicationError
 from tusclient.uploader import Uploader
 
+from tests.measures.patience import patience
+
 PART_BYTES = 4 << 20
 BLOCK_BYTES = 1 << 18
 GIVE_UP_AFTER_S = 60.0
@@ -39,7 +41,7 @@ def blocks(path: Path, offset: int) -> Iterator[bytes]:
 
 
 def main(url: str, path: Path, manner: str) -> None:
-    deadline = time.monotonic() + GIVE_UP_AFTER_S
+    deadline = time.monotonic() + GIVE_UP_AFTER_S * patience()
     while True:
         try:
             return (send_by_tuspy if manner == "tuspy" else send_whole)(url, path)

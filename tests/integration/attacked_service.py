@@ -101,9 +101,6 @@ class AttackedService:
         """Do something to a victim that it, or the service, must survive; what needs the operator is mended at once."""
         getattr(self, f"_kill_{victim}")()
 
-    def victims(self) -> Sequence[str]:
-        return [*VICTIMS, *([] if self.server is None else ["database"])]
-
     def _kill_computation(self) -> None:
         for process in self.running.computations()[:1]:
             _end(process)
@@ -209,6 +206,11 @@ class AttackedService:
 
 
 VICTIMS = ("computation", "worker", "api", "everything", "in_order", "life_of_worker", "breath_of_worker")
+
+
+def victims_beside(kind: str) -> Sequence[str]:
+    """Name what may die where a kind of database is used."""
+    return [*VICTIMS, *(["database"] if kind == "postgresql" else [])]
 
 
 def _end(process: psutil.Process) -> None:

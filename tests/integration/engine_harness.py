@@ -57,6 +57,7 @@ class Harness:
         return {
             **os.environ,
             "PYTHONPATH": str(HERE),
+            "TIELINE_CONFINE_CHILDREN": "false",  # the steps write down what they do, and kill
             "TIELINE_DATA_DIR": str(self.settings.data_dir),
             "TIELINE_DATABASE_URL": self.settings.database_url,
             "TIELINE_SLOTS": str(self.settings.slots),

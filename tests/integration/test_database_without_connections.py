@@ -10,6 +10,7 @@ import psycopg
 import pytest
 
 from tests.e2e.running_service import RunningService, running_service, wait_until
+from tests.measures.patience import patience
 from tests.servers.postgres_server import PostgresServer, postgres_server
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(900)]
@@ -68,7 +69,7 @@ def test_while_all_connections_are_taken_requests_are_answered_and_no_job_fails(
     lasting = service.lasting_processes()
     with nothing_left(url):
         jobs = [service.execute("echo", {"stringInput": "x"}, Prefer="respond-async") for _ in range(12)]
-        answers = [httpx.get(f"{service.url}/jobs/{job}", timeout=60.0).status_code for job in jobs]
+        answers = [httpx.get(f"{service.url}/jobs/{job}", timeout=60.0 * patience()).status_code for job in jobs]
         assert answers == [200] * 12
     assert [service.finished(job, WITHIN_S)["status"] for job in jobs] == ["successful"] * 12
     assert service.lasting_processes() == lasting

@@ -10,6 +10,7 @@ import pytest
 from engine_harness import Harness, alive, harness, wait_until
 
 from service.adapters.database.job_log import DatabaseJobLog
+from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.errors import to_problem
 from service.ports import JobStatus, StepFailedError
@@ -147,7 +148,7 @@ def test_a_job_dismissed_while_it_waits_never_runs(service: Harness) -> None:
 
 
 def test_a_step_outside_a_job_gives_its_result(tmp_path: Path) -> None:
-    runner = ChildProcesses(Settings(data_dir=tmp_path), "engine_steps:STEPS")
+    runner = ChildProcesses(Settings(data_dir=tmp_path, confine_children=False), blob_store, "engine_steps:STEPS")
     arguments = {"name": "alone", "seconds": 0.3, "trace": str(tmp_path / "trace")}
     heard: list[float] = []
     result = asyncio.run(
@@ -157,7 +158,7 @@ def test_a_step_outside_a_job_gives_its_result(tmp_path: Path) -> None:
 
 
 def test_a_step_outside_a_job_that_takes_too_long_is_stopped_and_leaves_nothing(tmp_path: Path) -> None:
-    runner = ChildProcesses(Settings(data_dir=tmp_path), "engine_steps:STEPS")
+    runner = ChildProcesses(Settings(data_dir=tmp_path, confine_children=False), blob_store, "engine_steps:STEPS")
     arguments = {"name": "slow", "seconds": 60, "trace": str(tmp_path / "trace")}
     with pytest.raises(StepFailedError) as caught:
         asyncio.run(runner.run("nap", arguments, timeout_s=2.5))

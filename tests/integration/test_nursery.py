@@ -13,7 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 from engine_harness import alive, wait_until
+from engine_steps import PRACTISING
 
+from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.adapters.processes.nursery import SCOUT
 from service.adapters.processes.nursery_client import WarmUp
@@ -26,9 +28,14 @@ pytestmark = pytest.mark.service
 STEPS = "engine_steps:STEPS"
 
 
+def not_confined(folder: Path, **settings: bool) -> Settings:
+    """Give settings with which the steps may write down what they do where the tests look, and start programs."""
+    return Settings(data_dir=folder, confine_children=False, **settings)
+
+
 @pytest.fixture
 def runner(tmp_path: Path) -> Iterator[ChildProcesses]:
-    made = ChildProcesses(Settings(data_dir=tmp_path), STEPS)
+    made = ChildProcesses(not_confined(tmp_path), blob_store, STEPS)
     yield made
     made.close()
 
@@ -114,7 +121,7 @@ def test_the_death_of_the_nursery_ends_its_computations_and_is_got_over(runner: 
 
 def test_a_closed_runner_leaves_no_process(tmp_path: Path) -> None:
     async def closed() -> list[int]:
-        runner = ChildProcesses(Settings(data_dir=tmp_path), STEPS)
+        runner = ChildProcesses(not_confined(tmp_path), blob_store, STEPS)
         task, process = await napping(runner, tmp_path, "long")
         family = [process, nursery_of(process)]
         runner.close()
@@ -132,7 +139,7 @@ def test_where_there_is_no_nursery_computations_load_their_own_libraries(
     tmp_path: Path, settings: dict[str, bool]
 ) -> None:
     warm_up = WarmUp("engine_steps:not_there") if settings["nursery"] else WarmUp()
-    runner = ChildProcesses(Settings(data_dir=tmp_path, **settings), STEPS, warm_up)
+    runner = ChildProcesses(not_confined(tmp_path, **settings), blob_store, STEPS, warm_up)
     result = asyncio.run(runner.run("nap", nap(tmp_path, "cold"), timeout_s=60.0 * patience()))
     runner.close()
     assert result == {"name": "cold"}
@@ -152,10 +159,9 @@ class Practice:
 
 @pytest.fixture
 def practice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Practice]:
-    monkeypatch.setenv("PRACTISED", str(tmp_path / "practised"))
-    monkeypatch.setenv("PRACTISING_TAKES_S", "0")
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # of the variables that the steps get
     warm_up = WarmUp(kernels="engine_steps:practise")
-    made = Practice(ChildProcesses(Settings(data_dir=tmp_path), STEPS, warm_up), tmp_path / "practised")
+    made = Practice(ChildProcesses(not_confined(tmp_path), blob_store, STEPS, warm_up), tmp_path / "practised")
     yield made
     made.runner.close()
 
@@ -168,10 +174,8 @@ def test_in_an_idle_moment_a_copy_practises_and_when_it_succeeds_the_nursery(pra
     assert name != SCOUT
 
 
-def test_what_cannot_be_practised_is_left_and_computations_run(
-    practice: Practice, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PRACTISING_FAILS", "yes")
+def test_what_cannot_be_practised_is_left_and_computations_run(practice: Practice, tmp_path: Path) -> None:
+    (tmp_path / PRACTISING).write_text("fails")
     practice.runner.warm_up()
     wait_until(lambda: len(practice.practised()) == 1)
     time.sleep(3.0)  # longer than the nursery would wait before it tried again
@@ -180,9 +184,9 @@ def test_what_cannot_be_practised_is_left_and_computations_run(
 
 
 def test_orders_are_followed_while_a_scout_compiles_and_it_ends_with_the_nursery(
-    practice: Practice, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    practice: Practice, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("PRACTISING_TAKES_S", "60")
+    (tmp_path / PRACTISING).write_text("takes long")
     practice.runner.warm_up()
     wait_until(lambda: len(practice.practised()) == 1)
     begun = time.monotonic()

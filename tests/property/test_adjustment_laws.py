@@ -210,6 +210,7 @@ def test_reversed_line_directions_change_nothing():
     np.testing.assert_allclose(two.pose.covariance, one.pose.covariance, rtol=1e-8, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_covariance_of_independent_lines_is_honest():
     rng, runs = np.random.default_rng(6), 50
     errors, omegas = [], []

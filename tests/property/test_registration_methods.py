@@ -18,7 +18,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import match_features
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
-from algorithms.registration import RegistrationMethod, pair_verdict
+from algorithms.registration import DEFAULT_METHOD, RegistrationMethod, pair_verdict
 from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
@@ -34,6 +34,12 @@ FAR_ORIGIN_M = np.array([500_000.0, 5_300_000.0, 400.0])
 LARGEST_NEES = 22.5
 """99.9 % of chi-square with six degrees of freedom: one scene, one seed."""
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+usual_method = pytest.mark.parametrize(
+    "method",
+    [pytest.param(each, marks=[] if each is DEFAULT_METHOD else pytest.mark.slow) for each in METHODS],
+    ids=lambda method: method.name,
+)
+"""Every method, and all but the default one with the slow tests: each registers once more."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -109,7 +115,7 @@ def test_a_known_pose_is_recovered_and_accepted_with_an_honest_covariance(method
     assert np.linalg.norm(error[3:]) < 0.002
 
 
-@every_method
+@usual_method
 def test_the_same_input_gives_the_same_answer(method: Any) -> None:
     again = method().register(same_problem_again(), progress=NoProgress(), rng=np.random.default_rng(5))
     first = registered(method, "pipe_hall")
@@ -118,7 +124,7 @@ def test_the_same_input_gives_the_same_answer(method: Any) -> None:
     )
 
 
-@every_method
+@usual_method
 def test_swapping_the_scans_inverts_the_answer(method: Any) -> None:
     there, back = (pose_of(registered(method, "pipe_hall", swapped=swapped)) for swapped in (False, True))
     difference = error_of(back.inverse().target_from_source, there.target_from_source)
@@ -127,7 +133,7 @@ def test_swapping_the_scans_inverts_the_answer(method: Any) -> None:
     assert (np.abs(difference) < part * np.sqrt(np.diag(there.covariance))).all()
 
 
-@every_method
+@usual_method
 def test_swapping_the_scans_changes_neither_status_nor_estimator(method: Any) -> None:
     there, back = (registered(method, "pipe_hall", swapped=swapped) for swapped in (False, True))
     assert back.status is there.status
@@ -136,6 +142,7 @@ def test_swapping_the_scans_changes_neither_status_nor_estimator(method: Any) ->
     )
 
 
+@pytest.mark.slow
 def test_swapping_scans_of_like_rooms_that_share_little_inverts_the_answer() -> None:
     scene = SCENES["office"]()
     scans = simulate_stations(scene, [scene.stations[k] for k in (1, 3)], SCANNER, np.random.default_rng(3))
@@ -174,7 +181,7 @@ def test_scans_of_different_places_are_never_accepted(method: Any) -> None:
     assert result.reasons
 
 
-@every_method
+@usual_method
 def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
     far = pose_of(method().register(far_problem(), progress=NoProgress(), rng=np.random.default_rng(0)))
     near = pose_of(registered(method, "pipe_hall"))
@@ -183,7 +190,7 @@ def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
     np.testing.assert_allclose(far.covariance, near.covariance, rtol=1e-6, atol=1e-18)
 
 
-@every_method
+@usual_method
 def test_a_tilted_instrument_changes_nothing(method: Any) -> None:
     problem, truth = tilted_problem()
     result = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))

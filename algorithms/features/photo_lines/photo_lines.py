@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Matrix6
 from algorithms.features.photo_lines.merged_lines import merge_lines
+from algorithms.features.photo_lines.misstated_mounts import better_reading
 from algorithms.features.photo_lines.mount_contradictions import check_mounts
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines.projected_edges import ProjectedEdges, project_edges
@@ -80,7 +81,7 @@ def add_photo_lines(
         When a photo does not have the size of its camera.
     """
     parts: list[ProjectedEdges] = []
-    mounts, segment_counts = [], []
+    mounts, segment_counts, readings = [], [], []
     for number, photo in enumerate(photos):
         section = ProgressSection(progress, number / count, (number + 1) / count)
         detecting, projecting = ProgressSection(section, 0.0, 0.6), ProgressSection(section, 0.6, 1.0)
@@ -98,6 +99,20 @@ def add_photo_lines(
                 progress=projecting,
             )
         )
+        reading = -1, 0
+        if not merge_lines(features.lines, parts[-1:], mounts[-1:], MERGING).merged_counts[0]:
+            reading = better_reading(
+                segments,
+                photo.camera,
+                photo.scan_from_camera,
+                scan,
+                features.lines,
+                photo.mount_covariance,
+                options.projection,
+                MERGING,
+                noise_std_m=features.noise_std_m,
+            )
+        readings.append(reading)
     merged = merge_lines(features.lines, parts, mounts, MERGING)
     rejections = [np.bincount(part.rejected_reasons, minlength=len(EdgeRejection)) for part in parts]
     return replace(
@@ -113,6 +128,7 @@ def add_photo_lines(
             line_kinds=merged.kinds,
             witnesses=concatenated_lines([part.witnesses for part in parts]),
             witness_normals=np.concatenate([part.witness_normals for part in parts]),
+            other_readings=np.array(readings, dtype=np.int64).reshape(-1, 2),
         ),
         mount_test=check_mounts(features.lines, features.planes.covariances, parts, mounts, MERGING),
     )

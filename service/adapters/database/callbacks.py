@@ -12,8 +12,9 @@ from urllib.parse import urlsplit
 import sqlalchemy as sa
 
 from service.adapters.database.executors import clock
-from service.adapters.database.tables import callbacks, executors
+from service.adapters.database.tables import callbacks, executors, jobs
 from service.ports import CallbackEvent, ClaimedCallback, Job, JobStatus, Subscription
+from service.use_cases.access.sealed_secrets import Seal, is_sealed
 
 EVENTS = {
     JobStatus.RUNNING: CallbackEvent.IN_PROGRESS,
@@ -37,6 +38,37 @@ def note_change(connection: sa.Connection, job: Job) -> None:
     if uri is not None and connection.execute(known).first() is None:
         row = {"job_id": job.id, "event": event.value, "uri": uri, "host": urlsplit(uri).hostname or ""}
         connection.execute(sa.insert(callbacks).values(**row, due=clock(connection), attempts=0, delivered=0))
+
+
+def seal_old_secrets(engine: sa.Engine, seal: Seal | None) -> None:
+    """Encrypt the secrets of subscribers that were kept as they were sent; forget those of whom nothing is due.
+
+    Parameters
+    ----------
+    engine
+        Of a database whose tables are up to date.
+    seal
+        Encrypts; None: they are forgotten, and what is due is signed as where there was none.
+    """
+    subscribed = sa.select(jobs.c.id, jobs.c.owner, jobs.c.subscriber).where(jobs.c.subscriber.is_not(None))
+    with engine.begin() as connection:
+        for job_id, owner, subscriber in connection.execute(subscribed).all():
+            if is_sealed(subscriber["secret"]):
+                continue
+            kept = "" if seal is None else seal.sealed(subscriber["secret"], owner)
+            changed = {"subscriber": {**subscriber, "secret": kept}}
+            connection.execute(sa.update(jobs).where(jobs.c.id == job_id).values(changed))
+            _forget_secret(connection, job_id)
+
+
+def _forget_secret(connection: sa.Connection, job_id: str) -> None:
+    """Forget the secret of a subscriber to whom nothing more is to be told."""
+    ended = sa.and_(jobs.c.id == job_id, jobs.c.finished.is_not(None), jobs.c.subscriber.is_not(None))
+    row = connection.execute(sa.select(jobs.c.subscriber).where(ended)).first()
+    due = sa.select(callbacks.c.event).where(callbacks.c.job_id == job_id, callbacks.c.due.is_not(None))
+    if row is not None and row[0]["secret"] and connection.execute(due).first() is None:
+        changed = {"subscriber": {**row[0], "secret": ""}}
+        connection.execute(sa.update(jobs).where(jobs.c.id == job_id).values(changed))
 
 
 class DatabaseCallbacks:
@@ -81,8 +113,13 @@ class DatabaseCallbacks:
         ]
 
     def settle(self, claimed: ClaimedCallback) -> None:
-        """Note that nothing more is to be told; nothing happens when somebody else has claimed it meanwhile."""
+        """Note that nothing more is to be told; nothing happens when somebody else has claimed it meanwhile.
+
+        The secret of a subscriber who has been told all is forgotten.
+        """
         self._end_claim(claimed, None)
+        with self._engine.begin() as connection:
+            _forget_secret(connection, claimed.job_id)
 
     def retry(self, claimed: ClaimedCallback, seconds: float) -> None:
         """Let the same be tried again after a time."""

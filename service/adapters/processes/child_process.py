@@ -14,17 +14,20 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import IO
 
 import psutil
 import structlog
 
+from service.adapters.processes.handing import hand_out, take_in
 from service.adapters.processes.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
-from service.adapters.processes.process_limits import DEFAULT_STEPS, is_harmless, is_secret, this_host
-from service.errors import ComputationFailedError, to_problem
-from service.ports import Json, StepFailedError
+from service.adapters.processes.process_limits import DEFAULT_STEPS, is_harmless, this_host
+from service.errors import ComputationFailedError, ServiceError, to_problem
+from service.ports import BlobStore, Json, StepFailedError
 from service.settings import Settings
-from service.use_cases.limits.machine_shares import INSPECT
+from service.use_cases.steps.step_needs import FETCH, StepNeeds, needs_of
 
 NOTHING_WARM = WarmUp()
 LAST_WORDS_LINES = 12
@@ -48,6 +51,7 @@ class _Conversation:
 
     result: Json | None = None
     problem: Json | None = None
+    wanted: bool = False
     words: deque[str] = field(default_factory=lambda: deque(maxlen=LAST_WORDS_LINES))
     doing: str = ""
 
@@ -66,33 +70,26 @@ class ChildProcesses:
     ----------
     settings
         Limits, number of threads and place of the data; handed to the child.
+    store
+        Gives the store of blobs; copies of what is elsewhere are kept in a directory as long as it is there.
     steps
         ``module:attribute`` of the mapping of step names to functions.
     warm_up
         What they find loaded.
-    reads_only
-        They read what was uploaded, and need no credentials.
     """
 
     def __init__(
         self,
         settings: Settings,
+        store: Callable[[Settings, Path], BlobStore],
         steps: str = DEFAULT_STEPS,
         warm_up: WarmUp = NOTHING_WARM,
-        *,
-        reads_only: bool = False,
     ) -> None:
-        self._settings = settings
+        self._settings, self._store = settings, store
         self._steps = steps
-        self._reads_only = reads_only
-        self._nursery = NurseryClient(steps, warm_up, self._environment, settings.niceness)
+        self._nursery = NurseryClient(steps, warm_up, partial(environment, settings), settings.niceness)
         self._scratch = settings.data_dir.resolve() / "scratch"
         self._scratch.mkdir(parents=True, exist_ok=True)
-
-    def _environment(self) -> Mapping[str, str]:
-        """Give the variables of a process that is about to start."""
-        kept = _kept_environment(self._settings, reads_only=self._reads_only)
-        return {**kept, **environment(self._settings)}
 
     def warm_up(self) -> None:
         """Load libraries already now."""
@@ -107,40 +104,65 @@ class ChildProcesses:
         self, step: str, arguments: Json, *, timeout_s: float, on_progress: Callable[[float, str], None] | None = None
     ) -> Json:
         """Give the step's output; see `service.ports.StepRunner`."""
-        heard = _Conversation()
-        directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
-        directory.mkdir()
+        needs = needs_of(step, arguments)
         request = {
             "step": step,
             "arguments": arguments,
             "settings": self._settings.model_dump(mode="json", exclude=_unneeded_by(step)),
-            "scratch": str(directory),
         }
-        try:
-            code = await self._converse(request, heard, timeout_s, on_progress or _ignore)
-        except TimeoutError:
-            error = ComputationFailedError(f"the computation took longer than {timeout_s:g} s and was stopped")
-            raise StepFailedError(to_problem(error)) from None
-        finally:
-            shutil.rmtree(directory, ignore_errors=True)
+        # in an object store, what is seldom needed is fetched when it is needed, and the step begun again
+        for seldom in (False, True) if self._settings.storage_url.startswith("s3:") else (True,):
+            heard = _Conversation()
+            directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
+            directory.mkdir()
+            try:
+                async with asyncio.timeout(timeout_s):
+                    code = await self._run(request, needs, heard, directory, seldom, on_progress or _ignore)
+            except TimeoutError:
+                error = ComputationFailedError(f"the computation took longer than {timeout_s:g} s and was stopped")
+                raise StepFailedError(to_problem(error)) from None
+            finally:
+                shutil.rmtree(directory, ignore_errors=True)
+            if not heard.wanted:
+                break
         if heard.problem is not None:
             raise StepFailedError(heard.problem)
         if heard.result is None:
             raise ComputationFailedError(", ".join(filter(None, (_ending(code), heard.last_words()))))
         return heard.result
 
-    async def _converse(
-        self, request: Json, heard: _Conversation, timeout_s: float, on_progress: Callable[[float, str], None]
+    async def _run(
+        self,
+        request: Json,
+        needs: StepNeeds,
+        heard: _Conversation,
+        directory: Path,
+        seldom: bool,
+        on_progress: Callable[[float, str], None],
     ) -> int:
+        """Hand the child what it needs, listen to it, and take in what it made."""
+        own = directory / "own"  # beside copies that others read as well, to which it must not write
+        own.mkdir()
+        blobs = self._store(self._settings, directory)
+        try:
+            handed = await asyncio.to_thread(hand_out, needs, blobs, seldom=seldom)
+            code = await self._converse({**request, **handed, "scratch": str(own)}, heard, on_progress)
+            if heard.result is not None:
+                await asyncio.to_thread(take_in, needs, own, blobs)
+        except ComputationFailedError:
+            raise
+        except (ServiceError, OSError) as error:
+            raise StepFailedError(to_problem(error)) from error
+        return code
+
+    async def _converse(self, request: Json, heard: _Conversation, on_progress: Callable[[float, str], None]) -> int:
         """Start the child, listen until it ends; kill it and all it started whatever happens."""
         try:
-            return await self._attempt(request, heard, timeout_s, on_progress)
+            return await self._attempt(request, heard, on_progress)
         except NotWarmError:
-            return await self._attempt(request, heard, timeout_s, on_progress)
+            return await self._attempt(request, heard, on_progress)
 
-    async def _attempt(
-        self, request: Json, heard: _Conversation, timeout_s: float, on_progress: Callable[[float, str], None]
-    ) -> int:
+    async def _attempt(self, request: Json, heard: _Conversation, on_progress: Callable[[float, str], None]) -> int:
         reports, reports_end = os.pipe()
         output, output_end = os.pipe()
         try:
@@ -160,14 +182,14 @@ class ChildProcesses:
             asyncio.ensure_future(_overhear(output, heard, str(request["step"]))),
         ]
         try:
-            async with asyncio.timeout(timeout_s):
-                return await process.wait()
+            return await process.wait()
         finally:
             process.kill()
             await asyncio.shield(asyncio.gather(process.wait(), *listeners, return_exceptions=True))
 
     async def _started(self, step: str, request: IO[bytes], reports: int, output: int) -> "_ColdProcess | WarmProcess":
-        if self._settings.nursery and self._nursery.usable:
+        # what fetches gets credentials, which no copy of the nursery has
+        if self._settings.nursery and self._nursery.usable and step != FETCH:
             return self._nursery.begin(step, request, reports, output)
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "service.child"),
@@ -177,7 +199,7 @@ class ChildProcesses:
             stderr=output,
             start_new_session=True,
             pass_fds=(reports,),
-            env=self._environment(),
+            env={**environment(self._settings), **(_credentials() if step == FETCH else {})},
         )
         return _ColdProcess(process)
 
@@ -200,25 +222,19 @@ class _ColdProcess:
 
 
 def _unneeded_by(step: str) -> set[str]:
-    """Name the settings that a step must not know; what is inspected lies on this machine."""
-    return {"database_url", "callback_secret", *(("storage_url", "allowed_sources") if step == INSPECT else ())}
+    """Name the settings that a step must not know: it is handed what it needs of the stores."""
+    return {"database_url", "callback_secret", "storage_url", *(() if step == FETCH else ("allowed_sources",))}
 
 
-def _kept_environment(settings: Settings, *, reads_only: bool) -> Mapping[str, str]:
-    """Give the variables that computations find; credentials only where they fetch or keep something elsewhere."""
-    if reads_only:
-        return {name: value for name, value in os.environ.items() if is_harmless(name)}
-    elsewhere = settings.storage_url.startswith("s3:") or settings.allowed_sources
-    return {
-        name: value
-        for name, value in os.environ.items()
-        if not is_secret(name) or (elsewhere and name.startswith("AWS_"))
-    }
+def _credentials() -> Mapping[str, str]:
+    """Give the variables by which object stores are reached, and certificates found."""
+    return {name: value for name, value in os.environ.items() if name.startswith(("AWS_", "SSL_CERT_"))}
 
 
 def environment(settings: Settings) -> Mapping[str, str]:
-    """Give the variables that must be known before the libraries are imported."""
+    """Give the variables of a computing process: none with secrets, and what libraries must know from their start."""
     return {
+        **{name: value for name, value in os.environ.items() if is_harmless(name)},
         **dict.fromkeys(THREAD_VARIABLES, str(settings.threads_per_computation)),
         **LIBRARY_VARIABLES,
         "TIELINE_NICENESS": str(settings.niceness),
@@ -254,6 +270,8 @@ async def _listen(reports: int, heard: _Conversation, on_progress: Callable[[flo
             heard.result = report["result"]
         elif "problem" in report:
             heard.problem = report["problem"]
+        elif "wanted" in report:
+            heard.wanted = True
         else:
             heard.doing = report["message"]
             on_progress(report["fraction"], report["message"])

@@ -1,7 +1,8 @@
-"""Take from a process, for good, all that reading one file does not need (Linux: no_new_privs, Landlock, seccomp).
+"""Take from a process, for good, all that one computation does not need (Linux: no_new_privs, Landlock, seccomp).
 
-A parser that is taken over by a hostile file then sees that file, the libraries and a scratch directory, reaches no
-network and starts no program. Nothing here needs privileges. What a kernel does not have is left out, and said.
+A parser that is taken over by a hostile file then sees the files of its step, the libraries and a scratch directory,
+reaches no network and starts no program. Nothing here needs privileges. What a kernel does not have is left out, and
+said.
 """
 
 import ctypes
@@ -37,9 +38,11 @@ FORBIDDEN = {
     "bpf": (321, 280), "perf_event_open": (298, 241), "keyctl": (250, 219), "add_key": (248, 217),
     "request_key": (249, 218), "userfaultfd": (323, 282), "io_uring_setup": (425, 425), "io_uring_enter": (426, 426),
     "open_by_handle_at": (304, 265), "init_module": (175, 105), "kexec_load": (246, 104), "setuid": (105, 146),
-    "setgid": (106, 144),
+    "setgid": (106, 144), "setsid": (112, 157), "setpgid": (109, 154),
 }  # fmt: skip
-"""What reading a file never needs, with its numbers on x86-64 and on AArch64."""
+"""What a computation never needs, with its numbers on x86-64 and on AArch64."""
+OF_NETWORK = {"socket", "connect", "bind", "sendto"}
+"""Of these, what is needed to fetch a file."""
 SYSTEM: tuple[str, ...] = (
     "/usr",
     "/lib",
@@ -51,6 +54,28 @@ SYSTEM: tuple[str, ...] = (
     "/dev/null",
 )
 SYSTEM += ("/dev/zero", "/dev/urandom", "/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/proc/stat")
+SYSTEM_OF_NETWORK: tuple[str, ...] = (
+    "/etc/resolv.conf",
+    "/etc/hosts",
+    "/etc/nsswitch.conf",
+    "/etc/host.conf",
+    "/etc/gai.conf",
+    "/etc/services",
+    "/etc/ssl",
+    "/etc/pki",
+    "/etc/ca-certificates",
+    "/run/systemd/resolve",
+)
+"""How names of hosts become addresses, and which certificates are trusted."""
+VARIABLES_OF_NETWORK = (
+    "SSL_CERT_FILE",
+    "SSL_CERT_DIR",
+    "AWS_WEB_IDENTITY_TOKEN_FILE",
+    "AWS_CONTAINER_AUTHORIZATION_TOKEN_FILE",
+    "AWS_SHARED_CREDENTIALS_FILE",
+    "AWS_CONFIG_FILE",
+)
+"""Name files that are read for it."""
 
 
 @dataclass(frozen=True)
@@ -78,17 +103,19 @@ def available() -> Confinement:
     return Confinement(max(0, int(version)), bool(known))
 
 
-def confine(file: Path, scratch: Path, data_dir: Path) -> Confinement:
-    """Leave this process one file to read, one directory to write in, and the libraries. There is no way back.
+def confine(files: Sequence[Path], scratch: Path, data_dir: Path, *, network: bool = False) -> Confinement:
+    """Leave this process some files to read, one directory to write in, and the libraries. There is no way back.
 
     Parameters
     ----------
-    file
+    files
         What is read.
     scratch
         May be written to.
     data_dir
         Is not read beyond these, even where a path of libraries leads there.
+    network
+        Leave it the network as well.
 
     Raises
     ------
@@ -99,10 +126,13 @@ def confine(file: Path, scratch: Path, data_dir: Path) -> Confinement:
     if found.landlock or found.seccomp:
         _checked(ctypes.CDLL(None, use_errno=True).prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0), "no_new_privs")
     if found.landlock:
-        readable = [*map(Path, SYSTEM), *_libraries(data_dir.resolve())]
-        _restrict_files(found.landlock, [file.resolve(), *readable], [scratch.resolve(), Path("/dev/null")])
+        readable = [*map(Path, SYSTEM), *_libraries(data_dir.resolve()), *(file.resolve() for file in files)]
+        if network:
+            named = (os.environ[name] for name in VARIABLES_OF_NETWORK if os.environ.get(name))
+            readable += map(Path, (*SYSTEM_OF_NETWORK, *named))
+        _restrict_files(found.landlock, readable, [scratch.resolve(), Path("/dev/null")], network=network)
     if found.seccomp:
-        _restrict_calls()
+        _restrict_calls(FORBIDDEN.keys() - (OF_NETWORK if network else set()))
     return found
 
 
@@ -111,19 +141,26 @@ def _libraries(data_dir: Path) -> Iterable[Path]:
     ours = (sys.modules[name] for name in ("service", "schemas", "algorithms") if name in sys.modules)
     packages = [Path(place) for module in ours for place in module.__path__]
     roots = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, sys.exec_prefix) if place]
-    for place in (*packages, *roots):
+    for place in (*packages, *roots, *_kernels()):
         resolved = place.resolve()
         if not data_dir.is_relative_to(resolved):
             yield resolved
 
 
-def _restrict_files(version: int, readable: Sequence[Path], writable: Sequence[Path]) -> None:
+def _kernels() -> Iterable[Path]:
+    """Give where compiled kernels may be kept other than beside the program."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(os.environ["NUMBA_CACHE_DIR"])
+    yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+
+
+def _restrict_files(version: int, readable: Sequence[Path], writable: Sequence[Path], *, network: bool) -> None:
     library = ctypes.CDLL(None, use_errno=True)
     rights = max(number for since, number in FILE_RIGHTS_OF_VERSION if since <= version)
     every = (1 << rights) - 1
     parts = [every]
     if version >= NET_VERSION:
-        parts.append(0b11)  # to bind and to connect
+        parts.append(0 if network else 0b11)  # to bind and to connect
     if version >= SCOPE_VERSION:
         parts.append(0b11)  # abstract sockets and signals of others
     attributes = struct.pack(f"{len(parts)}Q", *parts)
@@ -150,10 +187,10 @@ def _allow(library: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
         os.close(descriptor)
 
 
-def _restrict_calls() -> None:
+def _restrict_calls(forbidden: Iterable[str]) -> None:
     """Let the kernel refuse what is forbidden, and everything in another way of calling."""
     architecture, column = ARCHITECTURES[platform.machine()]
-    numbers = sorted(each[column] for each in FORBIDDEN.values())
+    numbers = sorted(FORBIDDEN[name][column] for name in forbidden)
     refuse = (RETURN, 0, 0, REFUSE | REFUSED)
     program = [
         (LOAD, 0, 0, 4),

@@ -30,9 +30,6 @@ HARMLESS: tuple[str, ...] = (
 )
 HARMLESS += ("MKL_", "VECLIB_", "MALLOC_", "XDG_CACHE_HOME", "COLUMNS", "TERM")
 """Beginnings of the names of variables that hold no secrets and that a computation may need."""
-SECRETS = ("TIELINE_", "PG", "AWS_", "AZURE_", "GOOGLE_")
-"""Of those that hold credentials, or settings that are handed over otherwise."""
-SECRET_WORDS = ("SECRET", "PASSWORD", "PASSWD", "TOKEN", "CREDENTIAL", "PRIVATE", "API_KEY")
 FIRST_TO_GO = 900
 """Of 1000: what computes can be begun again, what answers or keeps data cannot."""
 
@@ -40,11 +37,6 @@ FIRST_TO_GO = 900
 def is_harmless(name: str) -> bool:
     """Tell whether a variable of the environment holds no secret."""
     return name.startswith(HARMLESS)
-
-
-def is_secret(name: str) -> bool:
-    """Tell whether a variable of the environment may hold what no computation is to know."""
-    return name.startswith(SECRETS) or any(word in name.upper() for word in SECRET_WORDS)
 
 
 def die_with_parent(parent: int) -> None:

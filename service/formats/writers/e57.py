@@ -1,8 +1,10 @@
 """Fresh E57 (ASTM E2807): points in the scan frame, poses, grids, images."""
 
+import errno
+import os
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -16,7 +18,7 @@ from service.formats.writers.base import CloudFacts, PointPiece, StationCloud, W
 from service.formats.writers.e57_images import DISTORTION_PREFIX, add_images, is_distorted
 from service.formats.writers.e57_values import set_numbers, set_pose
 from service.formats.writers.placed import placed, scalar_of
-from service.formats.writers.whole_files import whole_file
+from service.formats.writers.whole_files import is_full, whole_file
 
 RECORDS_AT_ONCE = 1 << 19
 AXES = ("X", "Y", "Z")
@@ -82,9 +84,12 @@ def _created(path: Path) -> Iterator[Any]:
         root.set("e57LibraryVersion", libe57.StringNode(image_file, libe57.E57_LIBRARY_ID))
         yield image_file
         image_file.close()
-    except BaseException:
-        image_file.cancel()
+    except libe57.E57Exception as fault:
+        if is_full(fault):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from fault
         raise
+    finally:
+        image_file.cancel()  # does nothing where it was closed
 
 
 def _guid(of: str) -> str:
@@ -172,14 +177,20 @@ def _written(image_file: Any, points: Any, fields: dict[str, Array], cloud: Stat
     for name, array in fields.items():
         buffers.append(libe57.SourceDestBuffer(image_file, name, array, len(array), True, True))
     writer = points.writer(buffers)
-    for piece in cloud.pieces():
-        for start in range(0, len(piece), RECORDS_AT_ONCE):
-            length = min(RECORDS_AT_ONCE, len(piece) - start)
-            for name, column in _columns(cloud, piece, slice(start, start + length)).items():
-                fields[name][:length] = column
-            writer.write(length)
-            yield length
-    writer.close()
+    try:
+        for piece in cloud.pieces():
+            for start in range(0, len(piece), RECORDS_AT_ONCE):
+                length = min(RECORDS_AT_ONCE, len(piece) - start)
+                for name, column in _columns(cloud, piece, slice(start, start + length)).items():
+                    fields[name][:length] = column
+                writer.write(length)
+                yield length
+        writer.close()
+    finally:
+        # libE57 crashes where an open writer outlives its file
+        if writer.isOpen():
+            with suppress(libe57.E57Exception):
+                writer.close()
 
 
 def _columns(cloud: StationCloud, piece: PointPiece, part: slice) -> dict[str, Array]:

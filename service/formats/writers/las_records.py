@@ -19,6 +19,8 @@ WITH_COLOR, PLAIN = 7, 6
 """Point formats of LAS 1.4."""
 STATIONS_USER, STATIONS_RECORD = "tieline", 1
 """The record with the names of the stations, as JSON."""
+CLASSIFICATION = "classification"
+"""The field that LAS has for itself."""
 TO_16_BIT = 257
 """Colours of 8 bits in 16."""
 ONE_RETURN = 0b0001_0001
@@ -53,7 +55,8 @@ class LasLayout:
             raise UnwritableError(
                 what, f"the points lie {2 * half_m / 1000:.0f} km apart; 32 bits of 0.1 mm reach 429 km"
             )
-        return LasLayout(WITH_COLOR if clouds.has_color else PLAIN, offset_m, clouds.scalars)
+        extra = tuple(field for field in clouds.scalars if field.name != CLASSIFICATION)
+        return LasLayout(WITH_COLOR if clouds.has_color else PLAIN, offset_m, extra)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -91,8 +94,8 @@ class LasLayout:
                 records[name] = piece.color[:, channel].astype(np.uint16) * TO_16_BIT
         records["returns"] = ONE_RETURN
         records["point_source_id"] = min(number + 1, 65535)
-        if "classification" in piece.scalars:
-            records["classification"] = piece.scalars["classification"]
+        if CLASSIFICATION in piece.scalars:
+            records[CLASSIFICATION] = piece.scalars[CLASSIFICATION]
         for field in self.scalars:
             records[f"extra_{field.name}"] = scalar_of(piece, field)
         return records

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import structlog
 
-from service.errors import AddressRefusedError
+from service.errors import AddressRefusedError, StorageError
 from service.ports import (
     BlobStore,
     CallbackBody,
@@ -30,6 +30,7 @@ from service.ports import (
     Subscription,
 )
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import is_sealed, seal_of
 from service.use_cases.callbacks.callback_signatures import UNSIGNED, derived_secret, signed_headers
 from service.use_cases.jobs.describe_job import status_info
 from service.use_cases.jobs.find_job import wanted_outputs
@@ -140,7 +141,21 @@ class CallbackDelivery:
         elif message is None:
             await asyncio.to_thread(self.callbacks.go_on, claimed, self.settings.callback_interval_s, None)
         else:
-            await self._send(claimed, subscription.secret or self._secret_for(claimed, job), message)
+            try:
+                secret = await asyncio.to_thread(self._own_secret, subscription, job)
+            except StorageError as error:
+                await self._give_up(claimed, str(error))
+                return
+            await self._send(claimed, secret or self._secret_for(claimed, job), message)
+
+    def _own_secret(self, subscription: Subscription, job: Job) -> str:
+        """Give the secret that the subscriber brought; empty for none."""
+        if is_sealed(subscription.secret) and subscription.secret:
+            seal = seal_of(self.settings)
+            if seal is None:
+                raise StorageError("the subscriber's secret cannot be read without TIELINE_CALLBACK_SECRET")
+            return seal.opened(subscription.secret, job.owner)
+        return subscription.secret
 
     def _secret_for(self, claimed: ClaimedCallback, job: Job) -> str:
         """Give what signs in the operator's name; empty for nothing."""

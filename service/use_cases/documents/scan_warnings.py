@@ -4,6 +4,9 @@ from collections.abc import Sequence
 
 from service.ports import Json, StoredFile
 
+TAKEN_FOR_METRES = "the coordinates are taken for metres"
+"""So warnings begin that hold only while nobody states a unit (`algorithms.scans.scale_plausibility`)."""
+
 
 def is_usable(scan: Json) -> bool:
     """Tell whether a job may use a scan; what was stored before this was asked is usable."""
@@ -43,7 +46,8 @@ def warnings_of_scan(filename: str, scans: Sequence[Json], index: int, unit: str
     unit
         That the request states; None: it does not.
     """
-    own = [f"{filename}: {text}" for scan in scans if scan["index"] == index for text in scan.get("warnings") or ()]
+    said = [str(text) for scan in scans if scan["index"] == index for text in scan.get("warnings") or ()]
+    own = [f"{filename}: {text}" for text in said if unit is None or not text.startswith(TAKEN_FOR_METRES)]
     if unit not in {None, "m"}:
         own.append(f"{filename}: the coordinates were converted from {unit} to metres, as the request states")
     return [*own, *left_out(filename, scans)]

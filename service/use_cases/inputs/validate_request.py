@@ -21,7 +21,7 @@ BEYOND = "this is no valid JSON: a number is beyond what float64 can hold"
 MOST_FAULTS = 1000
 """More are counted and not listed: each takes a hundred times the room of what is wrong."""
 ModelT = TypeVar("ModelT", bound=BaseModel)
-WRONG_FIELDS = "some fields of the request are wrong; `errors` lists each with its JSON pointer"
+WRONG_FIELDS = "some fields of the request are wrong; each is listed with its JSON pointer"
 
 
 def parse_json(body: bytes, pointer: str = "") -> Any:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
@@ -14,6 +14,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import MakeIdentifier, new_identifier
 from service.ports import USUAL_URGENCY, Job, JobStatus, Json, Process, Stored, Subscription
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.inputs.fetch_files import Fetch, without_absence
 from service.use_cases.inputs.stations_of_jobs import with_stations_of_jobs
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to, validated
@@ -141,7 +142,7 @@ def submit_job(
         file_ids=execution.file_ids,
         wanted=_wanted(execution),
         fetches=tuple(fetch.to_json() for fetch in execution.fetches),
-        subscriber=None if subscription is None else subscription.to_json(),
+        subscriber=None if subscription is None else _kept(subscription, settings, belongings.owner),
         urgency=origin.urgency,
         request_id=origin.request_id,
     )
@@ -159,6 +160,14 @@ async def answer_at_once(execution: Execution) -> Json | None:
         return None
     outputs = await execution.process.answer(execution.inputs)
     return {name: outputs[name] for name in execution.outputs or outputs if name in outputs}
+
+
+def _kept(subscription: Subscription, settings: Settings, owner: str) -> Json:
+    """Give what is stored of a subscription."""
+    seal = seal_of(settings) if subscription.secret else None
+    if seal is not None:
+        subscription = replace(subscription, secret=seal.sealed(subscription.secret, owner))
+    return subscription.to_json()
 
 
 def _wanted(execution: Execution) -> Json | None:

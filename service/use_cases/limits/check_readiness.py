@@ -44,7 +44,7 @@ class ReadinessWatch:
 
 
 def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement: str = "") -> Readiness:
-    """Try the database and the storage, and count the workers; tell how what reads uploaded files is confined."""
+    """Try the database and the storage, and count the workers; tell how computations are confined."""
     checks = {
         "database": _checked(lambda: _database(jobs)),
         "storage": _checked(lambda: _storage(blobs)),

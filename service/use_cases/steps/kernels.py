@@ -8,6 +8,7 @@ others wait for it and tell how far it is, for to compile the same in each of th
 
 import fcntl
 import hashlib
+import importlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,24 +16,43 @@ from pathlib import Path
 from typing import Any
 
 from service.ports import StepProgress
-from service.use_cases.steps.warm_up import practise
+from service.use_cases.steps.warm_up import practise, practise_on_photos
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
 LOOK_S = 0.5
 KERNELS = Path(__file__).parents[3] / "algorithms"
+SCANS, PHOTOS = "scans", "photos"
+PRACTICES = {SCANS: practise, PHOTOS: practise_on_photos}
 
 
-def ensure_compiled(progress: StepProgress) -> None:
-    """Return when the kernels are compiled; compile them where nobody has done so, and nobody does."""
+def ensure_compiled(progress: StepProgress, part: str = SCANS) -> None:
+    """Return when the kernels of a part are compiled; compile them where nobody has done so, and nobody does."""
     folder = kept_in()
     if folder is not None:
-        compile_once(folder, practise, counted_kernels, progress)
+        compile_once(folder, PRACTICES[part], counted_kernels, progress, part)
 
 
 def practise_once() -> None:
-    """Compile the kernels unless they are, or load them."""
-    ensure_compiled(_Silence())
+    """Compile the kernels unless they are; load those that most computations need."""
+    for part in PRACTICES:
+        ensure_compiled(_Silence(), part)
     practise()
+
+
+def import_kernels() -> None:
+    """Import all modules with kernels, which look whether they could keep what is compiled."""
+    for path in sorted(KERNELS.rglob("*_kernels.py")):
+        importlib.import_module(".".join((KERNELS.name, *path.relative_to(KERNELS).with_suffix("").parts)))
+
+
+def keep_kernels_as_they_are() -> None:
+    """Load kernels in this process from now on, and compile those that are missing, but keep none for others."""
+    from numba.core.caching import Cache
+
+    def forget(_cache: Cache, _signature: Any, _compiled: Any) -> None:
+        """Do not write to where kernels are kept."""
+
+    Cache.save_overload = forget  # type: ignore[method-assign]
 
 
 def compile_once(
@@ -40,6 +60,7 @@ def compile_once(
     compile_all: Callable[[], None],
     counted: Callable[[Callable[[int], None]], Any],
     progress: StepProgress,
+    part: str = SCANS,
 ) -> None:
     """Let one process compile, whoever else wants it.
 
@@ -53,8 +74,10 @@ def compile_once(
         Makes the context in which kernels are counted as they are compiled.
     progress
         Hears that, and how far, something is compiled.
+    part
+        Names what is compiled.
     """
-    mark, told = folder / f"tieline-{_fingerprint()}.compiled", folder / "tieline-compiling"
+    mark, told = folder / f"tieline-{part}-{_fingerprint()}.compiled", folder / "tieline-compiling"
     if mark.exists():
         return
     with (folder / "tieline-compiling.lock").open("w") as lock:

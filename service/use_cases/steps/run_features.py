@@ -9,7 +9,9 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from algorithms.features.options import FeatureOptions
-from algorithms.features.photo_lines.projection_options import EdgeRejection
+from algorithms.features.photo_lines.projection_options import (
+    EdgeRejection,
+)
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.matching.options import MatchingOptions
@@ -17,7 +19,7 @@ from algorithms.progress import ProgressSection
 from algorithms.scans.scan import Scan
 from schemas.text_columns import checked_columns
 from service.names.content_keys import content_key
-from service.names.feature_keys import feature_key, photos_identity
+from service.names.feature_keys import features_of_step
 from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.feature_store import load_features, save_features
@@ -57,10 +59,7 @@ def extract_features_with_kernels(context: StepContext, arguments: Json) -> Json
 
 def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
     """Extract the features of one scan, unless an earlier job already did; give their key and counts."""
-    photos = photos_identity(arguments.get("photos", []), arguments.get("photo_options", {}))
-    owner = arguments.get("owner", "")
-    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
-    key = feature_key(arguments["sha256"], arguments["index"], arguments["options"], photos, owner, reading)
+    key = features_of_step(arguments)
     timings = {"read": 0.0, "features": 0.0}
     if context.blobs.exists(key):
         features = load_features(context.blobs.local_path(key))

@@ -27,4 +27,4 @@ def _memory(what: str) -> int:
     return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(what))
 
 
-STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {"inspect": inspect_and_weigh}
+STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {"inspect-file": inspect_and_weigh}

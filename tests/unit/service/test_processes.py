@@ -15,7 +15,7 @@ from service.processes import OFFERED_PROCESSES, PLANS, PROCESSES, STEPS
 from service.use_cases.jobs.describe_processes import input_descriptions, output_descriptions
 from service.use_cases.steps.table import SHARED_STEPS
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 every_process = pytest.mark.parametrize("process", PROCESSES, ids=lambda process: process.id)
 
 

@@ -41,16 +41,20 @@ def test_what_is_said_of_every_station_gives_way_to_what_a_file_says_of_one() ->
 
 
 def test_every_input_of_the_request_may_come_from_a_file(tmp_path: Path) -> None:
-    said = {"method": {"method": "planes", "max_tilt_gon": 3}, "pairs": [["A", "B"]], "photo_lines": {"x": 1}}
+    method = {"method": "planes", "matching": {"all_shifts": False}}
+    said = {"method": method, "pairs": [["A", "B"]], "photo_lines": {"edges": {"min_contrast": 7.0}}}
     options = written(tmp_path / "options.json", {"inputs": said})
     assert read_request(RequestOptions(options=options), []).inputs == said
 
 
-@pytest.mark.parametrize(("method", "sent"), [("planes", {"method": "planes", "n": 3}), ("icl", {"method": "icl"})])
+OPTIONS = {"matching": {"all_shifts": False}}
+
+
+@pytest.mark.parametrize(("method", "sent"), [("planes", {"method": "planes", **OPTIONS}), ("icl", {"method": "icl"})])
 def test_a_method_of_the_command_line_comes_before_that_of_a_file_and_keeps_its_options(
     tmp_path: Path, method: str, sent: dict[str, Any]
 ) -> None:
-    options = written(tmp_path / "options.json", {"method": {"method": "planes", "n": 3}})
+    options = written(tmp_path / "options.json", {"method": {"method": "planes", **OPTIONS}})
     assert read_request(RequestOptions(options=options, method=method), []).inputs["method"] == sent
 
 
@@ -81,3 +85,27 @@ def test_a_reference_that_is_no_object_is_refused_by_its_name(tmp_path: Path, co
     path.write_text(content)
     with pytest.raises(InvalidRequestError, match=r"poses\.json"):
         read_request(RequestOptions(reference=path), [])
+
+
+@pytest.mark.parametrize(
+    ("said", "pointer"),
+    [
+        ({"method": {"method": "by magic"}}, "/method/method"),
+        ({"method": {"method": "planes", "matching": {"max_angel_rad": 0.1}}}, "/method/matching/max_angel_rad"),
+        ({"reference": {"B": [[1.0]]}}, "/reference/B"),
+        ({"feature": 3}, "/feature"),
+    ],
+)
+def test_what_no_service_would_take_is_refused_before_anything_is_uploaded(
+    tmp_path: Path, said: dict[str, Any], pointer: str
+) -> None:
+    options = written(tmp_path / "options.json", said)
+    with pytest.raises(InvalidRequestError, match="some options make no sense") as refused:
+        read_request(RequestOptions(options=options), [])
+    assert refused.value.faults[0].pointer.startswith(pointer)
+
+
+def test_a_standard_deviation_that_cannot_be_is_refused_before_anything_is_uploaded() -> None:
+    with pytest.raises(InvalidRequestError) as refused:
+        read_request(RequestOptions(point_std_m=-1.0), [])
+    assert "point_std_m" in refused.value.faults[0].pointer

@@ -39,6 +39,7 @@ def test_mean_differences_are_those_of_the_dissertations_table_4_4():
     assert comparison.mean_translation_m == pytest.approx(0.012, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_a_perfect_registration_fails_the_joint_test_as_often_as_its_level_says():
     rng = np.random.default_rng(1)
     ours, theirs = some_covariance(2), some_covariance(3)

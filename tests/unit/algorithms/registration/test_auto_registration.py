@@ -253,6 +253,36 @@ def test_where_nothing_tells_whether_planes_or_surfaces_err_the_deviations_hold_
     assert error_m(result) < 1.5 * std
 
 
+@pytest.mark.parametrize(("plane_std", "status"), [(0.0003, "doubtful"), (0.003, "accepted")])
+def test_a_contradiction_far_beyond_chance_is_never_accepted(plane_std: float, status: str) -> None:
+    seen = {"planes": "xyzX", "plane_std": plane_std}
+    source = scan(POSE, 2, **seen)
+    moved = replace(source, planes=shifted(source.planes, 0.012))
+    result = registered(scan(RigidTransform.identity(), 1, **seen), moved)
+    assert "contradict the surfaces" in document(result).reasons[0]
+    assert result.status.value == status
+    assert any("far beyond chance" in reason for reason in result.reasons) == (status == "doubtful")
+
+
+@pytest.mark.parametrize(("free", "ambiguous", "status"), [(1, False, "degenerate"), (0, True, "ambiguous")])
+def test_doubts_stand_in_the_reasons_whatever_decides(free: int, ambiguous: bool, status: str) -> None:
+    result = pair()
+    assert result.final is not None
+    assert result.coarse is not None
+    reduced = replace(result.final.reduced, null_space=np.eye(6)[:, :free])
+    judged, reasons = status_of_final(
+        RegistrationProblem(scan(RigidTransform.identity(), 1), scan(POSE, 2)),
+        replace(result.coarse, ambiguous=ambiguous),
+        replace(result.final, reduced=reduced, free_directions=("a turn",) * free),
+        Verdict(AcceptanceStatus.ACCEPTED, ()),
+        fine=result.fine,
+        doubts=("the scans differ by more than a motion",),
+        hidden_m=0.0,
+    )
+    assert judged.value == status
+    assert "the scans differ by more than a motion" in reasons
+
+
 def test_a_pose_must_be_known_to_two_centimetres_or_to_half_the_distance_of_the_points() -> None:
     dense, sparse = (replace(some_features(), surface=scan(POSE, 1).surface, point_count=n) for n in (10**6, 1000))
     assert allowed_m(RegistrationProblem(dense, dense)) == 0.02

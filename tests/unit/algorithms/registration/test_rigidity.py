@@ -12,8 +12,8 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
-from algorithms.registration.deformed_fit import Deformation, DeformationKind, fit_deformed
-from algorithms.registration.rigidity import rigidity
+from algorithms.registration.deformed_fit import Deformation, DeformationKind, DeformedFit, fit_deformed
+from algorithms.registration.rigidity import explained_by_a_bend, rigidity
 from algorithms.scans.scan import Scan
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
@@ -72,6 +72,25 @@ def test_two_scans_of_one_office_differ_by_a_motion_only() -> None:
     assert abs(found.scale.value) < 4.0 * found.scale.std
 
 
+@pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
+def test_scans_whose_coordinates_are_rounded_differ_by_a_motion_only(axes: slice) -> None:
+    # in the building's axes, so that every wall falls on one step
+    rounded = []
+    for pose, points in zip(*stations(), strict=True):
+        levelled = pose.rotation.apply(points)
+        levelled[:, axes] = np.round(levelled[:, axes] / 0.01) * 0.01
+        rounded.append(features(levelled))
+    first, second = stations()[0]
+    # as far off as rounding leaves a pose
+    off = np.array([0.002, -0.001, 0.003])
+    shift = RigidTransform.from_translation(np.asarray(second.translation) - np.asarray(first.translation) + off)
+    found = rigidity(rounded[0], rounded[1], shift)
+    assert rounded[0].rounding is not None
+    assert found.kind is None
+    assert found.scale is not None
+    assert abs(found.scale.value) < 4.0 * found.scale.std
+
+
 @pytest.mark.parametrize("factor", [1.003])
 def test_a_scale_is_found_to_its_standard_deviation(factor: float) -> None:
     found = rigidity(target(), source(lambda points: scaled(points, factor)), pose())
@@ -93,6 +112,28 @@ def test_a_stretch_along_one_axis_is_found_with_its_axis() -> None:
 def test_a_bend_is_found() -> None:
     found = rigidity(target(), source(lambda points: bent(points, 0.03, 10.0)), pose())
     assert found.kind is not None
+
+
+def fit_with(kind: DeformationKind, gain: float, explained_m: float) -> DeformedFit:
+    """Give a fit that lays more surface on surface by a gain, and closes gaps of so large a standard deviation."""
+    nothing = Deformation(kind, 1.0, np.zeros(1))
+    spread = 0.003
+    return DeformedFit(
+        RigidTransform.identity(), np.zeros(3), nothing, np.zeros((1, 0)), np.zeros((0, 0)), spread, 1.0 + gain, 1.0,
+        float(np.hypot(spread, explained_m)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("gain", "explained_m", "bends"),
+    [(0.04, 0.0, True), (0.02, 0.0025, True), (0.02, 0.0015, False), (0.005, 0.0025, False)],
+)
+def test_a_bend_counts_where_it_explains_surface_or_closes_gaps_as_large_as_the_noise(
+    gain: float, explained_m: float, bends: bool
+) -> None:
+    scale, strain = (fit_with(kind, 0.0, 0.0) for kind in (DeformationKind.SCALE, DeformationKind.STRAIN))
+    bend = fit_with(DeformationKind.BEND, gain, explained_m)
+    assert explained_by_a_bend(scale, strain, bend, noise_m=0.002) is bends
 
 
 def test_the_widened_covariance_holds_where_the_instrument_stood() -> None:

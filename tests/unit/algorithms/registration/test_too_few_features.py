@@ -46,6 +46,38 @@ def test_a_corridor_without_ends_is_degenerate_at_any_density(count, noise_m):
     assert refusal.value.rank == 5
 
 
+def heap_points(count, radius_m=0.5, seed=2):
+    """Spread points over a rough heap that lies in the corridor, seen from all sides: no plane fits to it."""
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return radius_m * normals * (1.0 + rng.normal(0.0, 0.2, (count, 1)))
+
+
+def test_surface_that_stands_across_what_the_planes_leave_open_means_too_few_features():
+    corridor = room_points(60_000, 0.005, faces=4)
+    with pytest.raises(TooFewFeaturesError, match="of the surface stands across what they leave open"):
+        require_determining_geometry(features_of(np.vstack([corridor, heap_points(4000)])), "target frame")
+
+
+def test_hardly_any_surface_across_leaves_a_corridor_degenerate():
+    corridor = room_points(60_000, 0.005, faces=4)
+    with pytest.raises(DegenerateGeometryError):
+        require_determining_geometry(features_of(np.vstack([corridor, heap_points(60, 0.2)])), "target frame")
+
+
+def test_surface_of_a_tank_that_was_recognised_does_not_count_as_surface_across():
+    rng = np.random.default_rng(3)
+    angles, heights = rng.uniform(0.0, 2 * np.pi, 30_000), rng.uniform(0.0, 6.0, 30_000)
+    tank = np.column_stack([2.0 * np.cos(angles), 2.0 * np.sin(angles), heights])
+    ground = np.column_stack([rng.uniform(-8.0, 8.0, (30_000, 2)), np.zeros(30_000)])
+    ground = ground[np.hypot(*ground[:, :2].T) > 2.0]
+    features = features_of(np.vstack([tank, ground]) + rng.normal(0.0, 0.003, (30_000 + len(ground), 3)))
+    assert len(features.cylinders) == 1
+    with pytest.raises(DegenerateGeometryError):
+        require_determining_geometry(features, "target frame")
+
+
 def test_a_pair_of_too_few_features_is_rejected_with_what_to_do():
     first, second = (features_of(room_points(8000, 0.2, seed)) for seed in (1, 2))
     result = DEFAULT_METHOD().register(

@@ -20,6 +20,17 @@ def test_a_room_in_a_small_unit_is_named_with_the_unit_in_which_it_would_be_one(
     assert "Nothing is converted" in warning
 
 
+@pytest.mark.parametrize("degrees_per_metre", [1e-5, 1e-4 / 9.0])
+def test_degrees_of_longitude_and_latitude_beside_heights_are_named(degrees_per_metre: float) -> None:
+    points = ROOM * [degrees_per_metre, degrees_per_metre, 1.0] + [8.5, 47.4, 400.0]
+    (warning,) = warnings_of(points)
+    assert "may be degrees of longitude and latitude" in warning
+
+
+def test_a_thin_pipe_is_no_thread() -> None:
+    assert warnings_of(ROOM * [0.002, 0.002, 1.0]) == ()
+
+
 def test_points_farther_from_a_known_instrument_than_any_scanner_reaches_are_named() -> None:
     angle = np.linspace(0.0, 2 * np.pi, 5000)
     ring = np.column_stack([2e4 * np.cos(angle), 2e4 * np.sin(angle), 10.0 * np.sin(40.0 * angle)])

@@ -162,6 +162,7 @@ def test_texts_of_other_encodings_are_read(encoding: str, points: Array, tmp_pat
         (b"1.000,5;2.000,5;3.000,5\n", "marks between thousands"),
         ("1 2 3\n".encode("utf-32"), "UTF-32"),
         (b"1.5 2.5\n", "coordinates need three"),
+        (b'"1.5","2.5","3.5"\n', "numbers in quotation marks"),
         (b"lon,lat,height\n8.5,47.4,400\n", "longitude and latitude"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,14 @@ from service.client import RefusedError, ServiceClient, UnreachableError
 from service.demo import print_comparison
 from service.dependencies import Adapters
 from service.ports import Job
-from service.register_command import keep_results, stations_of, upload_files, wait_for_job
+from service.register_command import (
+    ProgressLines,
+    check_writable,
+    keep_results,
+    stations_of,
+    upload_files,
+    wait_for_job,
+)
 from service.result_tables import print_result
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.settings import Settings
@@ -146,10 +154,34 @@ def test_a_file_for_the_result_gets_the_result_alone(client: ServiceClient, job:
     assert json.loads(kept.read_text()) == {"status": "registered"}
 
 
+def test_that_results_cannot_be_written_is_known_before_anything_is_computed(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for output in (tmp_path / "new" / "folder", tmp_path / "only.json", tmp_path):
+        check_writable(output)
+    for output in (tmp_path / "file", tmp_path / "file" / "folder"):
+        with pytest.raises(NotADirectoryError, match="file"):
+            check_writable(output)
+
+
 def test_where_nothing_moves_on_the_screen_steps_are_told_line_by_line(client: ServiceClient, job: str) -> None:
     console = Console(record=True, width=100, force_terminal=False)
     wait_for_job(client, job, console)
     assert console.export_text().splitlines() == ["100 % done"]
+
+
+def test_of_steps_side_by_side_each_is_told_now_and_then_on_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.register_command.LINE_INTERVAL_S", math.inf)
+    console = Console(record=True, width=40, force_terminal=False)
+    lines = ProgressLines(console)
+    for number in range(3):
+        for station in "AB":
+            lines.tell(number, f"features of {station}: compiling the numerical kernels: {number} done")
+    lines.tell(100, "done")
+    assert console.export_text().splitlines() == [
+        "  0 % features of A: compiling the numerical kernels: 0 done",
+        "  0 % features of B: compiling the numerical kernels: 0 done",
+        "100 % done",
+    ]
 
 
 def test_a_refused_request_is_an_error_that_names_the_fields(client: ServiceClient) -> None:

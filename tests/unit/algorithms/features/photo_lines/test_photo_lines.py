@@ -5,16 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.errors import InvalidInputError
+from algorithms.features.photo_lines.photo_counts import photos_without_lines
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
 from algorithms.features.photo_lines.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.camera_mounts import CameraAxes, camera_from_axes
 from algorithms.geometry.lines import LineSource, lines_from_arrays
 from algorithms.progress import NoProgress
 from service.use_cases.steps.feature_store import load_features, save_features
-from tests.scenes.photos.photo_scenes import line_errors, normalised_errors
+from tests.scenes.photos.photo_scenes import line_errors, looking, normalised_errors
 from tests.scenes.photos.photo_wall import (
     CAMERA,
     NOISE_M,
@@ -148,3 +151,32 @@ def test_a_photo_that_is_not_of_its_camera_is_refused() -> None:
 def test_features_with_photos_are_stored_bit_for_bit(tmp_path: Path, two: ScanFeatures) -> None:
     save_features(tmp_path / "f.npz", two)
     assert same(load_features(tmp_path / "f.npz"), two)
+
+
+def with_sides_in_the_scan() -> ScanFeatures:
+    """Let the scan show the sides of the rectangle too."""
+    starts, ends = true_sides()
+    half = 0.5 * np.linalg.norm(ends - starts, axis=1)
+    sides = lines_from_arrays(
+        0.5 * (starts + ends), (ends - starts) / (2.0 * half[:, None]), np.tile(1e-6 * np.eye(4), (4, 1, 1)),
+        np.column_stack([-half, half]),
+    )  # fmt: skip
+    return replace(scan_lines(), lines=sides)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        (SCAN_FROM_CAMERA, None),
+        (SCAN_FROM_CAMERA.inv(), "inverse of scan_from_camera"),
+        (SCAN_FROM_CAMERA * camera_from_axes(CameraAxes.RIGHT_UP_BACKWARD), "right-up-backward in place of"),
+        (SCAN_FROM_CAMERA * camera_from_axes(CameraAxes.FORWARD_LEFT_UP), "forward-left-up in place of"),
+        (SCAN_FROM_CAMERA * looking(yaw_rad=1.5), None),
+    ],
+)
+def test_a_pose_that_is_inverted_or_of_other_axes_is_named(stated: RigidTransform, words: str | None) -> None:
+    photos = [StationPhoto(wall_photo(2), CAMERA, stated, mount_covariance(2e-4, 0.001))]
+    found = add_photo_lines(with_sides_in_the_scan(), wall_scan(), photos, OPTIONS, count=1, progress=NoProgress())
+    named = [text for text in photos_without_lines(found) if "is found again in the scan as" in text]
+    assert len(named) == (words is not None)
+    assert all(str(words) in text and "4 are with" in text for text in named)

@@ -97,7 +97,7 @@ def send(port: int) -> int:
     async def pieces() -> AsyncIterator[bytes]:
         yield b"{}"
 
-    callbacks = HttpCallbacks(Settings(callback_ports="", allow_private_callbacks=True, callback_timeout_s=5))
+    callbacks = HttpCallbacks(Settings(callback_ports="", allow_private_callbacks=True, callback_timeout_s=60))
     return asyncio.run(callbacks.send(f"https://{NAME}:{port}/hook", {}, CallbackBody(2, pieces)))
 
 

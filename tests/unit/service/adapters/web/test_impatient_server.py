@@ -10,6 +10,7 @@ from uvicorn.server import ServerState
 
 from service.adapters.web import impatient_server
 from service.adapters.web.impatient_server import ImpatientConnection
+from tests.measures.patience import patience
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: a\r\n\r\n"
 Work = Callable[[int], Awaitable[None]]
@@ -26,7 +27,7 @@ def with_server(work: Work, head_timeout_s: float = 60.0) -> None:
         connections = ImpatientConnection.with_limits(head_timeout_s, 60.0)
         loop = asyncio.get_running_loop()
         server = await loop.create_server(lambda: connections(config, state, {}), "127.0.0.1", 0)
-        async with server, asyncio.timeout(20.0):
+        async with server, asyncio.timeout(20.0 * patience()):
             await work(server.sockets[0].getsockname()[1])
         assert connections.waiting == {}
 
@@ -55,14 +56,16 @@ def test_those_that_have_waited_longest_make_room_for_others(monkeypatch: pytest
 
 
 def test_whoever_asks_again_in_time_stays_connected() -> None:
+    pause_s = 0.05 * patience()
+
     async def work(port: int) -> None:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         for _ in range(6):
-            await asyncio.sleep(0.1)
+            await asyncio.sleep(pause_s)
             writer.write(REQUEST)
             assert (await reader.readuntil(b"hello")).startswith(b"HTTP/1.1 200 ")
         assert await ends(reader)
         writer.close()
         await writer.wait_closed()
 
-    with_server(work, head_timeout_s=0.4)
+    with_server(work, head_timeout_s=4.0 * pause_s)

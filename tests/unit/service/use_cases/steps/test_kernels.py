@@ -1,16 +1,24 @@
 """Kernels are compiled by one process, and the others know what they wait for."""
 
+import importlib
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.caching import Cache
 
 from service.use_cases.steps import kernels
-from service.use_cases.steps.kernels import COMPILING, compile_once, counted_kernels
+from service.use_cases.steps.kernels import (
+    COMPILING,
+    compile_once,
+    counted_kernels,
+    keep_kernels_as_they_are,
+)
 
 WITHIN_S = 60.0
 
@@ -83,3 +91,17 @@ def test_kernels_are_counted_as_they_are_compiled() -> None:
     with counted_kernels(told.append):
         assert np.isclose(twice(1.5), 3.0)
     assert told[-1] >= 1
+
+
+def test_a_computation_that_reads_strangers_files_leaves_no_kernels_to_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "left_kernels.py").write_text(
+        "from numba import njit\n\n@njit(cache=True)\ndef twice(x):\n    return 2 * x\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(Cache, "save_overload", Cache.save_overload)  # given back afterwards
+    kernels_module: Any = importlib.import_module("left_kernels")
+    keep_kernels_as_they_are()
+    assert kernels_module.twice(21) == 42
+    assert list(tmp_path.rglob("*.nb[ic]")) == []

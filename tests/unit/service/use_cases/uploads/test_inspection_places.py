@@ -12,6 +12,7 @@ from service.settings import GIGABYTE, Settings
 from service.use_cases.access.service_proof import LOCK
 from service.use_cases.limits.machine_shares import INSPECT, machine_memory_bytes, machine_shares
 from service.use_cases.uploads.inspection_places import inspection_place
+from tests.measures.patience import patience
 
 
 class Crowd:
@@ -31,7 +32,7 @@ class Crowd:
             self.inside.remove(owner)
 
     async def settled(self, number: int) -> None:
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(20.0 * patience()):
             while len(self.inside) < number:  # noqa: ASYNC110 - visitors come and go
                 await asyncio.sleep(0.01)
         await asyncio.sleep(0.2)  # long enough for one more to come in, were there a place
@@ -130,7 +131,7 @@ def test_places_of_another_process_count(settings: Settings) -> None:
         # another event loop knows nothing of those who wait in this one, as little as another process does
         refused = await asyncio.to_thread(asyncio.run, _refused(settings))
         assert refused
-        assert time.monotonic() - began < 20.0
+        assert time.monotonic() - began < 20.0 * patience()
         crowd.leave.set()
         await asyncio.gather(*visits)
 

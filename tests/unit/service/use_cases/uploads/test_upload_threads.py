@@ -6,6 +6,7 @@ import threading
 import pytest
 
 from service.use_cases.uploads.upload_threads import undisturbed
+from tests.measures.patience import patience
 
 
 def test_who_is_cancelled_waits_until_what_runs_has_ended() -> None:
@@ -36,7 +37,7 @@ def test_others_answer_while_all_of_them_wait_for_the_disk() -> None:
 
     async def answered() -> int:
         writing = [asyncio.create_task(undisturbed(disk.wait, 10.0)) for _ in range(40)]
-        answer = await asyncio.wait_for(asyncio.to_thread(lambda: 42), 5.0)
+        answer = await asyncio.wait_for(asyncio.to_thread(lambda: 42), 5.0 * patience())
         disk.set()
         await asyncio.gather(*writing)
         return answer
