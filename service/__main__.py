@@ -109,7 +109,11 @@ def register(
         typer.Option(help="Unit of the coordinates: mm, m, ft or us-ft; left out: as the files declare, else metres."),
     ] = None,
     method: Annotated[
-        str | None, typer.Option(help="auto, lines, planes, icp-plane, lines-compat, lines-alshawa or icl.")
+        str | None,
+        typer.Option(
+            help="auto, lines, planes, icp-plane, icp-point, icp-d2, planes-triples, ndt, egi, lines-compat, "
+            "lines-alshawa or icl."
+        ),
     ] = None,
     pairs: Annotated[
         str | None,

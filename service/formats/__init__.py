@@ -13,6 +13,7 @@ from service.formats.e57_photos import E57PhotoReader
 from service.formats.finishing import finish, refused_info, scan_info, with_reading
 from service.formats.images import ImageReader
 from service.formats.las import LasReader
+from service.formats.meshes import mesh_format, read_mesh
 from service.formats.pcd import PcdReader
 from service.formats.photo import Photo, PhotoInfo, PhotoReader
 from service.formats.ply import PlyReader
@@ -63,13 +64,13 @@ class FileContents:
 
     format: str
     kind: str
-    """scan or photo; a file with both is a scan."""
+    """scan, photo or mesh; a file with both of the first, or vertices that can be used as a scan, is a scan."""
     scans: tuple[ScanInfo, ...]
     photos: tuple[PhotoInfo, ...]
 
 
 def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, columns: str = "") -> FileContents:
-    """Describe every scan and photo of a file, having read every point and decoded every pixel.
+    """Describe every scan, photo or mesh of a file, having read every point and decoded every pixel.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
     Raises
     ------
     UnreadableFileError
-        The file holds neither a usable scan nor a usable photo.
+        The file holds neither a usable scan nor a usable photo nor a mesh.
     FileTooLargeError
         A scan has more points, or an image file more pixels, than `limits` allow.
     """
@@ -97,7 +98,15 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
             why = "; ".join(dict.fromkeys(photo.refused or "" for photo in photos))
             raise file.unreadable(f"the file holds no scan, and no image that can be used: {why}", "photo 0")
         return FileContents(reader.format_of(head) or "", "photo", (), photos)
-    return FileContents(reader_of(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
+    mesh = mesh_format(path, filename)
+    try:
+        if mesh is None or mesh == "ply":
+            return FileContents(reader_of(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
+    except UnreadableFileError:
+        if mesh is None:
+            raise
+    read_mesh(path, filename)
+    return FileContents(mesh.upper(), "mesh", (), ())
 
 
 def read_photo(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Photo:
