@@ -81,7 +81,8 @@ def test_transform_writes_all_stations_of_the_job_into_one_laz_with_standard_dev
     assert (std_mm > 0.0).all()
     # the first station is fixed: the noise of its ranges is all
     assert np.ptp(std_mm[np.array(cloud["station"]) == 0]) < 1e-4
-    assert std_mm[np.array(cloud["station"]) == 1].max() > std_mm[0]
+    # the second is placed by a pose, whose rotation tells with the distance; the noise of its ranges is its own
+    assert np.ptp(std_mm[np.array(cloud["station"]) == 1]) > 0.01
 
 
 @pytest.mark.parametrize(
