@@ -14,9 +14,9 @@ def import_open3d() -> ModuleType:
 
     The open3d wheel links against ``libusb-1.0.so.0`` for depth cameras and does not bring it, so on a bare Linux
     machine ``import open3d`` fails although nothing here touches a camera. The library of the package
-    ``libusb-package`` carries the same soname: loaded first and for everybody, it satisfies the linker. The library dash,
-    which open3d loads for its viewer, reads the system's list of media types; a confined computation may not read it,
-    so there is none for it.
+    ``libusb-package`` carries the same soname: loaded first and for everybody, it satisfies the linker. dash, which
+    open3d loads for its viewer, reads the system's list of media types, which a confined computation may not: there is
+    none for it.
 
     Returns
     -------
