@@ -138,7 +138,7 @@ def plan_of(report: str, result: Document) -> str:
             f"{key.removesuffix('_m')} {1e3 * std[key]:.2f}" for key in ("tx_m", "ty_m", "tz_m") if std[key]
         )
         verdict += f"; standard deviations [mm] {stated}"
-    note = f'<text x="40" y="40" font-size="15" font-weight="bold">{escape(verdict)}</text>'
+    note = f'<text x="40" y="34" font-size="15" font-weight="bold">{escape(verdict)}</text>'
     return f"{report[start:end]}{note}</svg>\n"
 
 

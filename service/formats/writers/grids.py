@@ -21,6 +21,8 @@ class ColumnOrder:
     cloud: StationCloud
     cells: Array | None
     """(columns · rows,) records, column after column; None: the points have no grid."""
+    left_out: int = 0
+    """Points whose cell another one has."""
 
     @staticmethod
     @contextmanager
@@ -32,9 +34,8 @@ class ColumnOrder:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.truncate(cloud.rows * cloud.columns * np.dtype(CELL).itemsize)
             cells = np.memmap(file, dtype=CELL, mode="r+", shape=(cloud.rows * cloud.columns,))
-            for piece in cloud.pieces():
-                _sort_in(cells, piece, cloud.rows)
-            yield ColumnOrder(cloud, cells)
+            left_out = sum(_sort_in(cells, piece, cloud.rows) for piece in cloud.pieces())
+            yield ColumnOrder(cloud, cells, left_out)
 
     def pieces(self) -> Iterator[PointPiece]:
         """Give all cells column after column, NaN where nothing came back; without a grid the points as they come."""
@@ -52,7 +53,8 @@ class ColumnOrder:
             )
 
 
-def _sort_in(cells: Array, piece: PointPiece, rows: int) -> None:
+def _sort_in(cells: Array, piece: PointPiece, rows: int) -> int:
+    """Put points into their cells; give the number of those that find another one there."""
     if piece.row is None or piece.column is None:
         raise ValueError("a station with a grid gave points without row and column")
     where = piece.column.astype(np.int64) * rows + piece.row
@@ -65,3 +67,4 @@ def _sort_in(cells: Array, piece: PointPiece, rows: int) -> None:
     if piece.color is not None:
         part["color"] = piece.color[chosen]
     cells[where[chosen]] = part
+    return len(piece) - len(chosen)

@@ -36,17 +36,20 @@ class PtxWriter:
     def write(self, path: Path, clouds: Sequence[StationCloud], progress: Progress) -> Written:
         """Write stations into one file, one after the other."""
         everything = placed(clouds)
-        total, done = max(1, everything.points), 0
+        total, done, left_out = max(1, everything.points), 0, 0
         with whole_file(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
             for cloud in everything.clouds:
                 assert cloud.facts is not None  # noqa: S101 - `placed` surveys
                 _write_header(stream, cloud, cloud.facts.points)
                 with ColumnOrder.of(cloud, partial.parent) as order:
+                    left_out += order.left_out
                     for piece in order.pieces():
                         progress.report(min(1.0, done / total), f"writing {cloud.name}")
                         _write_points(stream, cloud, piece)
                         done += len(piece)
-        return Written(everything.points, (NO_SCALARS,) if everything.scalars else ())
+        shared = f"{left_out} points are left out: PTX has room for one in a cell of the scanner's grid"
+        notes = [*([NO_SCALARS] if everything.scalars else []), *([shared] if left_out else [])]
+        return Written(everything.points - left_out, tuple(notes))
 
 
 def _write_header(stream: TextIO, cloud: StationCloud, points: int) -> None:

@@ -313,6 +313,16 @@ def test_a_grid_in_any_order_becomes_the_columns_of_ptx(tmp_path: Path, monkeypa
     assert np.abs(back.points[back.grid.index[seen]] - points[index[seen]]).max() < 1e-9
 
 
+def test_points_that_share_a_cell_are_counted_where_the_format_has_room_for_one(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).uniform(1.0, 5.0, (6, 3))
+    row, column = np.array([0, 0, 1, 1, 1, 0]), np.array([0, 1, 0, 1, 1, 0])
+    pieces = lambda: iter([PointPiece(points, row=row, column=column)])  # noqa: E731
+    cloud = StationCloud("S1", pieces, np.zeros(3), rows=2, columns=2)
+    result = writer_of("ptx").write(tmp_path / "a.ptx", [cloud], NoProgress())
+    assert result.points == 4
+    assert result.notes[0].startswith("2 points are left out")
+
+
 # --- COPC ---------------------------------------------------------------------------------------------------------
 
 
