@@ -10,6 +10,11 @@ Generator: TypeAlias = np.random.Generator
 
 Points: TypeAlias = Float64[Array, "n 3"]
 """n points or directions, one a row."""
+OtherPoints: TypeAlias = Float64[Array, "m 3"]
+"""Points beside others of a different number."""
+CorePoints: TypeAlias = Float64[Array, "k 3"]
+"""Places at which something is measured on points, or directions there."""
+CoreScalars: TypeAlias = Float64[Array, "k"]
 Vector3: TypeAlias = Float64[Array, "3"]
 Vectors2: TypeAlias = Float64[Array, "n 2"]
 Scalars: TypeAlias = Float64[Array, "n"]

@@ -110,7 +110,9 @@ def _request_model(
     if not file_outputs:
         base: type[ExecuteRequest[Any]] = ExecuteRequest.__class_getitem__(inputs)  # type: ignore[assignment]
         return create_model(f"Execute{stem}", __base__=base, __doc__=doc)
-    fields: dict[str, Any] = {name: (wanted | None, Field(default=None)) for name, wanted in file_outputs}
+    fields: dict[str, Any] = {
+        name: (wanted | None, Field(default=None, description=wanted.__doc__)) for name, wanted in file_outputs
+    }
     outputs = create_model(f"{stem}Outputs", __base__=WantedOutputs, __doc__=WantedOutputs.__doc__, **fields)
     base = ExecuteForFiles.__class_getitem__(inputs)  # type: ignore[assignment]
     text = ExecuteForFiles.model_fields["outputs"].description

@@ -104,7 +104,7 @@ class FileDocument(ResponseModel):
     """Hash of the file's content."""
     format: str
     """Format that was recognised."""
-    kind: Literal["scan", "photo", "project", "other"]
+    kind: Literal["scan", "photo", "mesh", "project", "other"]
     """What it holds."""
     scans: list[ScanDocument]
     """The scans in it."""

@@ -24,6 +24,16 @@ class OwnStep(Document):
     """Whether it came to rest within the rounds allowed."""
 
 
+class OwnIteration(Document):
+    """One iteration of a method that comes to its pose step by step."""
+
+    misfit_m: float = Field(description="Weighted rms of what it minimises, before the step.")
+    step_m: float = Field(
+        description="How far the step moves the scan: shift and turn, as the shift it causes, together."
+    )
+    correspondences: int
+
+
 class OwnFigures(Document):
     """The method's own figures, for comparison; nothing is decided by them."""
 
@@ -33,7 +43,8 @@ class OwnFigures(Document):
         "really makes of this pose stands in `target_from_source`."
     )
     rigorous: Pose | None = Field(
-        description="Pose of the rigorous adjustment of the same correspondences, with its standard deviations."
+        description="Pose of the rigorous adjustment of the same correspondences, with its standard deviations; for "
+        "methods that propose a pose: of the service's own estimate from there on, which is `target_from_source`."
     )
     steps: list[OwnStep]
     """Steps of the estimator, one after the other."""
@@ -43,7 +54,14 @@ class OwnFigures(Document):
     )
     mean_std_rotation_gon: float | None = Field(description="As it claims.")
     mean_std_translation_m: float | None = Field(description="As it claims.")
-    max_angle_gon: float = Field(description="Between corresponding lines in the method's pose.")
-    max_distance_m: float = Field(description="Largest shortest distance of corresponding lines, taken as endless.")
+    max_angle_gon: float | None = Field(
+        description="Between corresponding lines in the method's pose; null where it uses none."
+    )
+    max_distance_m: float | None = Field(
+        description="Largest shortest distance of corresponding lines, taken as endless; null likewise."
+    )
+    convergence: list[OwnIteration] = Field(
+        description="Its iterations one after the other; empty where it does not come to its pose step by step."
+    )
     remarks: list[str]
     """What else is to be said, in words."""

@@ -327,6 +327,19 @@ class Provenance(Document):
     """How long each part took, by name [s]."""
 
 
+class RegisteredFile(Artifact):
+    """A file with registered scans, or with poses."""
+
+    format: str
+    """As requested."""
+    stations: list[str]
+    """Whose points are in it, in their order."""
+    points: int
+    """Points in it; 0 for poses alone."""
+    notes: list[str] = Field(default_factory=list)
+    """What the format could not keep, or was changed for it."""
+
+
 class RegistrationDocument(Document):
     """Answer of `register`."""
 
@@ -344,5 +357,7 @@ class RegistrationDocument(Document):
     """The same by station; null: no reference was given."""
     artifacts: list[Artifact]
     """Files that can be downloaded."""
+    registered: list[RegisteredFile] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """The registered scans as files, where these were wanted."""
     provenance: Provenance
     """What was done with what."""

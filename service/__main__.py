@@ -109,7 +109,11 @@ def register(
         typer.Option(help="Unit of the coordinates: mm, m, ft or us-ft; left out: as the files declare, else metres."),
     ] = None,
     method: Annotated[
-        str | None, typer.Option(help="auto, lines, planes, icp-plane, lines-compat, lines-alshawa or icl.")
+        str | None,
+        typer.Option(
+            help="auto, lines, planes, icp-plane, icp-point, icp-d2, planes-triples, ndt, egi, lines-compat, "
+            "lines-alshawa or icl."
+        ),
     ] = None,
     pairs: Annotated[
         str | None,
@@ -132,6 +136,22 @@ def register(
             dir_okay=False,
         ),
     ] = None,
+    registered: Annotated[
+        str | None,
+        typer.Option(
+            help="Also the registered scans as files: e57 (uploaded E57 come back with new poses and all else as it "
+            "was), laz, copc, ply, pcd, ptx, pts, xyz, or poses alone for other programs."
+        ),
+    ] = None,
+    registered_merge: Annotated[
+        bool, typer.Option("--registered-merge", help="Of the registered scans one file with all stations.")
+    ] = False,
+    registered_crs: Annotated[
+        str | None, typer.Option(help="Coordinate reference system of the common frame, such as EPSG:25832.")
+    ] = None,
+    registered_std: Annotated[
+        bool, typer.Option("--registered-std", help="With the standard deviation of each point's position.")
+    ] = False,
     url: Annotated[
         str | None, typer.Option(help="Address of a running service; without one a service is started for this job.")
     ] = None,
@@ -165,6 +185,14 @@ def register(
         point_std_m=point_std_m,
         columns=columns,
         unit=unit,
+        registered=None
+        if registered is None
+        else {
+            "format": registered,
+            "merge": registered_merge,
+            "crs": registered_crs,
+            "per_point_std": registered_std,
+        },
     )
     folder = output or default_output(datetime.now())  # noqa: DTZ005 - the user's own clock
     _finish(lambda: register_files(scans, said, url, folder, Console(), key=key))

@@ -75,7 +75,7 @@ def simulate_scans(folder: Path) -> tuple[Sequence[Path], dict[str, float]]:
     from algorithms.simulation.house import house_scene
     from algorithms.simulation.scanner import VirtualScanner
     from algorithms.simulation.scanning import simulate_stations
-    from service.formats.e57_writer import write_e57
+    from service.formats.writers import write_scans
 
     scene = house_scene()
     poses = scene.stations[:2]
@@ -83,7 +83,7 @@ def simulate_scans(folder: Path) -> tuple[Sequence[Path], dict[str, float]]:
     paths = []
     for number_, scan in enumerate(simulate_stations(scene, poses, scanner, np.random.default_rng(SEED)), start=1):
         paths.append(folder / f"house-{number_}.e57")
-        write_e57(paths[-1], [scan])
+        write_scans(paths[-1], [scan])
     first_from_second = poses[0].inv() * poses[1]
     angles_gon = angles_from_rotation(first_from_second.rotation) * 200.0 / np.pi
     values = [*angles_gon, *first_from_second.translation]
@@ -138,7 +138,7 @@ def plan_of(report: str, result: Document) -> str:
             f"{key.removesuffix('_m')} {1e3 * std[key]:.2f}" for key in ("tx_m", "ty_m", "tz_m") if std[key]
         )
         verdict += f"; standard deviations [mm] {stated}"
-    note = f'<text x="40" y="40" font-size="15" font-weight="bold">{escape(verdict)}</text>'
+    note = f'<text x="40" y="34" font-size="15" font-weight="bold">{escape(verdict)}</text>'
     return f"{report[start:end]}{note}</svg>\n"
 
 

@@ -140,6 +140,16 @@ class UnreadableFileError(ServiceError):
         return {"file": self.filename, "reason": self.reason, "place": self.place or None}
 
 
+class UnwritableError(ServiceError):
+    """Say why a format cannot hold what was to be written."""
+
+    status, title = 400, "Cannot be written"
+
+    def __init__(self, what: str, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"{what}: {reason}")
+
+
 class UnsupportedMediaTypeError(ServiceError):
     """Say that an upload is of a kind the endpoint does not take."""
 

@@ -18,6 +18,7 @@ from schemas.text_columns import TEXT_ENDINGS
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.errors import InvalidRequestError
+from service.processes.register import REGISTER
 from service.register_request import RequestOptions, read_request
 from service.result_tables import print_result
 from service.settings import Settings
@@ -77,7 +78,8 @@ def register_files(
                 console.print(f"{file['name']}: {warning}", style="yellow", markup=False)
         stations = stations_with_photos(listed, files[: len(paths)], files[len(paths) :])
         stations = [said.completed(station) for station in stations]
-        job_id = start_job(client, "register", {**listed.inputs, "stations": stations}, console)
+        outputs = said.outputs(REGISTER.output_names - REGISTER.file_outputs.keys())
+        job_id = start_job(client, REGISTER.id, {**listed.inputs, "stations": stations}, console, outputs)
         result = wait_for_job(client, job_id, console)
         keep_results(client, job_id, result, output)
     print_result(console, result)

@@ -1,7 +1,7 @@
 """What `tieline register` sends: the inputs of a job, from options of the command line and from files."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,14 @@ class RequestOptions:
     """What the columns of those scan files are that are text tables."""
     unit: str | None = None
     """Of the coordinates of all scans of which the files do not say it."""
+    registered: Document | None = None
+    """How the registered scans are wanted as files: the members of `outputs.registered`."""
+
+    def outputs(self, others: Iterable[str]) -> Document | None:
+        """Give the wanted outputs: who names one gets it alone, so that all `others` are named beside it."""
+        if self.registered is None:
+            return None
+        return {**{name: {} for name in sorted(others)}, "registered": self.registered}
 
     def completed(self, station: Document) -> Document:
         """Add to a station what holds for every one of which the files do not say otherwise."""

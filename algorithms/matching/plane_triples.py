@@ -113,6 +113,20 @@ def offset_votes(target: ScanFeatures, source: ScanFeatures, *, max_angle_rad: f
     return [_offsets(rotation, ours, theirs) for rotation in _rotations(ours, theirs, max_angle_rad)]
 
 
+def offset_votes_at(rotations: Matrices3, target: ScanFeatures, source: ScanFeatures) -> list[OffsetVotes]:
+    """Let planes and parallel lines vote for shifts at given rotations.
+
+    Parameters
+    ----------
+    rotations
+        (k, 3, 3) target from source.
+    target, source
+        Features of the two scans; the normals must be oriented towards the sensor.
+    """
+    ours, theirs = _Features.of(target), _Features.of(source)
+    return [_offsets(rotation, ours, theirs) for rotation in rotations]
+
+
 def direction_classes(normals: Points, weights: Scalars) -> tuple[Array, Array]:
     """Gather normals into classes of one direction (signed), by falling weight; give mean directions and weights."""
     from algorithms.matching import plane_triples_kernels as kernels

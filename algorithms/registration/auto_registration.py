@@ -106,6 +106,29 @@ def register_automatically(
     coarse = searched(problem, matching)
     if isinstance(coarse, PairResult):
         return coarse
+    return estimated_and_judged(problem, coarse, adjustment, surface, progress)
+
+
+def estimated_and_judged(
+    problem: RegistrationProblem,
+    coarse: CoarseRegistration,
+    adjustment: AdjustmentOptions,
+    surface: SurfaceOptions,
+    progress: Progress,
+) -> PairResult:
+    """Estimate from a pose on by what the scans have there, and judge the result.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    coarse
+        The pose, and what else could be.
+    adjustment, surface
+        Options.
+    progress
+        Is told the steps.
+    """
     progress.report(0.6, "adjustment")
     surfaces = _by_surfaces(problem, coarse, surface)
     attempts, remarks = _attempts(problem, coarse, adjustment, surfaces)

@@ -58,6 +58,18 @@ class FineRegistration:
     """(3,) centroid of the used features, full target coordinates [m]."""
 
 
+@dataclass(frozen=True)
+class ConvergenceStep:
+    """One iteration of a method that comes to its pose step by step."""
+
+    misfit_m: float
+    """Weighted rms of what it minimises, before the step [m]."""
+    step_m: float
+    """How far the step moves the scan: shift of the centre and turn, as the shift it causes at the rms distance [m]."""
+    correspondences: int
+    """Which it rests on."""
+
+
 @dataclass(frozen=True, eq=False)
 class OwnFigures:
     """What a method that is not the rigorous one says of its own result, to be compared with, not to be relied on."""
@@ -72,12 +84,14 @@ class OwnFigures:
     """(n, 2) numbers of the target and source lines it used."""
     declared_outliers: OtherIndexPairs
     """(m, 2) those of them that its own test declares outliers; they stay in its estimate."""
-    max_angle_rad: float
-    """Largest angle between corresponding lines in its pose [rad]."""
-    max_distance_m: float
-    """Largest shortest distance between corresponding (endless) lines in its pose [m]."""
+    max_angle_rad: float | None
+    """Largest angle between corresponding lines in its pose [rad]; None: it uses no lines."""
+    max_distance_m: float | None
+    """Largest shortest distance between corresponding (endless) lines in its pose [m]; None likewise."""
     remarks: tuple[str, ...]
     """What was chosen where the source of the method leaves a choice, in words."""
+    convergence: tuple[ConvergenceStep, ...] = ()
+    """Its iterations one after the other; empty where it does not iterate to one pose."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +151,8 @@ class PairResult:
     """What to add then."""
     rigorous: PoseEstimate | None = None
     """For methods with an estimator of their own: the pose of the rigorous adjustment (`fine.adjustment`) of the same
-    correspondences between the files' full coordinates, with its a-posteriori covariance."""
+    correspondences between the files' full coordinates, with its a-posteriori covariance. For methods that propose a
+    pose: that of the service's own estimate from there on, which is the answer (`final`)."""
     own_figures: OwnFigures | None = None
     """What such a method says of itself."""
     final: FinalPose | None = None

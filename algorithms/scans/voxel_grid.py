@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from algorithms.arrays import Array, Labels, Points, Scalars
+from algorithms.arrays import Array, Labels, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.scans import voxel_grid_kernels as kernels
 from algorithms.scans.point_blocks import blocks_of, over_blocks
@@ -33,7 +33,7 @@ def voxel_cells(points: Points, size_m: float) -> SurfaceCells:
     InvalidInputError
         If the extent needs more than 2^20 voxels along one axis.
     """
-    return _linked(_hash(points, size_m))
+    return _linked(hash_into_voxels(points, size_m))
 
 
 def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -> SurfaceCells:
@@ -46,26 +46,28 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
     size = max(least_size_m, extent / (MOST_ALONG_AN_AXIS - 1))  # one to spare: a quotient of quotients is rounded
     few = len(points) < POINTS_PER_TABLE  # mostly sparse, so it takes several sizes: there counting is half the work
     while True:
-        hashed = None if few else _hash(points, size)
+        hashed = None if few else hash_into_voxels(points, size)
         counts = np.sort(_counts(points, size) if hashed is None else hashed.moments[:, 0])
         weight = np.cumsum(counts)
         at_quantile = counts[np.searchsorted(weight, 0.4 * weight[-1])]
         if at_quantile >= POINTS_PER_VOXEL or size > extent:
-            return _linked(_hash(points, size) if hashed is None else hashed)
+            return _linked(hash_into_voxels(points, size) if hashed is None else hashed)
         size *= min(1.4, max(1.15, math.sqrt(POINTS_PER_VOXEL / at_quantile)))
 
 
 def fullest_of_voxels(points: Points, size_m: float, counts: Scalars) -> Int64[Array, "voxels"]:
     """Pick the row of the largest count, of equals the first, from every voxel: (voxels,) in ascending order."""
-    hashed = _hash(points, size_m)
+    hashed = hash_into_voxels(points, size_m)
     return np.sort(kernels.fullest(hashed.cell_of_point, counts, len(hashed.keys)))
 
 
 @dataclass(frozen=True, eq=False)
-class _Hashed:
+class HashedVoxels:
     """Points in voxels."""
 
     size_m: float
+    lower_m: Vector3
+    """(3,) corner from which voxels are counted [m]."""
     keys: Int64[Array, "m"]
     """(m,) voxels in ascending order."""
     moments: Float64[Array, "m 10"]
@@ -95,8 +97,14 @@ def _counts(points: Points, size_m: float) -> Int64[Array, "voxels"]:
     return np.asarray(kernels.count_points(points, _lower(points, size_m), size_m))
 
 
-def _hash(points: Points, size_m: float) -> _Hashed:
-    """Hash points and centre the moments."""
+def hash_into_voxels(points: Points, size_m: float) -> HashedVoxels:
+    """Hash points into voxels numbered by their place, with their moments; O(n).
+
+    Raises
+    ------
+    InvalidInputError
+        Without points, or if the extent needs more than 2^20 voxels along one axis.
+    """
     lower = _lower(points, size_m)
     cell_of_point = np.empty(len(points), dtype=np.int32)
 
@@ -120,10 +128,10 @@ def _hash(points: Points, size_m: float) -> _Hashed:
         len(points), least=POINTS_PER_TABLE, most=MOST_TABLES,
     )  # fmt: skip
     kernels.centre_moments(moments, keys, lower, size_m)
-    return _Hashed(size_m, keys, moments, cell_of_point)
+    return HashedVoxels(size_m, lower, keys, moments, cell_of_point)
 
 
-def _linked(hashed: _Hashed) -> SurfaceCells:
+def _linked(hashed: HashedVoxels) -> SurfaceCells:
     """Find the touching voxels."""
     m = len(hashed.keys)
     table = kernels.table_of(hashed.keys, m, 1 << max(4 * m, 2).bit_length())

@@ -34,7 +34,7 @@ def _slot(key: np.int64, mask: int) -> np.int64:
 
 
 @njit(cache=True, nogil=True)
-def _find(key: np.int64, table: Array) -> np.int64:
+def find(key: np.int64, table: Array) -> np.int64:
     """Give the row of the table that holds the key, or the free one where it belongs."""
     mask = table.shape[0] - 1
     slot = _slot(key, mask)
@@ -48,7 +48,7 @@ def table_of(keys: Array, count: int, capacity: int) -> Array:
     """Build a hash table, (capacity, 2) key and number, of the first `count` keys; both share a line of the cache."""
     table = np.full((capacity, 2), EMPTY, dtype=np.int64)
     for cell in range(count):
-        slot = _find(keys[cell], table)
+        slot = find(keys[cell], table)
         table[slot, 0] = keys[cell]
         table[slot, 1] = cell
     return table
@@ -87,13 +87,13 @@ def hash_points(
             cells[j] = table[slots[j], 1] if table[slots[j], 0] == own_keys[j] else EMPTY
         for j in range(batch):
             if cells[j] == EMPTY:
-                slot = _find(own_keys[j], table)
+                slot = find(own_keys[j], table)
                 if table[slot, 0] == EMPTY:
                     if count == room:
                         keys, moments = _doubled(keys, moments)
                         room *= 2
                         table = table_of(keys, count, 2 * room)
-                        slot = _find(own_keys[j], table)
+                        slot = find(own_keys[j], table)
                     keys[count] = own_keys[j]
                     table[slot, 0] = own_keys[j]
                     table[slot, 1] = count
@@ -118,7 +118,7 @@ def count_points(points: Array, lower: Array, size: float) -> Any:  # pragma: no
         iy = np.int64((points[i, 1] - lower[1]) * inverse)
         iz = np.int64((points[i, 2] - lower[2]) * inverse)
         key = (ix << (2 * BITS)) | (iy << BITS) | iz
-        slot = _find(key, table)
+        slot = find(key, table)
         if table[slot, 0] == EMPTY:
             table[slot, 0], table[slot, 1] = key, 0
         table[slot, 1] += 1
@@ -202,7 +202,7 @@ def unite(keys: Array, moments: Array, more_keys: Array, more_moments: Array) ->
     numbers = np.empty(len(more_keys), dtype=np.int32)
     fresh = 0
     for i in range(len(more_keys)):
-        slot = _find(more_keys[i], table)
+        slot = find(more_keys[i], table)
         if table[slot, 0] == EMPTY:
             numbers[i] = m + fresh
             fresh += 1
@@ -264,7 +264,7 @@ def voxel_neighbours(keys: Array, table: Array, start: int, end: int, neighbours
             dy = (step // 3) % 3 - 1
             dz = step % 3 - 1
             key = keys[cell] + (np.int64(dx) << (2 * BITS)) + (np.int64(dy) << BITS) + dz
-            slot = _find(key, table)
+            slot = find(key, table)
             if table[slot, 0] == key:
                 other = table[slot, 1]
                 neighbours[cell, k] = other

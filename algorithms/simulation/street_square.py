@@ -51,10 +51,10 @@ def street_square_scene() -> Scene:
         ((-10.0, -HALF_WIDTH_M), (-40.0, -HALF_WIDTH_M)),
     )
     parts = [part for start, end in rows for part in row_of_houses(start, end, rng)]
-    parts += [*_ground(-60.0, 50.0), *_furniture_of_the_square(rng)]
+    parts += [*ground(-60.0, 50.0), *_furniture_of_the_square(rng)]
     headings = rng.uniform(0.0, 2.0 * np.pi, len(STATION_WALK_M))
     stations = tuple(
-        _station(place, float(heading), TILTS_DEG.get(k), rng)
+        set_up_by_hand(place, float(heading), TILTS_DEG.get(k), rng)
         for k, (place, heading) in enumerate(zip(STATION_WALK_M, headings, strict=True))
     )
     return scene_from_parts("street_square", parts, stations)
@@ -74,14 +74,14 @@ def street_scene(stations: int, rng: np.random.Generator) -> Scene:
     parts = [
         *row_of_houses((start, HALF_WIDTH_M), (end, HALF_WIDTH_M), rng),
         *row_of_houses((end, -HALF_WIDTH_M), (start, -HALF_WIDTH_M), rng),
-        *_ground(start - 10.0, end + 10.0),
+        *ground(start - 10.0, end + 10.0),
     ]
     for x in np.arange(start + 5.0, end, 17.0).tolist():
         side = HALF_WIDTH_M - 1.2 if rng.random() < 0.5 else 1.2 - HALF_WIDTH_M
-        parts += [*_lamp(x + float(rng.uniform(-2.0, 2.0)), side), *_parked_car(x + 8.0, -0.6 * side, rng)]
+        parts += [*lamp(x + float(rng.uniform(-2.0, 2.0)), side), *parked_car(x + 8.0, -0.6 * side, rng)]
     tilts = rng.uniform(20.0, 50.0, stations) * rng.choice((-1.0, 1.0), stations)
     poses = tuple(
-        _station(
+        set_up_by_hand(
             (STEP_M * k, 0.5 * (-1.0) ** k),
             float(rng.uniform(0.0, 2.0 * np.pi)),
             (float(tilts[k]), 0.0) if k % 3 == 1 else None,
@@ -92,7 +92,12 @@ def street_scene(stations: int, rng: np.random.Generator) -> Scene:
     return scene_from_parts("street", parts, poses)
 
 
-def row_of_houses(start_m: tuple[float, float], end_m: tuple[float, float], rng: np.random.Generator) -> list[Part]:
+def row_of_houses(
+    start_m: tuple[float, float],
+    end_m: tuple[float, float],
+    rng: np.random.Generator,
+    heights_m: tuple[float, float] = HOUSE_HEIGHTS_M,
+) -> list[Part]:
     """Build houses wall to wall on a ground line, each with a width, height, setback and windows of its own.
 
     Their fronts look to the right of the direction start -> end.
@@ -103,6 +108,8 @@ def row_of_houses(start_m: tuple[float, float], end_m: tuple[float, float], rng:
         Of the line of the street [m].
     rng
         Draws the houses.
+    heights_m
+        Lowest and highest eaves.
     """
     start, end = np.array(start_m, dtype=np.float64), np.array(end_m, dtype=np.float64)
     length = float(np.linalg.norm(end - start))
@@ -116,13 +123,13 @@ def row_of_houses(start_m: tuple[float, float], end_m: tuple[float, float], rng:
         setback = rng.uniform(0.0, DEEPEST_SETBACK_M) * behind
         foot, far = start + corners[k] * along + setback, start + corners[k + 1] * along + setback
         frame = wall_frame((float(foot[0]), float(foot[1])), (float(far[0]), float(far[1])))
-        parts += _house(frame, float(corners[k + 1] - corners[k]), rng)
+        parts += _house(frame, float(corners[k + 1] - corners[k]), rng, heights_m)
     return parts
 
 
-def _house(frame: WallFrame, width: float, rng: np.random.Generator) -> list[Part]:
+def _house(frame: WallFrame, width: float, rng: np.random.Generator, heights_m: tuple[float, float]) -> list[Part]:
     """Build front, party walls and the slope of the roof towards the street."""
-    height = float(rng.uniform(*HOUSE_HEIGHTS_M))
+    height = float(rng.uniform(*heights_m))
     material = (PLASTER, BRICK, CONCRETE)[rng.integers(3)]
     top = np.array([[0.0, height], [width, height]])
     reveal = float(rng.uniform(0.12, 0.3))
@@ -165,7 +172,8 @@ def _windows(width: float, height: float, rng: np.random.Generator) -> list[Open
     return openings
 
 
-def _ground(low_x: float, high_x: float) -> list[Part]:
+def ground(low_x: float, high_x: float) -> list[Part]:
+    """Lay the street's surface, from 40 m on one side of its axis to 40 m on the other."""
     ring = np.array([(low_x, -40.0, 0.0), (high_x, -40.0, 0.0), (high_x, 40.0, 0.0), (low_x, 40.0, 0.0)])
     return [polygons([ring], CONCRETE, with_edges=False)]
 
@@ -177,7 +185,7 @@ def _furniture_of_the_square(rng: np.random.Generator) -> list[Part]:
         *(
             part
             for x, y in ((-30.0, 4.6), (-14.0, -4.7), (-6.0, 8.0), (8.0, 10.5), (18.5, -7.0))
-            for part in _lamp(x, y)
+            for part in lamp(x, y)
         ),
         tube((4.6, 1.6, 0.0), (4.6, 1.6, 0.75), 2.1, CONCRETE),
         tube((4.6, 1.6, 0.75), (4.6, 1.6, 3.1), 0.28, CONCRETE),
@@ -188,23 +196,25 @@ def _furniture_of_the_square(rng: np.random.Generator) -> list[Part]:
         box((-2.0, -12.9, 0.0), (4.0, -11.9, 0.18), CONCRETE),
         box((-1.6, -12.9, 0.18), (3.6, -12.4, 0.36), CONCRETE),
         box((10.0, -11.0, 0.0), (14.0, -9.0, 0.5), LAWN, turn_rad=-9.0 * degree),
-        *(part for x, y in ((-25.5, -3.9), (-19.5, 4.0), (15.5, 10.6)) for part in _parked_car(x, y, rng)),
+        *(part for x, y in ((-25.5, -3.9), (-19.5, 4.0), (15.5, 10.6)) for part in parked_car(x, y, rng)),
     ]
 
 
-def _lamp(x: float, y: float) -> list[Part]:
+def lamp(x: float, y: float) -> list[Part]:
+    """Put up a street lamp."""
     return [tube((x, y, 0.0), (x, y, 4.8), 0.075, STEEL), tube((x, y, 4.8), (x, y, 5.1), 0.2, STEEL)]
 
 
-def _parked_car(x: float, y: float, rng: np.random.Generator) -> list[Part]:
-    turn = float(rng.normal(0.0, np.radians(3.0)))
+def parked_car(x: float, y: float, rng: np.random.Generator, heading_rad: float = 0.0) -> list[Part]:
+    """Put a car of two boxes about where it belongs, lengthwise along a heading from x."""
+    turn = heading_rad + float(rng.normal(0.0, np.radians(3.0)))
     return [
         box((x - 2.1, y - 0.85, 0.25), (x + 2.1, y + 0.85, 0.9), STEEL, turn_rad=turn),
         box((x - 1.3, y - 0.72, 0.9), (x + 1.1, y + 0.72, 1.45), STEEL, turn_rad=turn),
     ]
 
 
-def _station(
+def set_up_by_hand(
     place_m: Sequence[float], heading_rad: float, tilt_deg: tuple[float, float] | None, rng: np.random.Generator
 ) -> RigidTransform:
     """Set up a tripod by hand within about a degree of the vertical, unless it leans on purpose."""

@@ -13,6 +13,7 @@ from service.formats.e57_photos import E57PhotoReader
 from service.formats.finishing import finish, refused_info, scan_info, with_reading
 from service.formats.images import ImageReader
 from service.formats.las import LasReader
+from service.formats.meshes import mesh_format, read_mesh
 from service.formats.pcd import PcdReader
 from service.formats.photo import Photo, PhotoInfo, PhotoReader
 from service.formats.ply import PlyReader
@@ -53,6 +54,7 @@ __all__ = [
     "read_photo",
     "read_scan",
     "reader_for",
+    "reader_of",
 ]
 
 
@@ -62,13 +64,13 @@ class FileContents:
 
     format: str
     kind: str
-    """scan or photo; a file with both is a scan."""
+    """scan, photo or mesh; a file with both of the first, or vertices that can be used as a scan, is a scan."""
     scans: tuple[ScanInfo, ...]
     photos: tuple[PhotoInfo, ...]
 
 
 def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, columns: str = "") -> FileContents:
-    """Describe every scan and photo of a file, having read every point and decoded every pixel.
+    """Describe every scan, photo or mesh of a file, having read every point and decoded every pixel.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
     Raises
     ------
     UnreadableFileError
-        The file holds neither a usable scan nor a usable photo.
+        The file holds neither a usable scan nor a usable photo nor a mesh.
     FileTooLargeError
         A scan has more points, or an image file more pixels, than `limits` allow.
     """
@@ -96,7 +98,15 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
             why = "; ".join(dict.fromkeys(photo.refused or "" for photo in photos))
             raise file.unreadable(f"the file holds no scan, and no image that can be used: {why}", "photo 0")
         return FileContents(reader.format_of(head) or "", "photo", (), photos)
-    return FileContents(_reader(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
+    mesh = mesh_format(path, filename)
+    try:
+        if mesh is None or mesh == "ply":
+            return FileContents(reader_of(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
+    except UnreadableFileError:
+        if mesh is None:
+            raise
+    read_mesh(path, filename)
+    return FileContents(mesh.upper(), "mesh", (), ())
 
 
 def read_photo(path: Path, filename: str, index: int = 0, limits: ReadLimits = NO_LIMITS) -> Photo:
@@ -160,7 +170,7 @@ def inspect_file(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, colu
     found: list[ScanInfo] = []
     faults: list[UnreadableFileError] = []
     with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
-        for records in _reader(file).scans(file, limits):
+        for records in reader_of(file).scans(file, limits):
             told = _told(file, records)
             if isinstance(told, RefusedScan):
                 faults.append(told.error)
@@ -206,14 +216,21 @@ def read_scan(
     """
     file = ScanFile(path, filename, columns, unit)
     with np.errstate(all="ignore"):
-        for records in _reader(file).scans(file, limits, index):
+        for records in reader_of(file).scans(file, limits, index):
             if isinstance(records, RefusedScan):
                 raise records.error
             return finish(file, records)
     raise file.unreadable("the file holds no points under this index", f"scan {index}")
 
 
-def _reader(file: ScanFile) -> ScanReader:
+def reader_of(file: ScanFile) -> ScanReader:
+    """Choose the reader of a file, whose owner may have said that it is a text table.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is empty, of an unsupported format, or not what its owner says.
+    """
     if file.columns and PurePath(file.filename).suffix.lower() in TextReader().extensions:
         return TextReader()  # lines of names that nobody knows may come first
     reader = reader_for(file.path, file.filename)

@@ -1,7 +1,7 @@
 """What a reader of scan files is, and what it hands over."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +11,9 @@ from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, V
 from algorithms.scans.content import ScanContent
 from service.errors import UnreadableFileError
 from service.formats.units import DeclaredUnit
+
+RECORDS_AT_ONCE = 1 << 19
+"""Records of a piece."""
 
 
 @dataclass(frozen=True)
@@ -185,3 +188,38 @@ class ScanReader(Protocol):
             A scan exceeds `limits`.
         """
         ...
+
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield one scan piece by piece, so that it is never whole in memory; nothing if there is no such scan.
+
+        Each piece has what `scans` would say of its records; an intensity or a colour that a piece lacks is zero.
+
+        Raises
+        ------
+        UnreadableFileError, FileTooLargeError
+            As `scans` does.
+        """
+        ...
+
+
+def cut(records: ScanRecords | RefusedScan) -> Iterator[ScanRecords]:
+    """Yield a scan that is in memory piece by piece.
+
+    Raises
+    ------
+    UnreadableFileError
+        It cannot be used.
+    """
+    if isinstance(records, RefusedScan):
+        raise records.error
+    for start in range(0, len(records.points), RECORDS_AT_ONCE):
+        part = slice(start, start + RECORDS_AT_ONCE)
+        yield replace(
+            records,
+            points=records.points[part].copy(),
+            valid=None if records.valid is None else records.valid[part],
+            row=None if records.row is None else records.row[part],
+            column=None if records.column is None else records.column[part],
+            intensity=None if records.intensity is None else records.intensity[part],
+            color=None if records.color is None else records.color[part],
+        )

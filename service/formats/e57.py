@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points
 from service.errors import UnreadableFileError
-from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.crs_units import unit_of_crs
 from service.formats.e57_nodes import faults_named, number_of, opened, pose_of
 from service.formats.finishing import check_count, check_packing, colors_8bit
@@ -28,7 +28,6 @@ BUFFER_TYPES = {
     **dict.fromkeys(CELL, "q"),
     **dict.fromkeys(INVALID, "h"),
 }
-RECORDS_AT_ONCE = 1 << 19
 
 
 @final
@@ -65,6 +64,19 @@ class E57Reader:
                     found = RefusedScan(index, _name_of(data, index), fault)
                 yield found
 
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield one scan piece by piece."""
+        with opened(file) as image_file:
+            with faults_named(file, "the file's structure"):
+                data = _scan_nodes(file, image_file, limits)
+                said = _said_of_units(image_file)
+            if not 0 <= index < len(data):
+                return
+            with faults_named(file, f"scan {index}"):
+                plan = _plan(file, data[index], index, limits)
+                for columns in _filled(image_file, plan):
+                    yield replace(_records(data[index], index, plan, columns), **said)
+
 
 def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
     from pye57 import libe57
@@ -79,7 +91,19 @@ def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
     raise file.unreadable(f"the E57 file holds no scan, only {images} image(s)" if images else "no scan", "data3D")
 
 
-def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords:
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What of a scan is read."""
+
+    points_node: Any
+    count: int
+    fields: list[str]
+    coordinates: tuple[str, str, str]
+    largest_color: float | None
+
+
+def _plan(file: ScanFile, node: Any, index: int, limits: ReadLimits) -> _Plan:
+    """Look at what a scan declares before anything is allocated for it."""
     from pye57 import libe57
 
     place = f"scan {index}"
@@ -101,16 +125,26 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
     check_packing(file, count, place)
     optional = {name for name in BUFFER_TYPES if INVALID.get(name, coordinates) == coordinates}
     fields = [*coordinates, *sorted(present & optional)]
-    columns = _Columns(count, fields, _largest_color(node, prototype) if present.issuperset(COLOR) else None)
-    filled = _fill(image_file, points_node, fields, columns)
-    if filled != count:
-        raise file.unreadable(f"the point data end after {filled} of {count} records", f"{place}, record {filled}")
-    points = columns.points if coordinates == CARTESIAN else _cartesian(columns.points)
+    largest = _largest_color(node, prototype) if present.issuperset(COLOR) else None
+    return _Plan(points_node, count, fields, coordinates, largest)
+
+
+def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords:
+    plan = _plan(file, node, index, limits)
+    columns = _Columns(plan.count, plan.fields, plan.largest_color)
+    filled = _fill(image_file, plan.points_node, plan.fields, columns)
+    if filled != plan.count:
+        place = f"scan {index}, record {filled}"
+        raise file.unreadable(f"the point data end after {filled} of {plan.count} records", place)
+    return _records(node, index, plan, columns)
+
+
+def _records(node: Any, index: int, plan: _Plan, columns: "_Columns") -> ScanRecords:
     pose = pose_of(node)
     structured = columns.row is not None and columns.column is not None
     return ScanRecords(
         index=index,
-        points=points,
+        points=columns.points if plan.coordinates == CARTESIAN else _cartesian(columns.points),
         name=_name(node),
         valid=columns.valid,
         row=columns.row,
@@ -118,7 +152,7 @@ def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: R
         intensity=columns.intensity,
         color=columns.color,
         # An identity pose says nothing: writers put it on any cloud. A grid, angles or a real pose speak of a set-up.
-        sensor_in_scan_m=np.zeros(3) if structured or coordinates == SPHERICAL or _moves(pose) else None,
+        sensor_in_scan_m=np.zeros(3) if structured or plan.coordinates == SPHERICAL or _moves(pose) else None,
         world_from_scan=pose,
     )
 
@@ -188,9 +222,35 @@ class _Columns:
 
 
 def _fill(image_file: Any, points_node: Any, fields: list[str], columns: _Columns) -> int:
+    total, filled = len(columns.points), 0
+    for got, piece in _read(image_file, points_node, fields, total):
+        columns.take(piece, filled, min(filled + got, total))
+        filled += got
+    return filled
+
+
+def _filled(image_file: Any, plan: _Plan) -> Iterator[_Columns]:
+    """Give the records of a scan piece by piece.
+
+    Raises
+    ------
+    ValueError
+        They end before the last.
+    """
+    filled = 0
+    for got, piece in _read(image_file, plan.points_node, plan.fields, plan.count):
+        columns = _Columns(got, plan.fields, plan.largest_color)
+        columns.take(piece, 0, got)
+        filled += got
+        yield columns
+    if filled != plan.count:
+        raise ValueError(f"the point data end after {filled} of {plan.count} records")
+
+
+def _read(image_file: Any, points_node: Any, fields: list[str], total: int) -> Iterator[tuple[int, dict[str, Array]]]:
+    """Give the buffers of the fields each time they are filled, with the number of records in them."""
     from pye57 import libe57
 
-    total = len(columns.points)
     capacity = min(RECORDS_AT_ONCE, total)
     piece = {name: np.empty(capacity, dtype=BUFFER_TYPES.get(name, "d")) for name in fields}
     buffers = libe57.VectorSourceDestBuffer()
@@ -199,10 +259,9 @@ def _fill(image_file: Any, points_node: Any, fields: list[str], columns: _Column
     reader = points_node.reader(buffers)
     filled = 0
     while filled < total and (got := int(reader.read())) > 0:
-        columns.take(piece, filled, min(filled + got, total))
+        yield got, piece
         filled += got
     reader.close()
-    return filled
 
 
 def _bits(node: Any) -> int:

@@ -75,6 +75,23 @@ class E57PhotoReader:
                 yield photo
 
 
+def encoded_photo(file: ScanFile, index: int, limits: ReadLimits) -> bytes:
+    """Give an image of a file as it is stored there, JPEG or PNG.
+
+    Raises
+    ------
+    UnreadableFileError
+        There is none under that index.
+    FileTooLargeError
+        It is too large to be a photo.
+    """
+    place = f"photo {index}"
+    with opened(file) as image_file, faults_named(file, place):
+        node = image_file.root()["images2D"][index]
+        parts = node[PINHOLE] if node.isDefined(PINHOLE) else node[VISUAL]
+        return _blob(file, parts, place, limits)
+
+
 def _scan_poses(root: Any) -> dict[str, tuple[int, RigidTransform]]:
     """Give number and pose of every scan by its guid; without a pose a scan lies in the common frame."""
     found = {}

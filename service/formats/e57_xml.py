@@ -35,7 +35,7 @@ def check_xml(file: ScanFile) -> None:
     parser.StartElementHandler = watch.begun
     parser.EndElementHandler = watch.ended
     try:
-        for piece in _section(file):
+        for piece in xml_section(file):
             parser.Parse(piece, False)
         parser.Parse(b"", True)
     except ExpatError as fault:
@@ -68,7 +68,7 @@ class _Watch:
         return self._file.unreadable(f"the XML section is not such as E57 has: {why}", PLACE)
 
 
-def _section(file: ScanFile) -> Iterator[bytes]:
+def xml_section(file: ScanFile) -> Iterator[bytes]:
     """Give the XML section piece by piece, without the checksums of the pages."""
     with file.path.open("rb") as stream:
         head = stream.read(48)

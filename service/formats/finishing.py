@@ -37,11 +37,11 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         another unit than the file.
     """
     place = f"scan {records.index}"
-    records = _in_metres(file, records, place)
+    records = in_metres(file, records, place)
     points = records.points
     if len(points) == 0:
         raise file.unreadable("the scan holds no points", place)
-    keep = _finite(points)
+    keep = finite(points)
     if not keep.any():
         raise file.unreadable("no point of the scan has finite coordinates", place)
     if records.valid is not None:
@@ -54,9 +54,9 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         chosen = keep
         points = points[keep]
     base_m = np.zeros(3) if records.base_m is None else records.base_m
-    low_m, high_m = _bounds(points)
+    low_m, high_m = bounds_of(points)
     _refuse_absurd(file, place, points, low_m, high_m, base_m, keep)
-    origin_m = _local_origin(low_m + base_m, high_m + base_m)
+    origin_m = local_origin(low_m + base_m, high_m + base_m)
     shift_m = base_m - origin_m
     if shift_m.any():
         points += shift_m
@@ -83,7 +83,7 @@ def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
         structured=scan.grid is not None,
         rows=None if scan.grid is None else scan.grid.rows,
         columns=None if scan.grid is None else scan.grid.columns,
-        bounds_m=np.stack(_bounds(scan.points)) + scan.origin_m,
+        bounds_m=np.stack(bounds_of(scan.points)) + scan.origin_m,
         has_intensity=scan.intensity is not None,
         has_color=scan.color is not None,
         scan_pose=None if scan.world_from_scan is None else scan.world_from_scan.as_matrix(),
@@ -184,7 +184,7 @@ def colors_8bit(channels: Array, largest: float) -> Colors:
     return np.asarray(np.clip(np.rint(scaled), 0, 255), dtype=np.uint8)
 
 
-def _in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
+def in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
     """Convert all lengths of a scan to metres; what is said by nobody is taken for metres."""
     declared = records.unit
     if file.unit:
@@ -210,13 +210,15 @@ def _in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
     )
 
 
-def _finite(points: Points) -> Flags:
+def finite(points: Points) -> Flags:
+    """Say which points have three finite coordinates."""
     if np.isfinite(points.sum()):  # the common case, several times faster than looking row by row
         return np.ones(len(points), dtype=np.bool_)
     return np.asarray(np.isfinite(points).all(axis=1))
 
 
-def _bounds(points: Points) -> tuple[Vector3, Vector3]:
+def bounds_of(points: Points) -> tuple[Vector3, Vector3]:
+    """Give the least and the largest coordinates."""
     # column by column: reductions over the long axis of a narrow array are slow
     low_m = np.array([points[:, axis].min() for axis in range(3)])
     return low_m, np.array([points[:, axis].max() for axis in range(3)])
@@ -237,7 +239,8 @@ def _refuse_absurd(
         raise file.unreadable(f"the scan has {found} distinct points, at least 4 are needed", place)
 
 
-def _local_origin(low_m: Vector3, high_m: Vector3) -> Vector3:
+def local_origin(low_m: Vector3, high_m: Vector3) -> Vector3:
+    """Choose what is subtracted from coordinates between two corners [m]."""
     centre_m = 0.5 * (low_m + high_m)
     return np.zeros(3) if np.linalg.norm(centre_m) < NEAR_M else np.round(centre_m)
 

@@ -39,32 +39,56 @@ class LasReader:
 
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
-        import laspy
-
         if wanted not in {None, 0}:
             return
+        opened = _Opened(file, limits)
+        pieces = list(opened.pieces())
+        if pieces:
+            yield _with_unit(file, _joined(pieces, opened.count, opened.scales, opened.offsets), opened.unit)
+
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield the one cloud of a file piece by piece."""
+        opened, largest = _Opened(file, limits), 0.0
+        for piece in opened.pieces() if index == 0 else ():
+            if not largest and piece.color is not None and piece.color.any():
+                largest = _largest_color(piece.color)  # of the first points that are not black
+            points = piece.raw * opened.scales
+            color = None if piece.color is None else colors_8bit(piece.color, largest or 255.0)
+            records = ScanRecords(0, points, base_m=opened.offsets, intensity=piece.intensity, color=color)
+            yield _with_unit(file, records, opened.unit)
+
+
+class _Opened:
+    """A file whose header is checked when the first piece is asked for."""
+
+    def __init__(self, file: ScanFile, limits: ReadLimits) -> None:
+        self._file, self._limits = file, limits
+        self.count = 0
+        self.scales, self.offsets = np.ones(3), np.zeros(3)
+        self.unit: DeclaredUnit | UnknownUnit | None = None
+
+    def pieces(self) -> Iterator["_Piece"]:
+        """Read the points some at a time.
+
+        Raises
+        ------
+        UnreadableFileError
+            The file is damaged.
+        """
+        import laspy
+
+        file = self._file
         _check_header(file)
         place = "header"
         try:
             # one thread, no extended records: the parallel reader and the records trust counts that may be damaged
             with laspy.open(file.path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
-                header = reader.header
-                count = int(header.point_count)
-                if count == 0:
-                    return
-                scales, offsets = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
-                if not (np.isfinite(scales).all() and (scales != 0).all() and np.isfinite(offsets).all()):
-                    raise file.unreadable("scale or offset is zero or not finite", place)
-                if header.are_points_compressed:
-                    check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
-                smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
-                check_count(file, count, smallest, limits, place)
-                check_packing(file, count, place)
-                unit = las_unit(file, header.vlrs)
-                pieces, place = [], "point 0"
-                for chunk in reader.chunk_iterator(POINTS_AT_ONCE):
-                    pieces.append(_Piece.of(chunk))
-                    place = f"point {sum(len(piece.raw) for piece in pieces)}"
+                self._look_at(reader.header)
+                found = 0
+                for chunk in reader.chunk_iterator(POINTS_AT_ONCE) if self.count else ():
+                    found += len(chunk)
+                    place = f"point {found}"
+                    yield _Piece.of(chunk)
         except (laspy.LaspyException, struct.error) as fault:
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
         except (
@@ -79,7 +103,23 @@ class LasReader:
         ) as fault:
             # lazrs' own error is a RuntimeError
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
-        yield _with_unit(file, _joined(file, pieces, count, scales, offsets), unit)
+        if found != self.count:
+            raise file.unreadable(f"the points end after {found} of {self.count}", f"point {found}")
+
+    def _look_at(self, header: Any) -> None:
+        file, self.count = self._file, int(header.point_count)
+        if self.count == 0:
+            return
+        self.scales, self.offsets = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
+        finite = np.isfinite(self.scales).all() and np.isfinite(self.offsets).all()
+        if not (finite and (self.scales != 0).all()):
+            raise file.unreadable("scale or offset is zero or not finite", "header")
+        if header.are_points_compressed:
+            check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
+        smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
+        check_count(file, self.count, smallest, self._limits, "header")
+        check_packing(file, self.count, "header")
+        self.unit = las_unit(file, header.vlrs)
 
 
 def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | UnknownUnit | None) -> ScanRecords:
@@ -143,10 +183,7 @@ def _check_header(file: ScanFile) -> None:
         check_chunk_table(file, data_offset)
 
 
-def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, offsets: Array) -> ScanRecords:
-    found = sum(len(piece.raw) for piece in pieces)
-    if found != count:
-        raise file.unreadable(f"the points end after {found} of {count}", f"point {found}")
+def _joined(pieces: list[_Piece], count: int, scales: Array, offsets: Array) -> ScanRecords:
     points = np.empty((count, 3))
     start = 0
     for piece in pieces:
@@ -155,8 +192,7 @@ def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, off
     color = None
     if pieces[0].color is not None:
         channels = np.concatenate([piece.color for piece in pieces if piece.color is not None])
-        # the standard wants 16 bits; many writers store 8
-        color = colors_8bit(channels, 65535.0 if channels.max() > 255 else 255.0) if channels.any() else None
+        color = colors_8bit(channels, _largest_color(channels)) if channels.any() else None
     return ScanRecords(
         index=0,
         points=points,
@@ -164,3 +200,8 @@ def _joined(file: ScanFile, pieces: list[_Piece], count: int, scales: Array, off
         intensity=np.concatenate([piece.intensity for piece in pieces]),
         color=color,
     )
+
+
+def _largest_color(channels: Array) -> float:
+    """Tell the largest number of a channel: the standard wants 16 bits, many writers store 8."""
+    return 65535.0 if channels.max() > 255 else 255.0

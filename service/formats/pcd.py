@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from algorithms.arrays import Array, Colors, Vector3
-from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing
 from service.formats.number_table import read_table, refuse_long_lines
 from service.formats.units import DeclaredUnit, UnknownUnit, not_understood, unit_in_comments, way_out
@@ -61,31 +61,42 @@ class PcdReader:
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
         header = _read_header(file)
-        if header.points == 0 or wanted not in {None, 0}:
+        if header.points and wanted in {None, 0}:
+            yield _records(header, _read_table(file, header, limits), 0, *_unit(file, header))
+
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield the one cloud of a file piece by piece; only that of a text, or compressed, is read as a whole."""
+        header = _read_header(file)
+        if index or not header.points:
             return
-        table = _read_table(file, header, limits)
-        points = np.empty((header.points, 3))
-        names = _small(table.dtype.names or ())
-        for axis, name in enumerate("xyz"):
-            points[:, axis] = table[names[name]]
-        unit, warnings = _unit(file, header)
-        row = column = None
-        if header.height > 1 and header.width * header.height == header.points:
-            number = np.arange(header.points)
-            row, column = number // header.width, number % header.width
-        yield ScanRecords(
-            index=0,
-            points=points,
-            row=row,
-            column=column,
-            intensity=next(
-                (np.asarray(table[names[n]], dtype=np.float32) for n in INTENSITY_NAMES if n in names), None
-            ),
-            color=_color(table, names),
-            sensor_in_scan_m=header.sensor_m,
-            unit=unit,
-            warnings=warnings,
-        )
+        table, said = _read_table(file, header, limits), _unit(file, header)
+        for start in range(0, header.points, RECORDS_AT_ONCE):
+            yield _records(header, table[start : start + RECORDS_AT_ONCE], start, *said)
+
+
+def _records(
+    header: _Header, table: Array, first: int, unit: DeclaredUnit | None, warnings: tuple[str, ...]
+) -> ScanRecords:
+    """Give some of the records, from record number `first` on."""
+    points = np.empty((len(table), 3))
+    names = _small(table.dtype.names or ())
+    for axis, name in enumerate("xyz"):
+        points[:, axis] = table[names[name]]
+    row = column = None
+    if header.height > 1 and header.width * header.height == header.points:
+        number = np.arange(first, first + len(table))
+        row, column = number // header.width, number % header.width
+    return ScanRecords(
+        index=0,
+        points=points,
+        row=row,
+        column=column,
+        intensity=next((np.asarray(table[names[n]], dtype=np.float32) for n in INTENSITY_NAMES if n in names), None),
+        color=_color(table, names),
+        sensor_in_scan_m=header.sensor_m,
+        unit=unit,
+        warnings=warnings,
+    )
 
 
 def _small(names: Sequence[str]) -> dict[str, str]:

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import final
 
 import numpy as np
 
 from algorithms.arrays import Array, Colors, Floats32
-from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
 from service.formats.number_table import read_table, refuse_long_lines
 from service.formats.ply_lists import Property, RecordsEndError, plain, read_records, without_lists
@@ -71,30 +72,66 @@ class PlyReader:
 
     def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file."""
-        header = _read_header(file)
-        skipped, vertex = _vertex_element(file, header)
-        if vertex.count == 0 or wanted not in {None, 0}:
+        if wanted not in {None, 0} or (opened := _opened(file, limits)) is None:
             return
-        if header.encoding == "ascii":
-            check_count(file, vertex.count, 2.0 * len(vertex.properties), limits, "element vertex", spare=2)
-            refuse_long_lines(file)
-            table = _read_ascii(file, header, skipped, vertex)
-        else:
-            check_count(file, vertex.count, float(_smallest_bytes(vertex)), limits, "element vertex")
-            table = _read_binary(file, header, skipped, vertex)
-        names = _names(vertex)
-        points = np.empty((vertex.count, 3))
+        yield opened.records(slice(None))
+
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield the one cloud of a file piece by piece; only that of a text, or with lists, is read as a whole."""
+        opened = _opened(file, limits) if index == 0 else None
+        if opened is None:
+            return
+        for start in range(0, opened.vertex.count, RECORDS_AT_ONCE):
+            yield opened.records(slice(start, start + RECORDS_AT_ONCE))
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """The table of the vertices, as a rule a view into the file."""
+
+    table: Array
+    vertex: _Element
+    unit: DeclaredUnit | None
+    warnings: tuple[str, ...]
+
+    def records(self, part: slice) -> ScanRecords:
+        """Give some of the records."""
+        names, table = _names(self.vertex), self.table[part]
+        points = np.empty((len(table), 3))
         for axis, name in enumerate("xyz"):
             points[:, axis] = table[names[name]]
-        unit, warnings = _unit(file, header)
-        yield ScanRecords(
+        return ScanRecords(
             index=0,
             points=points,
             intensity=_intensity(table, names),
-            color=_color(table, vertex),
-            unit=unit,
-            warnings=warnings,
+            color=_color(table, self.vertex, self._largest_color),
+            unit=self.unit,
+            warnings=self.warnings,
         )
+
+    @cached_property
+    def _largest_color(self) -> float:
+        """The largest number that a channel has anywhere, of which its scale is told."""
+        channels = _channels(self.vertex)
+        if channels is None or self.table.dtype[channels[0]] == np.uint8:
+            return 255.0
+        return max(float(np.nan_to_num(self.table[name]).max(initial=0.0)) for name in channels)
+
+
+def _opened(file: ScanFile, limits: ReadLimits) -> _Opened | None:
+    """Look at the header and give the vertices; None without any."""
+    header = _read_header(file)
+    skipped, vertex = _vertex_element(file, header)
+    if vertex.count == 0:
+        return None
+    if header.encoding == "ascii":
+        check_count(file, vertex.count, 2.0 * len(vertex.properties), limits, "element vertex", spare=2)
+        refuse_long_lines(file)
+        table = _read_ascii(file, header, skipped, vertex)
+    else:
+        check_count(file, vertex.count, float(_smallest_bytes(vertex)), limits, "element vertex")
+        table = _read_binary(file, header, skipped, vertex)
+    return _Opened(table, vertex, *_unit(file, header))
 
 
 def _unit(file: ScanFile, header: _Header) -> tuple[DeclaredUnit | None, tuple[str, ...]]:
@@ -221,13 +258,18 @@ def _intensity(table: Array, names: Mapping[str, str]) -> Floats32 | None:
     return next((np.asarray(table[names[name]], dtype=np.float32) for name in INTENSITY_NAMES if name in names), None)
 
 
-def _color(table: Array, vertex: _Element) -> Colors | None:
-    names, kinds = _names(vertex), dict(plain(vertex.properties))
+def _channels(vertex: _Element) -> list[str] | None:
+    """Give the properties that are red, green and blue."""
+    names = _names(vertex)
     channels = next((three for three in COLOR_NAMES if set(three) <= names.keys()), None)
+    return None if channels is None else [names[name] for name in channels]
+
+
+def _color(table: Array, vertex: _Element, largest: float) -> Colors | None:
+    kinds, channels = dict(plain(vertex.properties)), _channels(vertex)
     if channels is None:
         return None
-    values = np.column_stack([table[names[name]] for name in channels])
-    largest = float(np.nan_to_num(values).max())
-    if kinds[names[channels[0]]].startswith("f"):
+    values = np.column_stack([table[name] for name in channels])
+    if kinds[channels[0]].startswith("f"):
         return colors_8bit(values, 1.0 if largest <= 1.0 else 255.0)
     return colors_8bit(values, 255.0 if largest <= 255.0 else 65535.0)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Matrix4, Vector3
 from service.errors import UnreadableFileError
-from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.finishing import check_count, colors_8bit
 from service.formats.number_table import read_table, refuse_long_lines
 
@@ -79,6 +79,23 @@ class PtxReader:
                 lines.skip_points()
             if stream.read(1):
                 raise file.unreadable(f"more than {limits.max_scans} scans", f"line {lines.number}")
+
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield one scan piece by piece."""
+        refuse_long_lines(file)
+        with file.path.open("rb") as stream:
+            lines = _Lines(stream)
+            for number in range(index + 1):
+                place = f"scan {number}, line {lines.number + 1}"
+                header = _read_header(file, lines, place)
+                if header is None:
+                    return
+                check_count(file, header.columns * header.rows, SHORTEST_LINE, limits, place, spare=1)
+                if number < index:
+                    lines.skip_points()
+                    continue
+                for first in range(0, header.columns * header.rows, RECORDS_AT_ONCE):
+                    yield _read_points(file, lines, header, index, first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +223,11 @@ def _pose(file: ScanFile, matrix: Matrix4, place: str) -> RigidTransform:
     return RigidTransform.from_components(column_matrix[:3, 3], Rotation.from_matrix(rotation))
 
 
-def _read_points(file: ScanFile, lines: _Lines, header: _Header, index: int) -> ScanRecords:
-    count, line, start = header.columns * header.rows, lines.number + 1, lines.place()
+def _read_points(file: ScanFile, lines: _Lines, header: _Header, index: int, first: int | None = None) -> ScanRecords:
+    """Read all points of a scan, or a piece of them from number `first` on."""
+    line, start = lines.number + 1, lines.place()
+    total = header.columns * header.rows
+    count = total if first is None else min(RECORDS_AT_ONCE, total - first)
     try:
         table = read_table(file, lines.points(count), line)
     except UnreadableFileError:
@@ -217,14 +237,15 @@ def _read_points(file: ScanFile, lines: _Lines, header: _Header, index: int) -> 
         table = read_table(file, _filled_up(lines.points(count), width), line)
     if len(table) != count:
         raise file.unreadable(
-            f"the scan ends after {len(table)} of {count} points", f"scan {index}, line {line + len(table)}"
+            f"the scan ends after {(first or 0) + len(table)} of {total} points",
+            f"scan {index}, line {line + len(table)}",
         )
     if table.shape[1] not in {3, 4, 6, 7}:
         raise file.unreadable(
             f"lines of {table.shape[1]} numbers; PTX has x y z [intensity] [r g b]", f"scan {index}, line {line}"
         )
     points = np.ascontiguousarray(table[:, :3])
-    number = np.arange(count, dtype=np.int32)
+    number = np.arange(count, dtype=np.int32) + (first or 0)
     return ScanRecords(
         index=index,
         points=points,

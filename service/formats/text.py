@@ -1,6 +1,7 @@
 """Tables of points in text: XYZ, PTS and CSV, with or without column names, any usual delimiter."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, count, islice
 from typing import TextIO, final
@@ -10,7 +11,7 @@ import numpy as np
 from algorithms.arrays import Array
 from schemas.text_columns import HOW, PASSED_OVER, TEXT_ENDINGS, roles_of
 from service.errors import FileTooLargeError, UnreadableFileError
-from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords, cut
 from service.formats.column_evidence import UnclearColumnsError, column_evidence, coordinate_column
 from service.formats.finishing import check_count, colors_8bit
 from service.formats.number_table import read_table, refuse_long_lines
@@ -66,23 +67,38 @@ class TextReader:
         self, file: ScanFile, limits: ReadLimits, wanted: int | None = None
     ) -> Iterator[ScanRecords | RefusedScan]:
         """Yield the clouds of a file in order, or only the one wanted."""
-        with file.path.open("rb") as binary:
-            head = binary.read(HEAD_BYTES)
-        stated = roles_of(file.columns.split(",")) if file.columns else []
-        try:
-            layout = layout_of(head, stated)
-        except LayoutError as fault:
-            raise file.unreadable(str(fault), f"line {fault.line}") from fault
-        refuse_long_lines(file)
-        table = _Table(file, limits, layout, stated)
-        with file.path.open(encoding=layout.encoding) as stream:
-            for _ in range(layout.skipped_lines):
-                stream.readline()
-            if layout.declared_points is None:
+        with _opened(file, limits) as (table, stream, head):
+            if table.layout.declared_points is None:
                 if wanted in {None, 0}:
                     yield table.single(stream, head)
             else:
-                yield from table.several(stream, layout.declared_points, wanted)
+                yield from table.several(stream, table.layout.declared_points, wanted)
+
+    def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
+        """Yield one cloud piece by piece; one of several that follow their number is read as a whole."""
+        with _opened(file, limits) as (table, stream, head):
+            if table.layout.declared_points is not None:
+                for records in table.several(stream, table.layout.declared_points, index):
+                    yield from cut(records)
+            elif index == 0:
+                yield from table.single_in_pieces(stream, head)
+
+
+@contextmanager
+def _opened(file: ScanFile, limits: ReadLimits) -> Iterator[tuple["_Table", TextIO, bytes]]:
+    """Find out how a file is written; give its first bytes and a stream from the first line of numbers on."""
+    with file.path.open("rb") as binary:
+        head = binary.read(HEAD_BYTES)
+    stated = roles_of(file.columns.split(",")) if file.columns else []
+    try:
+        layout = layout_of(head, stated)
+    except LayoutError as fault:
+        raise file.unreadable(str(fault), f"line {fault.line}") from fault
+    refuse_long_lines(file)
+    with file.path.open(encoding=layout.encoding) as stream:
+        for _ in range(layout.skipped_lines):
+            stream.readline()
+        yield _Table(file, limits, layout, stated), stream, head
 
 
 @dataclass(frozen=True)
@@ -94,15 +110,30 @@ class _Table:
 
     def single(self, stream: TextIO, head: bytes) -> ScanRecords:
         """Read all that is left of the file."""
-        first_line = self.layout.skipped_lines + 1
-        ahead = list(islice(stream, SAMPLED_LINES))
-        after = max(len(head), MOST_BYTES_OF_A_CHARACTER * sum(map(len, ahead)))
-        roles = self._roles([ahead, *_places(self.file, self.layout, after)], first_line)
-        most = self.limits.max_points
+        ahead, roles = self._sampled_roles(stream, head)
+        first_line, most = self.layout.skipped_lines + 1, self.limits.max_points
         numbers = self._numbers(islice(chain(ahead, stream), most + 1), first_line, roles)
         if len(numbers) > most:
             raise FileTooLargeError(f"{self.file.filename}, line {most},", len(numbers), most, "points")
-        return self._records(0, numbers, roles)
+        return self._records(0, numbers, roles, _color_scale(numbers, roles))
+
+    def single_in_pieces(self, stream: TextIO, head: bytes) -> Iterator[ScanRecords]:
+        """Read all that is left of the file, some lines at a time."""
+        ahead, roles = self._sampled_roles(stream, head)
+        lines, line, scale = chain(ahead, stream), self.layout.skipped_lines + 1, 0.0
+        while piece := list(islice(lines, RECORDS_AT_ONCE)):
+            numbers = self._numbers(iter(piece), line, roles)
+            line += len(piece)
+            if line > self.limits.max_points + self.layout.skipped_lines + 1:
+                raise FileTooLargeError(self.file.filename, line, self.limits.max_points, "points")
+            scale = scale or _color_scale(numbers, roles)
+            yield self._records(0, numbers, roles, scale)
+
+    def _sampled_roles(self, stream: TextIO, head: bytes) -> tuple[list[str], list[str]]:
+        """Give the first lines, which are read then, and what the columns are."""
+        ahead = list(islice(stream, SAMPLED_LINES))
+        after = max(len(head), MOST_BYTES_OF_A_CHARACTER * sum(map(len, ahead)))
+        return ahead, self._roles([ahead, *_places(self.file, self.layout, after)], self.layout.skipped_lines + 1)
 
     def several(self, stream: TextIO, declared: int, wanted: int | None) -> Iterator[ScanRecords | RefusedScan]:
         """Read clouds, each after its number of points; what is wrong with one does no harm to the others."""
@@ -138,7 +169,7 @@ class _Table:
             first = "the first line" if index == 0 else "its count line"
             end = f"line {line + len(numbers) - 1}"
             raise self.file.unreadable(f"{first} declares {block.declared} points, the file has {found}", end)
-        return self._records(index, numbers, roles)
+        return self._records(index, numbers, roles, _color_scale(numbers, roles))
 
     def _roles(self, samples: Sequence[Sequence[str]], line: int) -> list[str]:
         """Tell what the columns are: as stated, as named, or as their numbers show."""
@@ -213,14 +244,12 @@ class _Table:
         )
         return table if pick else table[:, chosen]
 
-    def _records(self, index: int, numbers: Array, roles: Sequence[str]) -> ScanRecords:
+    def _records(self, index: int, numbers: Array, roles: Sequence[str], color_scale: float) -> ScanRecords:
         chosen = [role for role in roles if role != PASSED_OVER]
         column = {role: numbers[:, at] for at, role in enumerate(chosen)}
         color = None
         if set(COLORS) <= column.keys():
-            channels = np.column_stack([column[role] for role in COLORS])
-            largest = float(np.nan_to_num(channels).max())
-            color = colors_8bit(channels, 255.0 if 1.0 < largest <= 255.0 else 1.0 if largest <= 1.0 else 65535.0)
+            color = colors_8bit(np.column_stack([column[role] for role in COLORS]), color_scale or 255.0)
         unit, warnings = unit_of_text(self.file, self.layout)
         return ScanRecords(
             index=index,
@@ -231,6 +260,15 @@ class _Table:
             text_columns=self.file.columns or ",".join(roles),
             warnings=warnings,
         )
+
+
+def _color_scale(numbers: Array, roles: Sequence[str]) -> float:
+    """Tell from the colours what their largest number means; 0 where there are none, or all is black."""
+    chosen = [role for role in roles if role != PASSED_OVER]
+    if not set(COLORS) <= set(chosen):
+        return 0.0
+    largest = max(float(np.nan_to_num(numbers[:, chosen.index(role)]).max(initial=0.0)) for role in COLORS)
+    return 0.0 if largest <= 0.0 else 1.0 if largest <= 1.0 else 255.0 if largest <= 255.0 else 65535.0
 
 
 class _Block:

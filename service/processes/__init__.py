@@ -10,14 +10,27 @@ from typing import Any
 
 from service.errors import NoSuchProcessError
 from service.ports import Json, Plan, Process, StepContext
+from service.processes.clean import CLEAN
+from service.processes.colour import COLOUR
+from service.processes.compare import COMPARE
 from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
 from service.processes.register import REGISTER
+from service.processes.transform import TRANSFORM
 from service.use_cases.steps.fetching_plan import FetchingPlan
 from service.use_cases.steps.table import SHARED_STEPS
 
-PROCESSES: tuple[Process[Any], ...] = (REGISTER, EXTRACT_LINES, DETECT_EDGES, ECHO)
+PROCESSES: tuple[Process[Any], ...] = (
+    REGISTER,
+    EXTRACT_LINES,
+    DETECT_EDGES,
+    TRANSFORM,
+    CLEAN,
+    COLOUR,
+    COMPARE,
+    ECHO,
+)
 
 OFFERED_PROCESSES: Mapping[str, Process[Any]] = {process.id: process for process in PROCESSES}
 PLANS: Mapping[str, Plan] = {process.id: FetchingPlan(process.plan) for process in PROCESSES}

@@ -11,6 +11,7 @@ import pytest
 from service.dependencies import Adapters
 from service.ports import CallbackEvent, Subscription
 from service.settings import Settings
+from service.use_cases.access.sealed_secrets import seal_of
 from tests.api.conftest import Client
 from tests.doubles.application import create_app
 
@@ -147,13 +148,16 @@ def test_a_bad_form_is_pointed_at_and_leaves_nothing_behind(
     "form", [with_subscriber(HEARING), with_options({"inputs": {}, "subscriber": HEARING})], ids=["field", "options"]
 )
 def test_the_job_tells_the_subscriber_of_the_form(settings: Settings, adapters: Adapters, form: list[Any]) -> None:
-    client = Client(create_app(settings.model_copy(update={"allow_private_callbacks": True}), adapters))
+    settings = settings.model_copy(update={"allow_private_callbacks": True})
+    client, seal = Client(create_app(settings, adapters)), seal_of(settings)
     job = adapters.jobs.get(client.post("/registrations", files=form).json()["jobID"])
     assert job is not None
+    assert seal is not None
     assert job.subscriber is not None
     subscription = Subscription.from_json(job.subscriber)
     assert subscription.uris == {CallbackEvent.SUCCESS: HEARING["successUri"]}
-    assert (subscription.secret, subscription.base_url) == (HEARING["secret"], "http://tieline.test")
+    assert seal.opened(subscription.secret, job.owner) == HEARING["secret"]
+    assert subscription.base_url == "http://tieline.test"
 
 
 def test_options_may_ask_for_some_outputs(client: Client, adapters: Adapters) -> None:

@@ -19,7 +19,7 @@ from algorithms.simulation.scene import Scene
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.symmetric_scenes import symmetric_room
 from service.formats import read_scan
-from service.formats.ply_writer import write_ply
+from service.formats.writers import write_scans
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 TOLERANCES = {
@@ -116,7 +116,8 @@ def write_moved(scan: Scan, path: Path, rng: np.random.Generator) -> RigidTransf
     """Turn and shift a scan at random and write it for all programs; give the motion, moved from scan."""
     motion = RigidTransform.from_components(rng.uniform(-REACH_M, REACH_M, 3), Rotation.random(rng=rng))
     points = np.ascontiguousarray(motion.apply(scan.points + scan.origin_m))
-    write_ply(path.with_suffix(".ply"), replace(scan, points=points, origin_m=np.zeros(3), sensor_m=None, grid=None))
+    cloud = replace(scan, points=points, origin_m=np.zeros(3), sensor_m=None, grid=None, world_from_scan=None)
+    write_scans(path.with_suffix(".ply"), [cloud])
     np.save(path.with_suffix(".npy"), points)
     return motion
 

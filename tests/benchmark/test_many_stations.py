@@ -22,7 +22,7 @@ from algorithms.simulation.scene import Scene
 from algorithms.simulation.street_square import street_scene
 from service.client import ServiceClient
 from service.embedded import embedded_service
-from service.formats.e57_writer import write_e57
+from service.formats.writers import write_scans
 from tests.measures.memory_watch import MemoryWatch
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(7200)]
@@ -44,7 +44,7 @@ def written(scene: Scene, stations: int, scanner: VirtualScanner, folder: Path) 
     scans = simulate_stations(scene, scene.stations[:stations], scanner, np.random.default_rng(1))
     for number, scan in enumerate(scans, start=1):
         paths.append(folder / f"S{number}.e57")
-        write_e57(paths[-1], [scan])
+        write_scans(paths[-1], [scan])
     return paths
 
 

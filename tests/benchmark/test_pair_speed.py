@@ -12,8 +12,7 @@ from algorithms.simulation.scanning import simulate_stations
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.formats import read_scan
-from service.formats.e57_writer import write_e57
-from service.formats.ply_writer import write_ply
+from service.formats.writers import write_scans
 from tests.measures.memory_watch import MemoryWatch
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]
@@ -30,9 +29,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     scans = simulate_stations(scene, scene.stations[:2], scanner_with_step(STEP_RAD), np.random.default_rng(1))
     for number, scan in enumerate(scans):
         paths.append(folder / f"hall-{number}.e57")
-        write_e57(paths[-1], [scan])
+        write_scans(paths[-1], [scan])
         if number == 0:
-            write_ply(folder / "hall-0.ply", scan)
+            write_scans(folder / "hall-0.ply", [scan])
     return paths
 
 

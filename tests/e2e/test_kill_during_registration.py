@@ -7,7 +7,7 @@ import psutil
 import pytest
 
 from service.adapters.processes.nursery import SCOUT
-from service.formats.e57_writer import write_e57
+from service.formats.writers import write_scans
 from tests.e2e.running_service import Document, RunningService, alive, running_service, wait_until
 from tests.e2e.virtual_scans import first_from_second, simulate
 
@@ -23,7 +23,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 @pytest.fixture(scope="module")
 def stations(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -> Sequence[Document]:
     path = tmp_path_factory.mktemp("house") / "house.e57"
-    write_e57(path, simulate("house"))
+    write_scans(path, simulate("house"))
     file = service.upload(path)["id"]
     return [{"name": f"S{k + 1}", "scan": {"file": file, "index": k}} for k in range(2)]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from algorithms.geometry.lines import lines_from_arrays
-from service.formats.e57_writer import write_e57
 from service.formats.photo import camera_document
+from service.formats.writers import write_scans
 from tests.e2e.running_service import Document, RunningService
 from tests.scenes.photos.photo_scenes import line_errors, normalised_errors
 from tests.scenes.photos.photo_wall import CAMERA, SCAN_FROM_CAMERA, nearest_side, true_sides, wall_photo, wall_scan
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def station(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("wall")
-    write_e57(folder / "wall.e57", [wall_scan()])
+    write_scans(folder / "wall.e57", [wall_scan()])
     assert cv2.imwrite(str(folder / "wall.png"), wall_photo())
     photo = {
         "file": service.upload(folder / "wall.png")["id"],

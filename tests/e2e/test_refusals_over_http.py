@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from algorithms.scans.scan import Scan
-from service.formats.e57_writer import write_e57
+from service.formats.writers import write_scans
 from tests.e2e.command_line import tieline
 from tests.e2e.running_service import Document, RunningService
 from tests.e2e.virtual_scans import simulate
@@ -20,7 +20,7 @@ PAIRS = {"parallel pipes": ("S1", "S2"), "strangers": ("S3", "S4"), "five points
 def single_plane(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -> Document:
     """Register two scans of one plane from the command line; the result and the exit code."""
     folder = tmp_path_factory.mktemp("plane")
-    write_e57(folder / "plane.e57", simulate("single_plane"))
+    write_scans(folder / "plane.e57", simulate("single_plane"))
     done = tieline("register", folder / "plane.e57", "--url", service.url, "--output", folder / "kept")
     return {**json.loads((folder / "kept" / "result.json").read_text()), "exit code": done.returncode}
 
@@ -30,7 +30,7 @@ def result(service: RunningService, tmp_path_factory: pytest.TempPathFactory) ->
     """Try, in one job, three pairs that cannot be registered."""
     few = Scan(points=np.random.default_rng(5).uniform(-3.0, 3.0, (5, 3)), origin_m=np.zeros(3))
     path = tmp_path_factory.mktemp("refused") / "unrelated.e57"
-    write_e57(path, [*simulate("parallel_pipes"), *simulate("house", 1), *simulate("office", 1), few])
+    write_scans(path, [*simulate("parallel_pipes"), *simulate("house", 1), *simulate("office", 1), few])
     file = service.upload(path)["id"]
     stations = [{"name": f"S{number}", "scan": {"file": file, "index": number - 1}} for number in range(1, 6)]
     return service.result(service.execute("register", {"stations": stations, "pairs": list(PAIRS.values())}))

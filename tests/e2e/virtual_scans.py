@@ -10,7 +10,7 @@ from algorithms.scans.scan import Scan
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
-from service.formats.e57_writer import write_e57
+from service.formats import writers
 
 SCANNER = VirtualScanner(rows=250, columns=600)
 """Some 60 thousand points of a house: enough for a dozen of lines, read and searched in about a second."""
@@ -26,7 +26,7 @@ def write_scans(folder: Path, scans: Sequence[Scan]) -> Sequence[Path]:
     """Write one E57 file per scan, without poses."""
     paths = [folder / f"{scan.name}.e57" for scan in scans]
     for path, scan in zip(paths, scans, strict=True):
-        write_e57(path, [scan])
+        writers.write_scans(path, [scan])
     return paths
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from service.formats.e57_writer import write_e57
+from service.formats.writers import write_scans
 from tests.e2e.virtual_scans import simulate
 from tests.integration.attacked_service import STEPS, AttackedService, attacked_service, victims_beside
 
@@ -46,7 +46,7 @@ def cells() -> list[tuple[str, str, str]]:
 @pytest.fixture(scope="module")
 def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scans") / "house.e57"
-    write_e57(path, simulate("house"))
+    write_scans(path, simulate("house"))
     return path
 
 

@@ -8,9 +8,7 @@ import pytest
 
 from service.errors import FileTooLargeError, UnreadableFileError
 from service.formats import ReadLimits, inspect_file
-from service.formats.e57_writer import write_e57
-from service.formats.ply_writer import write_ply
-from service.formats.ptx_writer import write_ptx
+from service.formats.writers import write_scans
 from tests.scenes.hostile.hostile_seeds import COLUMNS, COUNT, some_scan, write_las, write_pcd
 
 LIMITS = ReadLimits(max_points=100_000)
@@ -29,10 +27,10 @@ def write_ascii_ply(path: Path) -> None:
 
 
 WRITERS: dict[str, Callable[[Path], None]] = {
-    "a.e57": lambda path: write_e57(path, [some_scan(), some_scan()]),
-    "a.ply": lambda path: write_ply(path, some_scan()),
+    "a.e57": lambda path: write_scans(path, [some_scan(), some_scan()]),
+    "a.ply": lambda path: write_scans(path, [some_scan()]),
     "ascii.ply": write_ascii_ply,
-    "a.ptx": lambda path: write_ptx(path, [some_scan(), some_scan()]),
+    "a.ptx": lambda path: write_scans(path, [some_scan(), some_scan()]),
     "a.las": lambda path: write_las(path, 3),
     # layers, of formats 6 and later, are damaged in test_formats_hostile
     "a.laz": lambda path: write_las(path, 3),

@@ -1,6 +1,7 @@
 """What a writer writes, the reader of that format gives back."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +12,19 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.scans.scan import Scan, ScanGrid
 from service.formats import inspect_file, read_scan
-from service.formats.e57_writer import write_e57
-from service.formats.ply_writer import write_ply
-from service.formats.ptx_writer import write_ptx
+from service.formats.writers import write_scans
 
 ROWS, COLUMNS = 9, 14
 
 
 def write_one_ply(path: Path, scans: list[Scan]) -> None:
-    write_ply(path, scans[0])
+    """Without its pose: PLY would get the points in the world frame."""
+    write_scans(path, [replace(scans[0], world_from_scan=None)])
 
 
-WRITERS: dict[str, Callable[[Path, list[Scan]], None]] = {
-    "a.e57": write_e57,
-    "a.ptx": write_ptx,
+WRITERS: dict[str, Callable[[Path, list[Scan]], object]] = {
+    "a.e57": write_scans,
+    "a.ptx": write_scans,
     "a.ply": write_one_ply,
 }
 TOLERANCE_M = {
@@ -159,7 +159,7 @@ def test_several_scans_share_a_file(filename: str, tmp_path: Path) -> None:
 
 
 def test_the_name_of_a_scan_comes_back_in_e57(tmp_path: Path) -> None:
-    write_e57(tmp_path / "a.e57", [made_scan(8, NEAR)])
+    write_scans(tmp_path / "a.e57", [made_scan(8, NEAR)])
     assert inspect_file(tmp_path / "a.e57", "a.e57")[0].name == "Küche 1"
 
 
@@ -169,7 +169,7 @@ def test_rows_and_columns_beyond_one_buffer_stay_right(tmp_path: Path) -> None:
     index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     row, column = np.divmod(np.arange(rows * columns), columns)
     points = np.column_stack([row * 0.01, column * 0.01, np.ones(rows * columns)])
-    write_e57(tmp_path / "a.e57", [Scan(points=points, origin_m=np.zeros(3), grid=ScanGrid(index=index))])
+    write_scans(tmp_path / "a.e57", [Scan(points=points, origin_m=np.zeros(3), grid=ScanGrid(index=index))])
     back = read_scan(tmp_path / "a.e57", "a.e57")
     assert back.grid is not None
     assert np.array_equal(back.grid.index, index)

@@ -22,6 +22,7 @@ from algorithms.registration import DEFAULT_METHOD, RegistrationMethod, pair_ver
 from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
+from algorithms.registration.ndt import NdtMethod
 from algorithms.registration.own_estimates import register_own_way
 from algorithms.registration.own_procedures import OwnProcedure, Proposal
 from algorithms.simulation.scanner import VirtualScanner
@@ -190,7 +191,24 @@ def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
     np.testing.assert_allclose(far.covariance, near.covariance, rtol=1e-6, atol=1e-18)
 
 
-@usual_method
+@pytest.mark.slow
+def test_slices_of_levelled_scanners_are_no_answer_for_one_that_lies_on_its_side() -> None:
+    problem, truth = tilted_problem()
+    result = NdtMethod().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    if result.status is PairStatus.ACCEPTED:
+        assert np.linalg.norm(error_of(pose_of(result).target_from_source, truth)[3:]) < 0.005
+    assert result.reasons
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(each, marks=[] if each is DEFAULT_METHOD else pytest.mark.slow)
+        for each in METHODS
+        if each is not NdtMethod
+    ],
+    ids=lambda method: method.name,
+)
 def test_a_tilted_instrument_changes_nothing(method: Any) -> None:
     problem, truth = tilted_problem()
     result = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
@@ -206,10 +224,15 @@ def test_a_pose_that_is_not_the_rigorous_one_comes_with_it_and_with_what_the_met
     if result.own_figures is None:
         assert result.rigorous is None
         return
-    assert result.fine is not None
     assert result.rigorous is not None
     error = error_of(result.rigorous.target_from_source, stations("pipe_hall")[1])
     assert error @ np.linalg.solve(result.rigorous.covariance, error) < LARGEST_NEES
+    if result.final is not None:  # it proposed a pose only, and the answer is the rigorous one
+        assert result.rigorous is result.final.pose
+        assert result.own_figures.pose is not result.rigorous
+        assert result.own_figures.remarks
+        return
+    assert result.fine is not None
     # the rigorous estimate of the same lines is the best one: no direction may be known better by another
     excess = np.linalg.eigvalsh(result.fine.pose.covariance - result.rigorous.covariance)
     assert excess[0] > -1e-3 * excess[-1]

@@ -1,9 +1,10 @@
 """Process `register`: how scans lie to each other."""
 
 from schemas.register_inputs import RegisterInputs
+from schemas.registered_output import RegisteredOutput
 from schemas.registration_result import RegistrationDocument
 from service.ports import Process, Stored
-from service.processes.register.plan import RegisterPlan
+from service.processes.register.plan import REGISTERED, RegisterPlan
 from service.use_cases.inputs.check_stations import check_register_inputs
 
 
@@ -25,6 +26,8 @@ REGISTER = Process(
         "choose-pairs": "service.use_cases.steps.run_network_growth:choose_pairs",
         "adjust-network": "service.use_cases.steps.run_network:adjust_network",
         "report-registration": "service.use_cases.steps.run_registration_report:report_registration",
+        "list-registered": "service.use_cases.steps.run_registration_report:list_registered",
     },
     check=_check,
+    file_outputs={REGISTERED: RegisteredOutput},
 )

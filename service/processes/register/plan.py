@@ -6,9 +6,12 @@ from itertools import combinations
 
 from algorithms.network.options import ALL_PAIRS_UP_TO
 from service.ports import Json, StepCall
+from service.use_cases.steps.registered_calls import WRITING_WEIGHT, registered_calls
 from service.use_cases.steps.station_calls import REPORT_WEIGHT, features_call, scan_of
 
 PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT = 2.0, 0.3, 0.3
+REGISTERED = "registered"
+"""The output that is files."""
 MOST_ROUNDS = 12
 """Rounds of growth of a network of many stations."""
 
@@ -48,15 +51,30 @@ class RegisterPlan:
                     weight=REPORT_WEIGHT,
                 )
             ]
-        return None
+        return _registered_stage(job, outputs, len(outputs) - pairs.stages - is_network - 1)
 
     def total_weight(self, job: Json) -> float:
-        """Add up features, pairs and report; of a network that grows the pairs of the first round, at least."""
+        """Add up features, pairs, report and wanted files; of a network that grows the pairs of the first round."""
         inputs = job["inputs"]
         stations = len(inputs["stations"])
         pairs = 3 * stations if grows(inputs) else len(pairs_to_try(inputs))
         network = NETWORK_WEIGHT if stations > 2 else 0.0
-        return 2.0 * stations + PAIR_WEIGHT * pairs + network + REPORT_WEIGHT
+        files = stations * WRITING_WEIGHT + REPORT_WEIGHT if REGISTERED in job.get("wanted", {}) else 0.0
+        return 2.0 * stations + PAIR_WEIGHT * pairs + network + REPORT_WEIGHT + files
+
+
+def _registered_stage(job: Json, outputs: Sequence[Sequence[Json]], after_report: int) -> Sequence[StepCall] | None:
+    """Write the registered scans as files, if they are wanted, and list them in the result."""
+    options = job.get("wanted", {}).get(REGISTERED)
+    if options is None:
+        return None
+    result = f"jobs/{job['id']}/result.json"
+    if after_report == 0:
+        return registered_calls(job, job["inputs"]["stations"], options, result)
+    if after_report == 1:
+        arguments = {"job_id": job["id"], "written": outputs[-1], "result": result}
+        return [StepCall("list-registered", arguments, "listing the registered scans", weight=REPORT_WEIGHT)]
+    return None
 
 
 def grows(inputs: Json) -> bool:

@@ -5,7 +5,7 @@ from algorithms.arrays import IndexPairs
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import OptionalTriple
 from algorithms.registration.base import PairResult
-from schemas.own_figures import OwnFigures, OwnStep
+from schemas.own_figures import OwnFigures, OwnIteration, OwnStep
 from service.use_cases.documents.feature_names import line_name
 from service.use_cases.documents.pose_documents import pose_document
 
@@ -29,21 +29,25 @@ def own_figures_document(result: PairResult, *, target: str, source: str) -> Own
         label=own.label,
         claimed=pose_document(own.pose, target=target, source=source, centroid_m=None, a_posteriori=True),
         rigorous=None
-        if result.rigorous is None or result.fine is None
+        if result.rigorous is None
         else pose_document(
             result.rigorous,
             target=target,
             source=source,
             centroid_m=centroid_m,
-            a_posteriori=result.fine.adjustment.variance_factor > 1.0,
+            a_posteriori=result.fine is None or result.fine.adjustment.variance_factor > 1.0,
         ),
         steps=[_step(step) for step in own.steps],
         lines=_names(own.lines, target, source),
         declared_outliers=_names(own.declared_outliers, target, source),
         mean_std_rotation_gon=None if rotation is None else rotation * GON_PER_RAD,
         mean_std_translation_m=shift,
-        max_angle_gon=own.max_angle_rad * GON_PER_RAD,
+        max_angle_gon=None if own.max_angle_rad is None else own.max_angle_rad * GON_PER_RAD,
         max_distance_m=own.max_distance_m,
+        convergence=[
+            OwnIteration(misfit_m=each.misfit_m, step_m=each.step_m, correspondences=each.correspondences)
+            for each in own.convergence
+        ],
         remarks=list(own.remarks),
     )
 

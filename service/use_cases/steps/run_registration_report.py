@@ -17,6 +17,7 @@ from schemas.registration_result import (
     FeatureCount,
     Pair,
     Provenance,
+    RegisteredFile,
     RegistrationDocument,
     Station,
 )
@@ -79,6 +80,21 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     for name, (_, content) in {**files, "result.json": ("", data)}.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", data)
+    return {"status": document.status}
+
+
+def list_registered(context: StepContext, arguments: Json) -> Json:
+    """Add the files with the registered scans, which are written from the result document, to that document."""
+    job_id = arguments["job_id"]
+    key = arguments["result"]
+    document = RegistrationDocument.model_validate_json(context.blobs.local_path(key).read_bytes())
+    files = [RegisteredFile(**file) for output in arguments["written"] for file in output["files"]]
+    before = [each for each in document.artifacts if each.name not in {"result.json", *(file.name for file in files)}]
+    added = [Artifact(**{name: getattr(file, name) for name in Artifact.model_fields}) for file in files]
+    document = document.model_copy(update={"registered": files, "artifacts": [*before, *added]})
+    document, data = _with_itself(document, job_id)
+    for name in (f"jobs/{job_id}/artifacts/result.json", key):
+        context.blobs.write_bytes(name, data)
     return {"status": document.status}
 
 

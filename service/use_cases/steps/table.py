@@ -7,4 +7,5 @@ SHARED_STEPS: Mapping[str, str] = {
     "fetch-file": "service.use_cases.steps.run_fetch:fetch_file",
     "read-poses": "service.use_cases.steps.job_poses:read_poses",
     "features": "service.use_cases.steps.run_features:extract_features_with_kernels",
+    "write-registered": "service.use_cases.steps.registered_files:write_registered",
 }

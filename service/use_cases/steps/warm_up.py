@@ -58,6 +58,19 @@ def practise() -> None:
     ]
     problem = RegistrationProblem(features[0], features[1])
     DEFAULT_METHOD().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    _practise_on_deviations()
+
+
+def _practise_on_deviations() -> None:
+    """Compare the tiny room with itself in both ways of averaging."""
+    from algorithms.deviations.joint_poses import exact_poses
+    from algorithms.deviations.m3c2 import m3c2
+    from algorithms.deviations.options import Average, M3C2Options, WavesOf
+
+    points = tiny_room(structured=False).points
+    for average, waves in zip(Average, WavesOf, strict=True):
+        options = M3C2Options(0.3, 0.5, (0.5,), average, waves=waves)
+        m3c2(points, points, points[::20], exact_poses(), options, rng=np.random.default_rng(0))
 
 
 def practise_on_photos() -> None:

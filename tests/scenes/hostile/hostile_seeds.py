@@ -8,9 +8,7 @@ import laspy
 import numpy as np
 
 from algorithms.scans.scan import Scan, ScanGrid
-from service.formats.e57_writer import write_e57
-from service.formats.ply_writer import write_ply
-from service.formats.ptx_writer import write_ptx
+from service.formats.writers import write_scans
 from tests.unit.service.formats.test_formats_e57_photos import Picture, written
 
 ROWS, COLUMNS = 14, 20
@@ -88,10 +86,10 @@ def _image(*settings: int) -> Callable[[Path], None]:
 PROGRESSIVE_JPEG = (2, 1)
 LZW, DEFLATE, PLAIN = (259, 5), (259, 8), (259, 1)
 WRITERS: Mapping[str, Callable[[Path], None]] = {
-    "grid.e57": lambda path: write_e57(path, [some_scan(), some_scan()]),
+    "grid.e57": lambda path: write_scans(path, [some_scan(), some_scan()]),
     "photos.e57": write_e57_with_photos,
-    "grid.ptx": lambda path: write_ptx(path, [some_scan(), some_scan()]),
-    "binary.ply": lambda path: write_ply(path, some_scan()),
+    "grid.ptx": lambda path: write_scans(path, [some_scan(), some_scan()]),
+    "binary.ply": lambda path: write_scans(path, [some_scan()]),
     "swapped.ply": write_big_endian_ply,
     "ascii.ply": write_ascii_ply,
     "binary.pcd": lambda path: write_pcd(path, "binary"),

@@ -15,8 +15,8 @@ from algorithms.scans.scan import Scan
 from service.errors import UnreadableFileError
 from service.formats import ReadLimits, inspect_upload, read_photo
 from service.formats.e57_photos import DISTORTION_URI
-from service.formats.e57_writer import write_e57
 from service.formats.photo import PhotoInfo
+from service.formats.writers import write_scans
 
 WIDTH, HEIGHT = 60, 40
 IMAGE = np.random.default_rng(3).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
@@ -250,5 +250,5 @@ def test_a_file_without_scan_and_usable_image_is_refused(tmp_path: Path) -> None
 
 
 def test_scans_of_a_file_written_by_the_service_have_no_photos(tmp_path: Path) -> None:
-    write_e57(tmp_path / "a", scans([None]))
-    assert inspect_upload(tmp_path / "a", "a.e57").photos == ()
+    write_scans(tmp_path / "a.e57", scans([None]))
+    assert inspect_upload(tmp_path / "a.e57", "a.e57").photos == ()

@@ -10,7 +10,7 @@ from algorithms.arrays import Array
 from algorithms.scans.scan import Scan
 from service.errors import UnreadableFileError
 from service.formats import inspect_file, read_scan
-from service.formats.e57_writer import write_e57
+from service.formats.writers import write_scans
 
 POINTS = np.random.default_rng(1).uniform(-5.0, 5.0, (40, 3)).round(3)
 POSE = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
@@ -113,7 +113,7 @@ def cloud(points: Array) -> Scan:
 )
 def test_one_bad_set_up_of_e57_is_listed_with_its_reason(points: Array, reason: str, tmp_path: Path) -> None:
     path = tmp_path / "a.e57"
-    write_e57(path, [cloud(POINTS), cloud(points), cloud(POINTS)])
+    write_scans(path, [cloud(POINTS), cloud(points), cloud(POINTS)])
     infos = inspect_file(path, "a.e57")
     assert [info.usable for info in infos] == [True, False, True]
     assert reason in (infos[1].reason or "")

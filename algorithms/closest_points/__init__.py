@@ -1,0 +1,1 @@
+"""Iterative closest points after Horn, Besl and McKay, and Hofer and Pottmann."""

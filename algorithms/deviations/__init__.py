@@ -1,0 +1,1 @@
+"""How far a surface lies from another one, and whether that means anything."""

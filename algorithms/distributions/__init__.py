@@ -1,0 +1,1 @@
+"""Points as normal distributions in the cells of a grid, and scans laid on each other by them."""

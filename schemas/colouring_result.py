@@ -1,0 +1,43 @@
+"""Result of the process `colour`."""
+
+from pydantic import Field
+
+from schemas.poses import Document
+from schemas.registration_result import Artifact
+
+
+class PhotoFigures(Document):
+    """What one photo gave."""
+
+    station: str
+    """Where it was taken."""
+    name: str
+    """Of its file, and number in it."""
+    shown: int
+    """Points that it shows."""
+    shared: int
+    """Points of a sample that other photos show as well."""
+    rms: float | None
+    """Root mean square difference of its balanced colours from the blended ones, at shared points [grey levels];
+    null where none are shared."""
+    gain: tuple[float, float, float]
+    """How many times as bright it is as the mean of all photos: red, green, blue."""
+
+
+class ColouringDocument(Document):
+    """How the points got their colours."""
+
+    points: int
+    """Points of all stations."""
+    coloured: int
+    """Points that a photo shows; the others are black."""
+    photos: list[PhotoFigures]
+    """Every photo."""
+    fall_off: tuple[float, float, float]
+    """Brightness in the corners of the photos over that in the middle: red, green, blue."""
+    left_out: dict[str, str]
+    """Stations without a pose, by name, and why they have none."""
+    remarks: list[str]
+    """What could not be done, and why."""
+    coloured_cloud: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """The file, where it was wanted."""

@@ -1,0 +1,169 @@
+"""A scan of a file as a cloud that is read piece by piece, each time it is needed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from algorithms.arrays import Array, Vector3
+from algorithms.progress import NoProgress, Progress
+from service.formats import NO_LIMITS, reader_of
+from service.formats.base import ReadLimits, ScanFile, ScanReader, ScanRecords
+from service.formats.finishing import LARGEST_COORDINATE_M, SPARSEST_GRID, finite, in_metres, local_origin
+from service.formats.writers.base import CloudFacts, PointPiece, StationCloud
+
+
+def stream_scan(
+    file: ScanFile, index: int = 0, limits: ReadLimits = NO_LIMITS, progress: Progress | None = None
+) -> StationCloud:
+    """Read a scan once to learn its extent; give a cloud that reads it again whenever its points are needed.
+
+    Coordinates are converted to metres, records without a return or with a coordinate that is not finite are left out,
+    as `read_scan` does. The cloud keeps the pose of the file; `dataclasses.replace` gives it another one.
+
+    Parameters
+    ----------
+    file
+        The file with what its owner says of its columns and its unit.
+    index
+        Number of the scan in the file.
+    limits
+        How much it may ask for.
+    progress
+        Told how far the first reading is.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file cannot be used, or holds no usable points under that index.
+    FileTooLargeError
+        The scan has more points than `limits` allow.
+    """
+    reader = reader_of(file)
+    survey = _Survey()
+    with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
+        for records in reader.pieces(file, limits, index):
+            survey.see(_usable(in_metres(file, records, f"scan {index}")))
+            (progress or NoProgress()).report(0.5, f"reading {file.filename}")
+    first = survey.first
+    if first is None or survey.points == 0:
+        raise file.unreadable("the file holds no points under this index", f"scan {index}")
+    largest_m = float(np.abs([survey.low_m, survey.high_m]).max())
+    if largest_m > LARGEST_COORDINATE_M:
+        raise file.unreadable(
+            f"a coordinate of {largest_m:.6g} m is beyond {LARGEST_COORDINATE_M:.0e} m", f"scan {index}"
+        )
+    grid = survey.grid
+    origin_m = local_origin(survey.low_m, survey.high_m)
+    stream = _Stream(reader, file, limits, index, origin_m, grid)
+    return StationCloud(
+        name=first.name,
+        pieces=stream.pieces,
+        origin_m=origin_m,
+        world_from_scan=first.world_from_scan,
+        has_intensity=survey.has_intensity,
+        has_color=survey.has_color,
+        rows=None if grid is None else grid.rows,
+        columns=None if grid is None else grid.columns,
+        sensor_in_scan_m=first.sensor_in_scan_m,
+        facts=CloudFacts(survey.points, survey.low_m, survey.high_m, survey.intensity_limits),
+    )
+
+
+@dataclass(frozen=True)
+class _Grid:
+    first_row: int
+    first_column: int
+    rows: int
+    columns: int
+
+
+@dataclass
+class _Survey:
+    """What is learnt of a scan in one reading."""
+
+    first: ScanRecords | None = None
+    points: int = 0
+    low_m: Vector3 = field(default_factory=lambda: np.full(3, np.inf))
+    """Full coordinates [m]."""
+    high_m: Vector3 = field(default_factory=lambda: np.full(3, -np.inf))
+    has_intensity: bool = False
+    has_color: bool = False
+    _least: float = np.inf
+    _largest: float = -np.inf
+    _low_cell: Array = field(default_factory=lambda: np.full(2, np.iinfo(np.int64).max))
+    _high_cell: Array = field(default_factory=lambda: np.full(2, np.iinfo(np.int64).min))
+
+    def see(self, records: ScanRecords) -> None:
+        """Take a piece into account."""
+        if self.first is None:
+            self.first = replace(records, points=records.points[:0])
+        self.has_intensity |= records.intensity is not None
+        self.has_color |= records.color is not None
+        if len(records.points) == 0:
+            return
+        self.points += len(records.points)
+        base_m = np.zeros(3) if records.base_m is None else records.base_m
+        for axis in range(3):
+            self.low_m[axis] = min(self.low_m[axis], records.points[:, axis].min() + base_m[axis])
+            self.high_m[axis] = max(self.high_m[axis], records.points[:, axis].max() + base_m[axis])
+        if records.intensity is not None:
+            self._least = min(self._least, float(np.nanmin(records.intensity, initial=np.inf)))
+            self._largest = max(self._largest, float(np.nanmax(records.intensity, initial=-np.inf)))
+        if records.row is not None and records.column is not None:
+            cells = (records.row, records.column)
+            self._low_cell = np.minimum(self._low_cell, [int(each.min()) for each in cells])
+            self._high_cell = np.maximum(self._high_cell, [int(each.max()) for each in cells])
+
+    @property
+    def intensity_limits(self) -> tuple[float, float] | None:
+        """Least and largest intensity."""
+        return (self._least, self._largest) if np.isfinite([self._least, self._largest]).all() else None
+
+    @property
+    def grid(self) -> _Grid | None:
+        """The grid, if there is one with enough points in it."""
+        if (self._low_cell > self._high_cell).any():
+            return None
+        rows, columns = (self._high_cell - self._low_cell + 1).tolist()
+        if rows < 2 or columns < 2 or self.points < SPARSEST_GRID * rows * columns:
+            return None
+        return _Grid(int(self._low_cell[0]), int(self._low_cell[1]), rows, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    reader: ScanReader
+    file: ScanFile
+    limits: ReadLimits
+    index: int
+    origin_m: Vector3
+    grid: _Grid | None
+
+    def pieces(self) -> Iterator[PointPiece]:
+        """Read the scan from its first record on."""
+        for records in self.reader.pieces(self.file, self.limits, self.index):
+            usable = _usable(in_metres(self.file, records, f"scan {self.index}"))
+            base_m = np.zeros(3) if usable.base_m is None else usable.base_m
+            row = column = None
+            if self.grid is not None and usable.row is not None and usable.column is not None:
+                row, column = usable.row - self.grid.first_row, usable.column - self.grid.first_column
+            yield PointPiece(usable.points + (base_m - self.origin_m), usable.intensity, usable.color, row, column)
+
+
+def _usable(records: ScanRecords) -> ScanRecords:
+    """Leave out what is no measured point."""
+    keep = finite(records.points)
+    if records.valid is not None:
+        keep &= records.valid
+    if keep.all():
+        return records
+    return replace(
+        records,
+        points=records.points[keep],
+        valid=None,
+        row=None if records.row is None else records.row[keep],
+        column=None if records.column is None else records.column[keep],
+        intensity=None if records.intensity is None else records.intensity[keep],
+        color=None if records.color is None else records.color[keep],
+    )

@@ -1,0 +1,109 @@
+"""Points as the records of LAS 1.4, which LAZ and COPC share."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from algorithms.arrays import Array, Vector3
+from service.errors import UnwritableError
+from service.formats.writers.base import PointPiece, ScalarField, StationCloud
+from service.formats.writers.intensities import LARGEST_16_BIT, unit_intensities
+from service.formats.writers.placed import PlacedClouds, in_world, scalar_of
+
+SCALE_M = 1e-4
+"""Resolution of the coordinates [m]."""
+WITH_COLOR, PLAIN = 7, 6
+"""Point formats of LAS 1.4."""
+STATIONS_USER, STATIONS_RECORD = "tieline", 1
+"""The record with the names of the stations, as JSON."""
+CLASSIFICATION = "classification"
+"""The field that LAS has for itself."""
+TO_16_BIT = 257
+"""Colours of 8 bits in 16."""
+ONE_RETURN = 0b0001_0001
+"""First return of one."""
+LAS_KINDS = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 9, "f8": 10}
+"""Types of extra bytes (LAS 1.4 R15, table 24)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LasLayout:
+    """How the points of a file are stored."""
+
+    point_format: int
+    offset_m: Vector3
+    """Near the data, whole metres [m]."""
+    scalars: tuple[ScalarField, ...]
+    """Extra bytes."""
+
+    @staticmethod
+    def of(clouds: PlacedClouds, what: str) -> "LasLayout":
+        """Choose the layout for some clouds.
+
+        Raises
+        ------
+        UnwritableError
+            The points are so far apart that 32 bits do not reach from one to the other.
+        """
+        low_m, high_m = clouds.bounds_m()
+        offset_m = np.round(0.5 * (low_m + high_m))
+        half_m = float((0.5 * (high_m - low_m)).max()) + 1.0
+        if half_m > SCALE_M * (2**31 - 1):
+            raise UnwritableError(
+                what, f"the points lie {2 * half_m / 1000:.0f} km apart; 32 bits of 0.1 mm reach 429 km"
+            )
+        extra = tuple(field for field in clouds.scalars if field.name != CLASSIFICATION)
+        return LasLayout(WITH_COLOR if clouds.has_color else PLAIN, offset_m, extra)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of a record (LAS 1.4 R15, tables 15 and 16)."""
+        fields: list[tuple[str, str]] = [
+            ("X", "<i4"), ("Y", "<i4"), ("Z", "<i4"), ("intensity", "<u2"), ("returns", "u1"), ("flags", "u1"),
+            ("classification", "u1"), ("user_data", "u1"), ("scan_angle", "<i2"), ("point_source_id", "<u2"),
+            ("gps_time", "<f8"),
+        ]  # fmt: skip
+        if self.point_format == WITH_COLOR:
+            fields += [("red", "<u2"), ("green", "<u2"), ("blue", "<u2")]
+        return np.dtype(fields + [(f"extra_{field.name}", f"<{field.kind}") for field in self.scalars])
+
+    def records(self, number: int, cloud: StationCloud, piece: PointPiece) -> Array:
+        """Give the records of a piece.
+
+        Parameters
+        ----------
+        number
+            Of the station, from 0: its `point_source_id` is one more.
+        cloud, piece
+            The station and its points.
+        """
+        records = np.zeros(len(piece), dtype=self.dtype)
+        steps = in_world(cloud, piece, self.offset_m)
+        steps /= SCALE_M
+        np.rint(steps, out=steps)
+        for axis, name in enumerate("XYZ"):
+            records[name] = steps[:, axis]
+        if piece.intensity is not None:
+            limits = None if cloud.facts is None else cloud.facts.intensity_limits
+            records["intensity"] = np.rint(unit_intensities(piece.intensity, limits) * LARGEST_16_BIT)
+        if piece.color is not None and self.point_format == WITH_COLOR:
+            for channel, name in enumerate(("red", "green", "blue")):
+                records[name] = piece.color[:, channel].astype(np.uint16) * TO_16_BIT
+        records["returns"] = ONE_RETURN
+        records["point_source_id"] = min(number + 1, 65535)
+        if CLASSIFICATION in piece.scalars:
+            records[CLASSIFICATION] = piece.scalars[CLASSIFICATION]
+        for field in self.scalars:
+            records[f"extra_{field.name}"] = scalar_of(piece, field)
+        return records
+
+
+def names_record(clouds: Sequence[StationCloud]) -> bytes:
+    """Give the names of the stations by their number, as JSON; cut to what a record holds."""
+    names = [cloud.name for cloud in clouds]
+    while len(content := json.dumps({"stations": names}).encode()) > 65535:
+        names = names[: len(names) // 2]
+    return content

@@ -1,0 +1,118 @@
+"""Points as lines of numbers: PTS and XYZ."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from algorithms.arrays import Array
+from algorithms.progress import Progress
+from service.formats.writers.base import PointPiece, StationCloud, Written
+from service.formats.writers.intensities import unit_intensities
+from service.formats.writers.placed import PlacedClouds, in_world, placed, scalar_of
+from service.formats.writers.whole_files import whole_file
+
+LINES_AT_ONCE = 100_000
+COORDINATE = "%.5f"
+"""Hundredths of a millimetre."""
+LEAST_PTS, LARGEST_PTS = -2048.0, 2047.0
+"""Range of intensities in PTS."""
+NO_POSES = "the points are in the world frame: a table of points has no place for poses and grids"
+NO_SCALARS = "PTS has no columns for further numbers, such as standard deviations; XYZ has"
+STRETCHED = "intensities were brought to -2048 … 2047, as PTS has them"
+
+
+@final
+@dataclass(frozen=True)
+class XyzWriter:
+    """Write a table with a line of column names: coordinates, intensity, colours, further numbers."""
+
+    name: str = "xyz"
+    ending: str = ".xyz"
+    media_type: str = "text/plain"
+
+    def write(self, path: Path, clouds: Sequence[StationCloud], progress: Progress) -> Written:
+        """Write stations into one file in the world frame."""
+        everything = placed(clouds, with_stations=len(clouds) > 1)
+        names = ["x", "y", "z"]
+        line = [COORDINATE] * 3
+        if everything.has_intensity:
+            names, line = [*names, "intensity"], [*line, "%.9g"]
+        if everything.has_color:
+            names, line = [*names, "red", "green", "blue"], [*line, "%d", "%d", "%d"]
+        for scalar in everything.scalars:
+            names, line = [*names, scalar.name], [*line, "%.6g" if scalar.kind.startswith("f") else "%d"]
+        with whole_file(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
+            stream.write("//" + " ".join(names) + "\n")
+            for _, cloud, piece in everything.pieces(progress):
+                columns = _columns(everything, cloud, piece)
+                columns += [scalar_of(piece, scalar) for scalar in everything.scalars]
+                for lines in text_lines(columns, " ".join(line)):
+                    stream.write(lines)
+        return Written(everything.points, (NO_POSES,))
+
+
+@final
+@dataclass(frozen=True)
+class PtsWriter:
+    """Write PTS: per station the number of its points, then x y z, intensity and colours."""
+
+    name: str = "pts"
+    ending: str = ".pts"
+    media_type: str = "text/plain"
+
+    def write(self, path: Path, clouds: Sequence[StationCloud], progress: Progress) -> Written:
+        """Write stations into one file, one block each, in the world frame."""
+        everything = placed(clouds)
+        line = " ".join([COORDINATE] * 3 + ["%d"] * (1 if not everything.has_color else 4))
+        begun = -1
+        with whole_file(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
+            for number, cloud, piece in everything.pieces(progress):
+                if number != begun and cloud.facts is not None:
+                    stream.write(f"{cloud.facts.points}\n")
+                    begun = number
+                columns = _columns(everything, cloud, piece, always_intensity=True)
+                columns[3] = _pts_intensity(cloud, piece)
+                for lines in text_lines(columns, line):
+                    stream.write(lines)
+        notes = [NO_POSES, *([STRETCHED] if everything.has_intensity else [])]
+        return Written(everything.points, (*notes, NO_SCALARS) if everything.scalars else tuple(notes))
+
+
+def text_lines(columns: Sequence[Array], line: str) -> Sequence[str]:
+    """Give a table as text, some lines at a time.
+
+    Parameters
+    ----------
+    columns
+        (n,) numbers each.
+    line
+        How a line is printed, for the operator `%`.
+    """
+    texts = []
+    for start in range(0, len(columns[0]), LINES_AT_ONCE):
+        block = np.column_stack([np.asarray(c[start : start + LINES_AT_ONCE], dtype=np.float64) for c in columns])
+        texts.append((line + "\n") * len(block) % tuple(block.ravel().tolist()))
+    return texts
+
+
+def _columns(
+    clouds: PlacedClouds, cloud: StationCloud, piece: PointPiece, *, always_intensity: bool = False
+) -> list[Array]:
+    columns: list[Array] = list(in_world(cloud, piece, np.zeros(3)).T)
+    if clouds.has_intensity or always_intensity:
+        columns.append(np.zeros(len(piece)) if piece.intensity is None else piece.intensity)
+    if clouds.has_color:
+        columns += list(np.zeros((3, len(piece))) if piece.color is None else piece.color.T)
+    return columns
+
+
+def _pts_intensity(cloud: StationCloud, piece: PointPiece) -> Array:
+    limits = None if cloud.facts is None else cloud.facts.intensity_limits
+    if piece.intensity is None or limits is None:
+        return np.zeros(len(piece))
+    if limits[0] < 0.0 and limits[0] >= LEAST_PTS and limits[1] <= LARGEST_PTS:
+        return np.asarray(np.rint(piece.intensity))  # they are such already
+    return np.asarray(np.rint(LEAST_PTS + (LARGEST_PTS - LEAST_PTS) * unit_intensities(piece.intensity, limits)))

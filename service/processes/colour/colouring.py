@@ -1,0 +1,159 @@
+"""Colour the stations of a job, and write the result of `colour`."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import UInt8
+from pydantic import TypeAdapter
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array
+from algorithms.cleaning.best_view import point_normals
+from algorithms.cleaning.cleaned_stations import PlacedScan
+from algorithms.colouring.coloured_cloud import ColouredCloud, coloured_cloud
+from algorithms.colouring.options import ColouringOptions
+from algorithms.colouring.photo_views import PlacedPhoto
+from algorithms.errors import InvalidInputError
+from algorithms.progress import ProgressSection
+from schemas.colouring_result import ColouringDocument, PhotoFigures
+from schemas.registration_result import Artifact
+from service.errors import UnreadableFileError
+from service.formats import inspect_upload, read_photo
+from service.formats.writers import writer_of
+from service.names.content_keys import content_key
+from service.ports import Json, StepContext
+from service.use_cases.inputs.check_photos import camera_of
+from service.use_cases.limits.read_limits import read_limits
+from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, pose_of, read_stations
+from service.use_cases.steps.station_photos import pose_of_camera
+
+
+def colour(context: StepContext, arguments: Json) -> Json:
+    """Colour, and store document and file.
+
+    Raises
+    ------
+    InvalidInputError
+        No station has a photo with camera and pose, or none shows a point.
+    """
+    job_id, stations = arguments["job_id"], arguments["stations"]
+    options = TypeAdapter(ColouringOptions).validate_python(arguments["options"])
+    frame = read_stations(context, stations)
+    photos = [photo for station in stations for photo in _photos(context, station, frame)]
+    if not photos:
+        raise InvalidInputError("photos", "no station has a photo with camera and pose")
+    points = np.concatenate([station.points() for station in frame.stations])
+    normals = np.concatenate([_normals(station) for station in frame.stations])
+    result = coloured_cloud(points, normals, photos, options, ProgressSection(context.progress, 0.2, 0.85))
+    if not result.coloured.any():
+        raise InvalidInputError("photos", "none of them shows a point", "check cameras, mounts and poses")
+    files: list[Artifact] | None = None
+    notes: tuple[str, ...] = ()
+    if arguments["wanted"] is not None:
+        files, notes = _write(context, job_id, arguments["wanted"]["format"], frame, result)
+    document = ColouringDocument(
+        points=len(points),
+        coloured=int(result.coloured.sum()),
+        photos=_figures(photos, result),
+        fall_off=_three(np.exp(result.balance.log_fall_off)),
+        left_out=arguments["left_out"],
+        remarks=[*_remarks(stations, photos), *notes],
+        coloured_cloud=files,
+    )
+    context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
+    return {"coloured": document.coloured}
+
+
+def _photos(context: StepContext, station: Json, frame: CommonFrame) -> list[PlacedPhoto]:
+    """Give the photos of a station: those of the request, else those that its file holds."""
+    common_from_world = RigidTransform.from_translation(-frame.origin_m)
+    place = common_from_world * pose_of(station)
+    requested = station["photos"] or _stored_photos(context, station["scan"])
+    return [_placed(context, photo, station["name"], place) for photo in requested]
+
+
+def _stored_photos(context: StepContext, scan: Json) -> list[Json]:
+    """List the images of the scan's own file that have camera and pose."""
+    path = context.blobs.local_path(content_key(scan["sha256"]))
+    found = inspect_upload(path, scan["filename"], read_limits(context), scan.get("columns") or "")
+    return [
+        {"index": photo.index, "sha256": scan["sha256"], "filename": scan["filename"]}
+        for photo in found.photos
+        if photo.camera is not None and photo.scan_from_camera is not None and photo.scan == scan["index"]
+    ]
+
+
+def _placed(context: StepContext, photo: Json, station: str, place: RigidTransform) -> PlacedPhoto:
+    """Place a photo; raises UnreadableFileError where neither request nor file has its camera or pose."""
+    path = context.blobs.local_path(content_key(photo["sha256"]))
+    found = read_photo(path, photo["filename"], photo["index"], read_limits(context))
+    camera = found.info.camera if photo.get("camera") is None else camera_of(photo["camera"])
+    pose = pose_of_camera(photo, found.info)
+    if camera is None or pose is None:
+        raise UnreadableFileError(photo["filename"], "camera or pose is not known", f"photo {photo['index']}")
+    return PlacedPhoto(f"{photo['filename']} {photo['index']}", station, camera, place * pose, _reader(context, photo))
+
+
+def _reader(context: StepContext, photo: Json) -> Callable[[], UInt8[Array, "h w 3"]]:
+    """Give a function that reads the pixels of a photo: not all are kept in memory at once."""
+
+    def read() -> UInt8[Array, "h w 3"]:
+        path = context.blobs.local_path(content_key(photo["sha256"]))
+        image = read_photo(path, photo["filename"], photo["index"], read_limits(context)).image
+        if image is None:  # pragma: no cover - such a photo is refused by `read_photo`
+            raise AssertionError
+        return image
+
+    return read
+
+
+def _normals(station: PlacedScan) -> Array:
+    """Give the normals of a station's points towards its instrument, in the common frame."""
+    normals = point_normals(station.scan)
+    if station.scan.sensor_m is None:
+        return np.zeros_like(normals)
+    away = np.einsum("ij,ij->i", normals, station.scan.points - station.scan.sensor_m) > 0.0
+    normals[away] *= -1.0
+    return np.ascontiguousarray(station.common_from_scan.rotation.apply(normals))
+
+
+def _figures(photos: Sequence[PlacedPhoto], result: ColouredCloud) -> list[PhotoFigures]:
+    return [
+        PhotoFigures(
+            station=photo.station,
+            name=photo.name,
+            shown=count.shown,
+            shared=count.shared,
+            rms=count.rms if count.shared else None,
+            gain=_three(np.exp(result.balance.log_gains[number])),
+        )
+        for number, (photo, count) in enumerate(zip(photos, result.photos, strict=True))
+    ]
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
+
+
+def _remarks(stations: Sequence[Json], photos: Sequence[PlacedPhoto]) -> list[str]:
+    """Name the stations without photos of their own."""
+    with_photos = {photo.station for photo in photos}
+    return [f"'{each['name']}' has no photo" for each in stations if each["name"] not in with_photos]
+
+
+def _write(
+    context: StepContext, job_id: str, name: str, frame: CommonFrame, result: ColouredCloud
+) -> tuple[list[Artifact], tuple[str, ...]]:
+    """Write all stations with their colours into one file."""
+    writer = writer_of(name)
+    ends = np.cumsum([len(station.scan) for station in frame.stations])[:-1]
+    clouds = [
+        cloud_in_world(station, frame.origin_m, np.arange(len(station.scan)), station.points(), colors=colors)
+        for station, colors in zip(frame.stations, np.split(result.colors, ends), strict=True)
+    ]
+    filename = f"coloured{writer.ending}"
+    with output_file(context, job_id, filename) as path:
+        written = writer.write(path, clouds, ProgressSection(context.progress, 0.85, 1.0))
+    return [artifact(context, job_id, filename, writer.media_type)], written.notes

@@ -1,0 +1,90 @@
+"""Read registered stations into one frame, and give what is left of them to the writers."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array, Colors, Indices, Points, Vector3
+from algorithms.cleaning.cleaned_stations import PlacedScan, placed
+from service.formats.writers import PointPiece, ScalarField, StationCloud
+from service.formats.writers.base import POINTS_AT_ONCE
+from service.ports import Json, StepContext
+from service.use_cases.steps.run_features import read_stored_scan
+
+
+@dataclass(frozen=True, eq=False)
+class CommonFrame:
+    """Stations in one frame whose origin is near them."""
+
+    stations: Sequence[PlacedScan]
+    origin_m: Vector3
+    """Of the reduced common frame, in the world [m]."""
+
+
+def pose_of(station: Json) -> RigidTransform:
+    """Give world_from_scan; identity where the coordinates of the file are those of the world."""
+    pose = station["world_from_scan"]
+    return RigidTransform.identity() if pose is None else RigidTransform.from_matrix(np.array(pose["matrix"]))
+
+
+def read_stations(context: StepContext, stations: Sequence[Json]) -> CommonFrame:
+    """Read all stations; the origin of the common frame is the middle of the first."""
+    scans = []
+    for number, station in enumerate(stations):
+        context.progress.report(0.2 * number / len(stations), f"reading {station['name']}")
+        scans.append(replace(read_stored_scan(context, station["scan"]), name=station["name"]))
+    poses = [pose_of(station) for station in stations]
+    middle = scans[0].bounds_m.mean(axis=0) if len(scans[0]) else scans[0].origin_m
+    origin = np.rint(poses[0].apply(middle))
+    return CommonFrame([placed(scan, pose, origin) for scan, pose in zip(scans, poses, strict=True)], origin)
+
+
+def cloud_in_world(
+    station: PlacedScan,
+    origin_m: Vector3,
+    numbers: Indices,
+    points: Points,
+    *,
+    colors: Colors | None = None,
+    scalars: Mapping[str, Array] | None = None,
+    fields: tuple[ScalarField, ...] = (),
+) -> StationCloud:
+    """Give some points of a station, where they are now, as a cloud for a writer.
+
+    Parameters
+    ----------
+    station, origin_m
+        Of which the points are, and the origin of the common frame [m].
+    numbers
+        (m,) points of its scan.
+    points
+        (m, 3) where they are, in the reduced common frame [m].
+    colors
+        (m, 3); None: those of the scan.
+    scalars, fields
+        (m,) further numbers by name, and what they are.
+    """
+    scan, extra = station.scan, dict(scalars or {})
+    own = None if scan.color is None else scan.color[numbers]
+    shown = own if colors is None else colors
+
+    def pieces() -> Iterator[PointPiece]:
+        for start in range(0, len(points), POINTS_AT_ONCE):
+            part = slice(start, start + POINTS_AT_ONCE)
+            yield PointPiece(
+                points[part],
+                intensity=None if scan.intensity is None else scan.intensity[numbers[part]],
+                color=None if shown is None else shown[part],
+                scalars={name: values[part] for name, values in extra.items()},
+            )
+
+    return StationCloud(
+        name=scan.name,
+        pieces=pieces,
+        origin_m=origin_m,
+        has_intensity=scan.intensity is not None,
+        has_color=shown is not None,
+        scalars=fields,
+    )

@@ -1,0 +1,417 @@
+"""Clouds written to every format and read back: coordinates, poses, colours, intensities, further numbers."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import laspy
+import numpy as np
+import pye57
+import pytest
+from pye57 import libe57
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.geometry.cameras import Camera
+from algorithms.progress import NoProgress
+from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.scan import Scan, ScanGrid
+from service.errors import UnwritableError
+from service.formats import inspect_upload, read_photo, read_scan
+from service.formats.writers import (
+    SCAN_WRITERS,
+    PointPiece,
+    ScalarField,
+    StationCloud,
+    StationImage,
+    cloud_of,
+    copc,
+    grids,
+    write_scans,
+    writer_of,
+)
+from service.formats.writers import base as writers_base
+from service.formats.writers.octree import CELL_LEVELS, OctreeSorter, cells_of, morton
+
+POSE = RigidTransform.from_components([500_000.0, 5_400_000.0, 300.0], Rotation.from_rotvec([0.1, -0.2, 2.0]))
+COUNT = 3000
+TENTH_OF_A_MILLIMETRE = 1e-4
+WORLD_FORMATS = ("laz", "copc", "ply", "pcd", "pts", "xyz")
+SCAN_FORMATS = ("e57", "ptx")
+names = pytest.mark.parametrize("name", [writer.name for writer in SCAN_WRITERS])
+STD = ScalarField("std_mm", "std of position, 3-D [mm]", "f4")
+
+
+def a_scan(seed: int = 0, *, pose: RigidTransform | None = POSE) -> Scan:
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(COUNT, 3))
+    points = directions / np.linalg.norm(directions, axis=1)[:, None] * rng.uniform(2.0, 60.0, (COUNT, 1))
+    return Scan(
+        points=points,
+        origin_m=np.zeros(3),
+        name=f"S{seed}",
+        intensity=rng.random(COUNT).astype(np.float32),
+        color=rng.integers(0, 256, (COUNT, 3)).astype(np.uint8),
+        sensor_m=np.zeros(3),
+        world_from_scan=pose,
+    )
+
+
+def written(name: str, clouds: list[StationCloud], folder: Path) -> Path:
+    path = folder / f"a{writer_of(name).ending}"
+    assert writer_of(name).write(path, clouds, NoProgress()).points == sum(len(list_points(c)) for c in clouds)
+    assert [each.name for each in folder.iterdir()] == [path.name]
+    return path
+
+
+def list_points(cloud: StationCloud) -> np.ndarray:
+    return np.concatenate([piece.points for piece in cloud.pieces()])
+
+
+def nearest(found: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Give for each expected point how far its nearest found one is, and which; far numbers are made near first."""
+    centre = expected.mean(axis=0).round()
+    return cKDTree(found - centre).query(expected - centre)
+
+
+@names
+def test_points_come_back_in_the_world_to_a_tenth_of_a_millimetre_at_5400_km(name: str, tmp_path: Path) -> None:
+    scan = a_scan()
+    path = written(name, [cloud_of(scan)], tmp_path)
+    back = read_scan(path, path.name)
+    found = back.points + back.origin_m
+    if name in SCAN_FORMATS:
+        assert back.world_from_scan is not None
+        found = back.world_from_scan.apply(found)
+    distance, _ = nearest(found, POSE.apply(scan.points))
+    assert len(back) == COUNT
+    assert distance.max() < TENTH_OF_A_MILLIMETRE
+
+
+@names
+def test_coordinates_that_are_far_in_the_file_itself_stay_as_exact(name: str, tmp_path: Path) -> None:
+    near = a_scan(pose=None)
+    scan = replace(near, origin_m=np.array([500_000.0, 5_400_000.0, 300.0]), sensor_m=None)
+    path = written(name, [cloud_of(scan)], tmp_path)
+    back = read_scan(path, path.name)
+    distance, _ = nearest(back.points + back.origin_m, scan.points + scan.origin_m)
+    assert distance.max() < TENTH_OF_A_MILLIMETRE
+
+
+@names
+def test_colours_and_intensities_stay_with_their_points(name: str, tmp_path: Path) -> None:
+    scan = a_scan(pose=None)
+    path = written(name, [cloud_of(scan)], tmp_path)
+    back = read_scan(path, path.name)
+    _, which = nearest(back.points + back.origin_m, scan.points)
+    assert back.color is not None
+    assert back.intensity is not None
+    assert np.array_equal(back.color[which], scan.color)
+    scale = {"laz": (0.0, 65535.0), "copc": (0.0, 65535.0), "pts": (-2048.0, 4095.0)}.get(name, (0.0, 1.0))
+    step = 0.51 if scale[1] > 1.0 else 1e-7
+    assert scan.intensity is not None
+    assert np.abs(back.intensity[which] - (scale[0] + scale[1] * scan.intensity)).max() < step
+
+
+@names
+def test_two_stations_share_a_file(name: str, tmp_path: Path) -> None:
+    scans = [a_scan(1), a_scan(2)]
+    path = written(name, [cloud_of(scan) for scan in scans], tmp_path)
+    infos = inspect_upload(path, path.name).scans
+    assert sum(info.points for info in infos) == 2 * COUNT
+    assert len(infos) == (2 if name in {"e57", "ptx", "pts"} else 1)
+
+
+@names
+def test_the_same_points_give_the_same_bytes(name: str, tmp_path: Path) -> None:
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+    paths = [written(name, [cloud_of(a_scan())], tmp_path / folder) for folder in ("first", "second")]
+    first, second = (path.read_bytes() for path in paths)
+    assert first == second
+
+
+@names
+def test_clouds_without_intensity_and_colour_get_none(name: str, tmp_path: Path) -> None:
+    scan = replace(a_scan(pose=None), intensity=None, color=None)
+    back = read_scan(path := written(name, [cloud_of(scan)], tmp_path), path.name)
+    assert back.color is None
+    assert back.intensity is None or not back.intensity.any() or name in {"pts", "ptx"}
+
+
+@names
+def test_pieces_of_any_length_give_the_same_file(name: str, tmp_path: Path) -> None:
+    whole = cloud_of(a_scan(pose=None))
+
+    def crumbs() -> Iterator[PointPiece]:
+        for piece in whole.pieces():
+            yield PointPiece(piece.points[:0], piece.intensity[:0], piece.color[:0])
+            for start in range(0, len(piece), 701):
+                part = slice(start, start + 701)
+                yield PointPiece(piece.points[part], piece.intensity[part], piece.color[part])
+
+    for folder in ("whole", "crumbs"):
+        (tmp_path / folder).mkdir()
+    first = read_scan(path := written(name, [whole], tmp_path / "whole"), path.name)
+    second = read_scan(path := written(name, [replace(whole, pieces=crumbs)], tmp_path / "crumbs"), path.name)
+    distance, _ = nearest(second.points, first.points)
+    assert distance.max() == 0.0
+
+
+# --- what single formats keep -------------------------------------------------------------------------------------
+
+
+def with_std(cloud: StationCloud) -> StationCloud:
+    def pieces() -> Iterator[PointPiece]:
+        for piece in cloud.pieces():
+            yield replace(piece, scalars={"std_mm": np.linalg.norm(piece.points, axis=1).astype(np.float32)})
+
+    return replace(cloud, pieces=pieces, scalars=(STD,))
+
+
+@pytest.mark.parametrize("name", ["laz", "copc"])
+def test_las_has_stations_and_standard_deviations_as_extra_bytes(name: str, tmp_path: Path) -> None:
+    clouds = [with_std(cloud_of(a_scan(seed))) for seed in (0, 1)]
+    cloud = laspy.read(written(name, clouds, tmp_path))
+    assert np.bincount(cloud["station"]).tolist() == [COUNT, COUNT]
+    assert np.array_equal(cloud["station"] + 1, cloud.point_source_id)
+    _, which = nearest(np.array(cloud.xyz), POSE.apply(list_points(clouds[0])))
+    expected = np.linalg.norm(list_points(clouds[0]), axis=1)
+    first = np.array(cloud["station"])[which] == 0
+    assert np.array(cloud["std_mm"])[which][first] == pytest.approx(expected[first], rel=1e-6)
+    (names_record,) = [each for each in cloud.header.vlrs if each.user_id == "tieline"]
+    assert b'"S0", "S1"' in names_record.record_data_bytes()
+
+
+@pytest.mark.parametrize("name", ["laz", "copc"])
+def test_las_is_1_4_with_steps_of_a_tenth_of_a_millimetre_near_the_data(name: str, tmp_path: Path) -> None:
+    header = laspy.read(written(name, [cloud_of(a_scan())], tmp_path)).header
+    assert str(header.version) == "1.4"
+    assert header.scales.tolist() == [1e-4] * 3
+    assert np.abs(header.offsets - POSE.translation).max() < 100.0
+
+
+@pytest.mark.parametrize("name", ["laz", "copc", "e57"])
+def test_the_reference_system_is_written_where_there_is_a_place(name: str, tmp_path: Path) -> None:
+    from pyproj import CRS
+
+    wkt = CRS.from_epsg(25832).to_wkt("WKT1_GDAL")
+    path = written(name, [replace(cloud_of(a_scan()), crs_wkt=wkt)], tmp_path)
+    if name == "e57":
+        file = libe57.ImageFile(str(path), "r")
+        found = file.root()["coordinateMetadata"].value()
+        file.close()
+    else:
+        found = laspy.read(path).header.parse_crs().to_wkt("WKT1_GDAL")
+    assert CRS.from_wkt(found).to_epsg() == 25832
+
+
+def test_points_too_far_apart_for_las_are_refused(tmp_path: Path) -> None:
+    far = replace(cloud_of(a_scan(1)), world_from_scan=RigidTransform.from_translation([1e6, 0.0, 0.0]))
+    with pytest.raises(UnwritableError, match="429 km"):
+        writer_of("laz").write(tmp_path / "a.laz", [cloud_of(a_scan(0, pose=None)), far], NoProgress())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_class_is_las_s_own(tmp_path: Path) -> None:
+    cloud = cloud_of(a_scan())
+
+    def pieces() -> Iterator[PointPiece]:
+        for piece in cloud.pieces():
+            yield replace(piece, scalars={"classification": np.full(len(piece), 7, np.uint8)})
+
+    field = ScalarField("classification", "class", "u1")
+    path = written("laz", [replace(cloud, pieces=pieces, scalars=(field,))], tmp_path)
+    assert set(laspy.read(path).classification.tolist()) == {7}
+
+
+@pytest.mark.parametrize("name", ["e57", "ply", "xyz", "pcd"])
+def test_further_numbers_have_columns_of_their_own(name: str, tmp_path: Path) -> None:
+    cloud = with_std(cloud_of(a_scan(pose=None)))
+    path = written(name, [cloud], tmp_path)
+    expected = np.linalg.norm(list_points(cloud), axis=1)
+    if name == "e57":
+        found = pye57_field(path, "tieline:std_mm")
+    elif name == "xyz":
+        assert path.read_text().splitlines()[0] == "//x y z intensity red green blue std_mm"
+        found = np.loadtxt(path, comments="//")[:, 7]
+    else:
+        reader = import_open3d().t.io.read_point_cloud(str(path))
+        found = reader.point["std_mm"].numpy().ravel()
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def pye57_field(path: Path, field: str) -> np.ndarray:
+    file = libe57.ImageFile(str(path), "r")
+    points = file.root()["data3D"][0]["points"]
+    values, buffers = np.empty(COUNT), libe57.VectorSourceDestBuffer()
+    buffers.append(libe57.SourceDestBuffer(file, field, values, COUNT, True, True))
+    reader = points.reader(buffers)
+    assert reader.read() == COUNT
+    reader.close()
+    file.close()
+    return values
+
+
+@pytest.mark.parametrize("name", ["ply", "pcd"])
+def test_open3d_reads_the_same_points(name: str, tmp_path: Path) -> None:
+    scan = a_scan(pose=None)
+    cloud = import_open3d().t.io.read_point_cloud(str(written(name, [cloud_of(scan)], tmp_path)))
+    # PCD near the origin has four bytes for a coordinate: 60 m to 4e-6
+    assert np.abs(cloud.point.positions.numpy() - scan.points).max() < 1e-5
+
+
+def test_pye57_reads_the_same_points_in_the_world(tmp_path: Path) -> None:
+    scan = a_scan()
+    file = pye57.E57(str(written("e57", [cloud_of(scan)], tmp_path)))
+    data = file.read_scan(0, intensity=True, colors=True, transform=True, ignore_missing_fields=True)
+    found = np.column_stack([data[f"cartesian{axis}"] for axis in "XYZ"])
+    assert np.abs(found - POSE.apply(scan.points)).max() < 2e-9
+    assert np.array_equal(data["intensity"], scan.intensity)
+
+
+def test_pcd_near_the_origin_is_what_pcl_reads_and_far_away_says_that_it_is_not(tmp_path: Path) -> None:
+    near = writer_of("pcd").write(tmp_path / "near.pcd", [cloud_of(a_scan(pose=None))], NoProgress())
+    far = writer_of("pcd").write(tmp_path / "far.pcd", [cloud_of(a_scan())], NoProgress())
+    assert b"SIZE 4 4 4 4 4\n" in (tmp_path / "near.pcd").read_bytes()[:300]
+    assert b"SIZE 8 8 8 4 4\n" in (tmp_path / "far.pcd").read_bytes()[:300]
+    assert not any("8 bytes" in note for note in near.notes)
+    assert any("8 bytes" in note for note in far.notes)
+
+
+def test_photos_of_a_station_come_back_with_camera_and_mount(tmp_path: Path) -> None:
+    content = bytes(cv2.imencode(".jpg", np.full((40, 60, 3), 99, np.uint8))[1])
+    camera = Camera(60, 40, 50.0, 52.0, 29.5, 20.25, k1=-0.01, p2=0.001)
+    mount = RigidTransform.from_components([0.1, -0.2, 0.3], Rotation.from_rotvec([1.0, 0.5, -0.7]))
+    image = StationImage("north", "image/jpeg", 60, 40, lambda: content, camera, mount)
+    path = written("e57", [cloud_of(a_scan(0)), replace(cloud_of(a_scan(1)), images=(image,))], tmp_path)
+    info = read_photo(path, path.name).info
+    assert (info.name, info.scan, info.camera) == ("north", 1, camera)
+    assert info.scan_from_camera is not None
+    assert np.abs(info.scan_from_camera.as_matrix() - mount.as_matrix()).max() < 1e-8
+
+
+def test_a_grid_in_any_order_becomes_the_columns_of_ptx(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writers_base, "POINTS_AT_ONCE", 7)
+    monkeypatch.setattr(grids, "POINTS_AT_ONCE", 11)
+    rng = np.random.default_rng(3)
+    index = np.full((6, 9), -1, dtype=np.int32)
+    seen = rng.random((6, 9)) < 0.7
+    seen[0], seen[:, 0], seen[-1], seen[:, -1] = True, True, True, True
+    index[seen] = rng.permutation(int(seen.sum())).astype(np.int32)
+    points = rng.uniform(1.0, 9.0, (int(seen.sum()), 3)).round(6)
+    path = tmp_path / "a.ptx"
+    write_scans(path, [Scan(points=points, origin_m=np.zeros(3), grid=ScanGrid(index))])
+    assert path.read_text().splitlines()[:2] == ["9", "6"]
+    back = read_scan(path, path.name)
+    assert back.grid is not None
+    assert np.array_equal(back.grid.index >= 0, seen)
+    assert np.abs(back.points[back.grid.index[seen]] - points[index[seen]]).max() < 1e-9
+
+
+def test_points_that_share_a_cell_are_counted_where_the_format_has_room_for_one(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).uniform(1.0, 5.0, (6, 3))
+    row, column = np.array([0, 0, 1, 1, 1, 0]), np.array([0, 1, 0, 1, 1, 0])
+    pieces = lambda: iter([PointPiece(points, row=row, column=column)])  # noqa: E731
+    cloud = StationCloud("S1", pieces, np.zeros(3), rows=2, columns=2)
+    result = writer_of("ptx").write(tmp_path / "a.ptx", [cloud], NoProgress())
+    assert result.points == 4
+    assert result.notes[0].startswith("2 points are left out")
+
+
+# --- COPC ---------------------------------------------------------------------------------------------------------
+
+
+def test_copc_has_each_point_once_and_its_upper_levels_are_everywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(copc, "MOST_IN_LEAF", 100)
+    scan = a_scan(pose=None)
+    path = written("copc", [cloud_of(scan)], tmp_path)
+    with laspy.CopcReader.open(str(path)) as reader:
+        found = [reader.query(level=level) for level in range(11)]
+        levels = [np.column_stack([points.x, points.y, points.z]) for points in found if len(points)]
+    counts = [len(points) for points in levels]
+    assert counts[0] > 100  # nearly every point has a cell of its own
+    assert sum(counts) == COUNT
+    distance, _ = nearest(np.concatenate(levels), scan.points)
+    assert distance.max() < TENTH_OF_A_MILLIMETRE
+
+
+def test_copc_gives_all_points_of_a_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(copc, "MOST_IN_LEAF", 100)
+    scan = a_scan(pose=None)
+    low, high = np.array([-10.0, -20.0, -5.0]), np.array([15.0, 3.0, 30.0])
+    with laspy.CopcReader.open(str(written("copc", [cloud_of(scan)], tmp_path))) as reader:
+        found = len(reader.query(laspy.Bounds(low, high)))
+    inside = ((scan.points > low) & (scan.points < high)).all(axis=1)
+    assert found == inside.sum()
+
+
+def test_no_two_points_of_a_node_share_a_cell_unless_it_is_a_leaf() -> None:
+    rng = np.random.default_rng(2)
+    deepest, level = 5, 3
+    cells = rng.integers(0, 2 ** (deepest + CELL_LEVELS), (20_000, 3))
+    code = morton(cells >> (deepest + CELL_LEVELS - level)).astype(np.int64)
+    records = np.arange(len(cells))
+    sorter, nodes = OctreeSorter(deepest), {}
+    for leaf in np.unique(code):
+        chosen = np.flatnonzero(code == leaf)
+        nodes |= dict(sorter.leaf(level, int(leaf), cells[chosen], records[chosen]))
+    nodes |= dict(sorter.ends())
+    assert sorted(np.concatenate(list(nodes.values())).tolist()) == records.tolist()
+    for key, numbers in nodes.items():
+        own = cells[numbers] >> (deepest + CELL_LEVELS - key[0])
+        assert (own == key[1:]).all()  # each point lies in its node
+        if key[0] < level:
+            assert len(np.unique(morton(cells[numbers] >> (deepest - key[0])))) == len(numbers)
+
+
+def test_morton_numbers_tell_their_cells() -> None:
+    cells = np.random.default_rng(1).integers(0, 2**10, (100, 3))
+    assert [cells_of(int(code), 10) for code in morton(cells)] == [tuple(cell) for cell in cells.tolist()]
+
+
+# --- full disks ---------------------------------------------------------------------------------------------------
+
+WRITE_WITH_LITTLE_ROOM = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from algorithms.progress import NoProgress
+from algorithms.scans.scan import Scan
+from service.errors import InsufficientStorageError
+from service.formats.writers import cloud_of, writer_of
+
+name, folder, most = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+points = np.random.default_rng(0).uniform(-30.0, 30.0, (200_000, 3))
+cloud = cloud_of(Scan(points=points, origin_m=np.zeros(3)))
+writer = writer_of(name)
+resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+try:
+    writer.write(folder / ("a" + writer.ending), [cloud], NoProgress())
+except InsufficientStorageError as error:
+    print("full:", error)
+print("left:", sorted(path.name for path in folder.iterdir()))
+"""
+
+
+@names
+@pytest.mark.parametrize("most", [10_000, 400_000])
+def test_a_disk_that_is_full_in_the_middle_is_said_and_nothing_left(name: str, most: int, tmp_path: Path) -> None:
+    """A limit on the length of files fails in the same calls as a full disk, and needs no disk of its own."""
+    words = [sys.executable, "-c", WRITE_WITH_LITTLE_ROOM, name, str(tmp_path), str(most)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).resolve().parents[4])
+    assert re.search(r"^full: the disk is full", done.stdout, re.MULTILINE), done.stdout + done.stderr[-800:]
+    assert done.stdout.splitlines()[-1] == "left: []"
+
+
+def test_formats_that_nobody_writes_are_named_with_those_that_are() -> None:
+    with pytest.raises(UnwritableError, match="there are e57, laz"):
+        writer_of("rcp")
+    with pytest.raises(UnwritableError, match="no format has this ending"):
+        write_scans(Path("a.rcp"), [])
