@@ -31,7 +31,7 @@ class OwnIteration(Document):
     step_m: float = Field(
         description="How far the step moves the scan: shift and turn, as the shift it causes, together."
     )
-    correspondences: int
+    correspondences: int = Field(description="Pairs of points that take part in the step.")
 
 
 class OwnFigures(Document):

@@ -12,7 +12,18 @@ from service.errors import FileTooLargeError, UnreadableFileError
 
 MESH_ENDINGS = {".ply": "ply", ".obj": "obj", ".stl": "stl"}
 MOST_TRIANGLES = 20_000_000
-FAULTS = (ValueError, IndexError, KeyError, TypeError, AttributeError, struct.error, OverflowError, NotImplementedError)
+FAULTS = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    NameError,
+    AssertionError,
+    EOFError,
+    ArithmeticError,
+    struct.error,
+    NotImplementedError,
+)
 """What trimesh raises at files that are not what their name says."""
 HEAD_BYTES = 1 << 16
 FACES_OF_PLY = re.compile(rb"^element\s+face\s+([1-9]\d*)\s*$", re.MULTILINE)

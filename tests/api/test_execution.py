@@ -65,7 +65,7 @@ def test_wishing_for_a_synchronous_registration_still_gives_a_job(client: Client
         ({"surprise": 1}, "/inputs/surprise"),
         ({"fix": "last"}, "/inputs/fix"),
         ({"control": [{"x": 1}]}, "/inputs/control"),
-        ({"method": {"method": "ndt"}}, "/inputs/method/method"),
+        ({"method": {"method": "guess"}}, "/inputs/method/method"),
         ({"method": {}}, "/inputs/method/method"),
         ({"method": "lines"}, "/inputs/method"),
         ({"method": {"method": "lines", "speed": 3}}, "/inputs/method/speed"),
