@@ -102,10 +102,15 @@ def inspect_upload(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, co
     try:
         if mesh is None or mesh == "ply":
             return FileContents(reader_of(file).name, "scan", inspect_file(path, filename, limits, columns), photos)
-    except UnreadableFileError:
+    except UnreadableFileError as unread:
         if mesh is None:
             raise
-    read_mesh(path, filename)
+        try:
+            read_mesh(path, filename)
+        except UnreadableFileError:
+            raise unread from None  # neither a scan nor a mesh: what the reader of scans saw says where
+    else:
+        read_mesh(path, filename)
     return FileContents(mesh.upper(), "mesh", (), ())
 
 
