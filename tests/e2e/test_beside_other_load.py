@@ -1,4 +1,4 @@
-"""Other programs want all processors: registrations end all the same, and tell how far they are."""
+"""Other programs want all processors: registrations end all the same, and tell how far they are (run on request)."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ from tests.e2e.running_service import running_service
 from tests.measures.patience import patience
 from tests.servers.databases import NewDatabase
 
-pytestmark = [pytest.mark.service, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 
 LOOPS = 8
 WITHIN_S = 300.0
