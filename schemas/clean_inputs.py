@@ -15,7 +15,7 @@ class CleanInputs(RequestModel):
 
     stations: PosedStations
     """Scans with poses, or the stations of a finished `register` job."""
-    options: CleaningOptions = Field(default=CleaningOptions())
+    cleaning: CleaningOptions = Field(default=CleaningOptions())
     """The steps, taken in the order of this list; null leaves one out."""
 
 

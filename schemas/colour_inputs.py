@@ -16,8 +16,8 @@ class ColourInputs(RequestModel):
     stations: PosedStations
     """Scans with poses and photos, or the stations of a finished `register` job. Where a station lists no photos, those
     that its file holds (E57) with camera and pose are taken."""
-    options: ColouringOptions = Field(default=ColouringOptions())
-    """Of the blending."""
+    blending: ColouringOptions = Field(default=ColouringOptions())
+    """How the photos are blended."""
 
 
 class ColouredOutput(FileOutputRequest):

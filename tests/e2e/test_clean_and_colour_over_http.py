@@ -57,7 +57,7 @@ def test_scans_are_cropped_cleaned_and_thinned_and_every_step_is_counted(
     low, high = SHIFT_M - np.array([6.0, 6.0, 1.0]), SHIFT_M + np.array([6.0, 6.0, 4.0])
     options = {"box": {"lowest_m": low.tolist(), "highest_m": high.tolist()}, "voxel": {"voxel_m": 0.05}}
     result = run(
-        service, "clean", {"stations": stations, "options": options}, {"cleaned": {"format": "laz"}, "steps": {}}
+        service, "clean", {"stations": stations, "cleaning": options}, {"cleaned": {"format": "laz"}, "steps": {}}
     )
     steps = result["steps"]
     assert [step["step"] for step in steps] == [name for name in ("comet_tails", "box", "voxel") for _ in range(2)]
@@ -74,13 +74,13 @@ def test_a_polygon_of_two_points_is_refused_before_anything_is_computed(
     service: RunningService, stations: list[Document]
 ) -> None:
     options = {"polygon": {"corners_m": [[0.0, 0.0], [1.0, 1.0]]}}
-    problem = refusal(service, "clean", {"stations": stations, "options": options})
+    problem = refusal(service, "clean", {"stations": stations, "cleaning": options})
     assert "2 corners enclose nothing" in str(problem)
 
 
 def test_a_box_that_holds_nothing_is_an_error_that_says_so(service: RunningService, stations: list[Document]) -> None:
     options = {"box": {"lowest_m": [0.0, 0.0, 0.0], "highest_m": [1.0, 1.0, 1.0]}}
-    job = service.finished(service.execute("clean", {"stations": stations, "options": options}))
+    job = service.finished(service.execute("clean", {"stations": stations, "cleaning": options}))
     assert job["status"] == "failed"
     assert "is left" in str(job)
 

@@ -34,7 +34,7 @@ class CleanPlan:
                 }
                 for station in job["inputs"]["stations"]
             ],
-            "options": job["inputs"]["options"],
+            "options": job["inputs"]["cleaning"],
             "left_out": job.get("left_out", {}),
             "wanted": (job.get("wanted") or {}).get("cleaned"),
         }
@@ -55,20 +55,20 @@ def _check(inputs: CleanInputs, stored: Stored) -> None:
 
 def _crop_faults(inputs: CleanInputs) -> list[FieldFault]:
     """Name crops that enclose nothing, whatever the points are."""
-    options, faults = inputs.options, []
+    options, faults = inputs.cleaning, []
     if options.box is not None:
         for axis, low, high in zip("xyz", options.box.lowest_m, options.box.highest_m, strict=True):
             if not low < high:
-                faults.append(FieldFault("/inputs/options/box", f"the least {axis} is not below the largest"))
+                faults.append(FieldFault("/inputs/cleaning/box", f"the least {axis} is not below the largest"))
     if options.polygon is not None:
         if len(options.polygon.corners_m) < LEAST_CORNERS:
             few = f"{len(options.polygon.corners_m)} corners enclose nothing; give three or more"
-            faults.append(FieldFault("/inputs/options/polygon/corners_m", few))
+            faults.append(FieldFault("/inputs/cleaning/polygon/corners_m", few))
         floor, ceiling = options.polygon.lowest_m, options.polygon.highest_m
         if floor is not None and ceiling is not None and not floor < ceiling:
-            faults.append(FieldFault("/inputs/options/polygon", "the least height is not below the largest"))
+            faults.append(FieldFault("/inputs/cleaning/polygon", "the least height is not below the largest"))
     if options.distance is not None and not options.distance.nearest_m < options.distance.farthest_m:
-        faults.append(FieldFault("/inputs/options/distance", "the least distance is not below the largest"))
+        faults.append(FieldFault("/inputs/cleaning/distance", "the least distance is not below the largest"))
     return faults
 
 

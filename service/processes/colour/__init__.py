@@ -33,7 +33,7 @@ class ColourPlan:
                 }
                 for station in job["inputs"]["stations"]
             ],
-            "options": job["inputs"]["options"],
+            "options": job["inputs"]["blending"],
             "left_out": job.get("left_out", {}),
             "wanted": (job.get("wanted") or {}).get("coloured_cloud"),
         }

@@ -109,3 +109,14 @@ def test_text_that_is_no_json_is_named(tmp_path: Path) -> None:
     options.write_text(json.dumps([1]))
     CliRunner().invoke(app, ["--job", "j", "--options", str(options)])
     assert "an object is expected" in str(faults[1])
+
+
+@pytest.mark.parametrize(
+    "process", [each for each in OFFERED_PROCESSES.values() if takes_files(each)], ids=lambda p: p.id
+)
+def test_no_two_options_of_a_command_have_one_name(process: Process[Any]) -> None:
+    command = process_command(process, lambda _work: None)
+    app = typer.Typer()
+    app.command()(command)
+    names = [name for each in typer.main.get_command(app).params for name in (*each.opts, *each.secondary_opts)]
+    assert len(names) == len(set(names))
