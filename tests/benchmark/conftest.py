@@ -68,7 +68,7 @@ def write_section(page: Path, title: str, text: str, *, passed: bool) -> None:
     sections.append(
         f"## {title}\n\n{commit()}, {datetime.now(UTC):%Y-%m-%d}, {machine()}: {verdict}.\n\n```text\n{body}\n```\n\n"
     )
-    page.write_text(head.rstrip("\n") + "\n\n" + "".join(sorted(sections)).rstrip("\n") + "\n")
+    page.write_text("\n\n".join(part.strip("\n") for part in (head, *sorted(sections))) + "\n")
 
 
 def commit() -> str:
