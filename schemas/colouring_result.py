@@ -24,6 +24,26 @@ class PhotoFigures(Document):
     """How many times as bright it is as the mean of all photos: red, green, blue."""
 
 
+class PhotoTurnFigures(Document):
+    """A photo, or all photos of a station, that is turned against what the photos from elsewhere show."""
+
+    station: str
+    """Where they were taken."""
+    photos: list[str]
+    """Names of the photos that turn together."""
+    turn_mrad: tuple[float, float, float]
+    """Rotation vector in the camera's axes (x right, y down, z forward) that leads from the stated camera axes to those
+    that the colours ask for [mrad]."""
+    turn_std_mrad: tuple[float, float, float]
+    """Standard deviations of its components [mrad]."""
+    shift_px: float
+    """By so much it moves the photo [px]."""
+    statistic: float
+    """Of the test that there is no turn."""
+    critical: float
+    """Limit of the test, chi-square with 3 degrees of freedom."""
+
+
 class ColouringDocument(Document):
     """How the points got their colours."""
 
@@ -35,6 +55,8 @@ class ColouringDocument(Document):
     """Every photo."""
     fall_off: tuple[float, float, float]
     """Brightness in the corners of the photos over that in the middle: red, green, blue."""
+    turned: list[PhotoTurnFigures]
+    """Photos and mounts that the others contradict; the colours are blended with the poses as they were stated."""
     left_out: dict[str, str]
     """Stations without a pose, by name, and why they have none."""
     remarks: list[str]

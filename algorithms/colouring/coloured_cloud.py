@@ -9,6 +9,7 @@ from jaxtyping import Float64, UInt8
 from algorithms.arrays import Array, Colors, Flags, Indices, Points, Scalars
 from algorithms.colouring.balance import Balance, balance_of
 from algorithms.colouring.options import ColouringOptions
+from algorithms.colouring.photo_turns import PhotoTurn, Sights
 from algorithms.colouring.photo_views import PlacedPhoto, View, sampled, view_of
 from algorithms.progress import Progress
 
@@ -39,6 +40,8 @@ class ColouredCloud:
     """(n,) how many photos show each point."""
     photos: Sequence[PhotoCount]
     balance: Balance
+    turns: Sequence[PhotoTurn]
+    """Photos and mounts that the others contradict."""
 
     @property
     def coloured(self) -> Flags:
@@ -73,6 +76,8 @@ def coloured_cloud(
     views: list[View] = []
     seen: list[Float64[Array, "n 3"]] = []
     radii: list[Scalars] = []
+    sights = Sights(points[sample])
+    drawn_radii: list[Scalars] = []
     for number, photo in enumerate(photos):
         progress.report(0.5 * number / max(count, 1), f"looking at {photo.name}")
         view = view_of(photo, points, normals, options)
@@ -80,8 +85,11 @@ def coloured_cloud(
         colors, radius = np.full((len(sample), 3), np.nan), np.zeros(len(sample))
         drawn = place[view.numbers] >= 0
         rows = place[view.numbers[drawn]]
-        colors[rows] = sampled(photo.read(), view.pixels[drawn])
+        image = photo.read()
+        colors[rows] = sampled(image, view.pixels[drawn])
         radius[rows] = view.radius[drawn]
+        sights.add(photo, image, rows)
+        drawn_radii.append(view.radius[drawn])
         seen.append(colors)
         radii.append(radius)
     balance = balance_of(seen, radii) if options.balance else _no_balance(count)
@@ -95,6 +103,7 @@ def coloured_cloud(
     blended = sums / np.where(weights > 0.0, weights, 1.0)[:, None]
     progress.report(0.8, "comparing the photos")
     balanced = [balance.balanced(k, each, radii[k]) for k, each in enumerate(seen)]
+    turns = sights.turns(balance.log_gains.mean(axis=1), float(balance.log_fall_off.mean()), drawn_radii)
     counts = [
         _count(view, colors, blended[sample], times[sample]) for view, colors in zip(views, balanced, strict=True)
     ]
@@ -103,6 +112,7 @@ def coloured_cloud(
         views=times,
         photos=counts,
         balance=balance,
+        turns=turns,
     )
 
 

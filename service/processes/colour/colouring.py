@@ -15,7 +15,7 @@ from algorithms.colouring.options import ColouringOptions
 from algorithms.colouring.photo_views import PlacedPhoto
 from algorithms.errors import InvalidInputError
 from algorithms.progress import ProgressSection
-from schemas.colouring_result import ColouringDocument, PhotoFigures
+from schemas.colouring_result import ColouringDocument, PhotoFigures, PhotoTurnFigures
 from schemas.registration_result import Artifact
 from service.errors import UnreadableFileError
 from service.formats import inspect_upload, read_photo
@@ -57,8 +57,9 @@ def colour(context: StepContext, arguments: Json) -> Json:
         coloured=int(result.coloured.sum()),
         photos=_figures(photos, result),
         fall_off=_three(np.exp(result.balance.log_fall_off)),
+        turned=_turned(photos, result),
         left_out=arguments["left_out"],
-        remarks=[*_remarks(stations, photos), *notes],
+        remarks=[*_remarks(stations, photos), *_contradictions(photos, result), *notes],
         coloured_cloud=files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
@@ -130,6 +131,25 @@ def _figures(photos: Sequence[PlacedPhoto], result: ColouredCloud) -> list[Photo
         )
         for number, (photo, count) in enumerate(zip(photos, result.photos, strict=True))
     ]
+
+
+def _turned(photos: Sequence[PlacedPhoto], result: ColouredCloud) -> list[PhotoTurnFigures]:
+    return [
+        PhotoTurnFigures(
+            station=turn.station,
+            photos=[photos[k].name for k in turn.photos],
+            turn_mrad=_three(1e3 * turn.turn_rad),
+            turn_std_mrad=_three(1e3 * turn.turn_std_rad),
+            shift_px=turn.shift_px,
+            statistic=turn.statistic,
+            critical=turn.critical,
+        )
+        for turn in result.turns
+    ]
+
+
+def _contradictions(photos: Sequence[PlacedPhoto], result: ColouredCloud) -> list[str]:
+    return [turn.in_words([photo.name for photo in photos]) for turn in result.turns]
 
 
 def _three(values: Array) -> tuple[float, float, float]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.cleaning.best_view import point_normals
 from algorithms.cleaning.cleaned_stations import placed
@@ -78,6 +78,26 @@ def test_colours_are_true_to_some_grey_levels(
 def test_exposures_of_the_stations_are_told_apart(coloured: ColouredCloud) -> None:
     ratio = np.exp(coloured.balance.log_gains[0] - coloured.balance.log_gains[1])
     np.testing.assert_allclose(ratio, EXPOSURES[0] / EXPOSURES[1], rtol=0.03)
+
+
+def test_photos_that_lie_where_they_are_said_to_are_not_called_turned(coloured: ColouredCloud) -> None:
+    assert coloured.turns == []
+
+
+@pytest.mark.parametrize("turn_mrad", [(0.0, 10.0, 0.0), (-8.0, 0.0, 6.0)])
+def test_a_photo_turned_against_the_other_is_told_with_its_turn(
+    rendered: tuple[np.ndarray, np.ndarray, list[PlacedPhoto], np.ndarray], turn_mrad: tuple[float, float, float]
+) -> None:
+    points, normals, photos, _ = rendered
+    wrong = RigidTransform.from_rotation(Rotation.from_rotvec(1e-3 * np.array(turn_mrad)))
+    turned = [photos[0], replace(photos[1], common_from_camera=photos[1].common_from_camera * wrong)]
+    (found,) = coloured_cloud(points, normals, turned, ColouringOptions(), NoProgress()).turns
+    # of two photos either may be the wrong one; both look the same way here, so that the turns are opposite
+    sign = 1.0 if found.photos == (1,) else -1.0
+    if found.photos == (1,):
+        np.testing.assert_array_less(np.abs(1e3 * found.turn_rad - turn_mrad), 3.0 * 1e3 * found.turn_std_rad)
+    assert sign * found.turn_rad @ turn_mrad > 0.8 * np.linalg.norm(found.turn_rad) * np.linalg.norm(turn_mrad)
+    assert "cannot tell" in found.in_words(["a", "b"])
 
 
 def test_what_stands_behind_is_hidden_and_a_floor_does_not_hide_itself() -> None:
