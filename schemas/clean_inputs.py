@@ -6,6 +6,7 @@ from pydantic import Field
 
 from algorithms.cleaning.options import CleaningOptions
 from schemas.base import RequestModel
+from schemas.cleaning_steps import CleaningSteps
 from schemas.execution import FileOutputRequest
 from schemas.posed_stations import PosedStations
 
@@ -15,7 +16,7 @@ class CleanInputs(RequestModel):
 
     stations: PosedStations
     """Scans with poses, or the stations of a finished `register` job."""
-    cleaning: CleaningOptions = Field(default=CleaningOptions())
+    cleaning: CleaningSteps = Field(default=CleaningOptions())
     """The steps, taken in the order of this list; null leaves one out."""
 
 

@@ -1,10 +1,11 @@
 """Registered scans as files: how they are asked for."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from schemas.base import RequestModel
+from schemas.cleaning_steps import CleaningSteps
 from schemas.crs import StatedCrs
 from schemas.execution import FileOutputRequest
 
@@ -30,6 +31,17 @@ class RegisteredOptions(RequestModel):
     [m]."""
     left_handed: bool = False
     """Of poses for RiSCAN PRO: whether the global system is north, east, height instead of east, north, height."""
+    cleaning: CleaningSteps | None = None
+    """What is left out of the points beforehand, as the process `clean` does it; null: nothing, not even the points
+    between surfaces. All stations are read at once then. Not for `ptx`, whose rows and columns want every point, nor
+    for `poses`."""
+
+    @model_validator(mode="after")
+    def _can_clean(self) -> Self:
+        """Refuse to clean what has to keep every point."""
+        if self.cleaning is not None and self.format in {"ptx", "poses"}:
+            raise ValueError(f"`cleaning` and format `{self.format}` exclude each other")
+        return self
 
 
 class RegisteredOutput(RegisteredOptions, FileOutputRequest):

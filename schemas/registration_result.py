@@ -5,6 +5,7 @@ from typing import Any
 from pydantic import ConfigDict, Field
 
 from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDirection
+from schemas.cleaning_figures import CleaningStep
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
 from schemas.network import Network
@@ -338,6 +339,8 @@ class RegisteredFile(Artifact):
     """Points in it; 0 for poses alone."""
     notes: list[str] = Field(default_factory=list)
     """What the format could not keep, or was changed for it."""
+    cleaning: list[CleaningStep] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """What every step of `cleaning` took away of the stations in this file, where it was asked for."""
 
 
 class RegistrationDocument(Document):

@@ -70,6 +70,35 @@ def test_scans_are_cropped_cleaned_and_thinned_and_every_step_is_counted(
     assert (points <= high + 1e-3).all()
 
 
+@pytest.mark.parametrize(("wanted", "files"), [({"format": "laz"}, 2), ({"format": "e57", "merge": True}, 1)])
+def test_files_in_the_common_frame_are_written_cleaned(
+    service: RunningService, stations: list[Document], tmp_path: Path, wanted: Document, files: int
+) -> None:
+    low, high = SHIFT_M - np.array([6.0, 6.0, 1.0]), SHIFT_M + np.array([6.0, 6.0, 4.0])
+    cleaning = {
+        "box": {"lowest_m": low.tolist(), "highest_m": high.tolist()},
+        "moved_objects": {},
+        "comet_tails": False,
+    }
+    result = run(service, "transform", {"stations": stations, "cleaning": cleaning, **wanted})
+    assert len(result["files"]) == files
+    for file in result["files"]:
+        assert [step["step"] for step in file["cleaning"]] == [
+            step for step in ("box", "moved_objects") for _ in file["stations"]
+        ]
+        left = sum(step["after"] for step in file["cleaning"] if step["step"] == "moved_objects")
+        scan = downloaded(service, file, tmp_path)
+        assert len(scan) <= file["points"] == left
+        points = scan.points + scan.origin_m
+        assert (points >= low - 1e-3).all()
+        assert (points <= high + 1e-3).all()
+
+
+def test_rows_and_columns_cannot_be_kept_of_cleaned_scans(service: RunningService, stations: list[Document]) -> None:
+    problem = refusal(service, "transform", {"stations": stations, "cleaning": {}, "format": "ptx"})
+    assert "exclude each other" in str(problem)
+
+
 def test_a_polygon_of_two_points_is_refused_before_anything_is_computed(
     service: RunningService, stations: list[Document]
 ) -> None:

@@ -8,13 +8,13 @@ from service.ports import Json, StepCall
 from service.use_cases.steps.station_calls import photos_of, scan_of
 
 WRITING_WEIGHT = 1.0
-OPTIONS = ("format", "merge", "crs", "per_point_std", "range_std_m", "left_handed")
+OPTIONS = ("format", "merge", "crs", "per_point_std", "range_std_m", "left_handed", "cleaning")
 STEP = "write-registered"
 POSES, E57 = "poses", "e57"
 
 
 def registered_calls(job: Json, stations: Sequence[Json], options: Json, result: str | None = None) -> list[StepCall]:
-    """Call for the files of stations, one step for each file.
+    """Call for the files of stations, one step for each file, or one for all where they are to be cleaned.
 
     Parameters
     ----------
@@ -32,6 +32,20 @@ def registered_calls(job: Json, stations: Sequence[Json], options: Json, result:
     stems = distinct_stems(_stem(job, group, chosen) for group in groups)
     noises = _noise_jobs(stations)
     reads = sorted({*noises.values(), *([result] if result else [])})
+    if chosen["cleaning"] is not None:
+        # what moved, and which view is best, is told by all stations together
+        arguments = {
+            "job_id": job["id"],
+            "files": [
+                {"stem": stem, "stations": [station["name"] for station in group]}
+                for stem, group in zip(stems, groups, strict=True)
+            ],
+            "options": chosen,
+            "stations": [_side(job, station, noises) for station in stations],
+            "result": result,
+            "reads": reads,
+        }
+        return [StepCall(STEP, arguments, "cleaning and writing", weight=WRITING_WEIGHT * len(stations))]
     return [
         StepCall(
             STEP,

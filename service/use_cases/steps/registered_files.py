@@ -1,7 +1,7 @@
 """Write registered scans as files: the same E57 with new poses, another format, or poses alone."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Matrix6
+from algorithms.arrays import Array, Matrix6
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import ProgressSection
 from algorithms.quality.position_std import PositionStd
@@ -25,6 +25,7 @@ from service.formats.writers.poses import POSE_FORMATS, StationPose, riscan
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
+from service.use_cases.steps.cleaned_clouds import CLEANED, cleaned_frame
 from service.use_cases.steps.output_files import artifact, output_file
 from service.use_cases.steps.registered_calls import E57, POSES
 from service.use_cases.steps.registered_images import images_of
@@ -64,7 +65,7 @@ class _Placed:
 
 
 def write_registered(context: StepContext, arguments: Json) -> Json:
-    """Write one file, or poses as several, and describe them.
+    """Write one file, or several of poses or of cleaned stations, and describe them.
 
     Raises
     ------
@@ -79,9 +80,15 @@ def write_registered(context: StepContext, arguments: Json) -> Json:
     stations, left_out = _placed(context, arguments)
     files: list[RegisteredFile] = []
     if stations:
-        write = _write_poses if options["format"] == POSES else _write_points
-        files = write(context, arguments, stations)
+        files = _writing(options)(context, arguments, stations)
     return {"files": [file.model_dump(mode="json") for file in files], "left_out": left_out}
+
+
+def _writing(options: Json) -> Callable[[StepContext, Json, Sequence[_Placed]], list[RegisteredFile]]:
+    """Give what writes such files."""
+    if options["format"] == POSES:
+        return _write_poses
+    return _write_points if options["cleaning"] is None else _write_cleaned
 
 
 def _write_poses(context: StepContext, arguments: Json, stations: Sequence[_Placed]) -> list[RegisteredFile]:
@@ -123,6 +130,52 @@ def _write_points(context: StepContext, arguments: Json, stations: Sequence[_Pla
     return [_described(context, job_id, name, writer.media_type, options["format"], stations, written)]
 
 
+def _write_cleaned(context: StepContext, arguments: Json, stations: Sequence[_Placed]) -> list[RegisteredFile]:
+    """Write what cleaning leaves of all stations, in as many files as are asked for."""
+    options, job_id = arguments["options"], arguments["job_id"]
+    writer, placed = writer_of(options["format"]), {station.name: station for station in stations}
+    sides = [
+        {
+            "name": station.name,
+            "scan": station.scan,
+            "world_from_scan": None if station.estimate is None else {"matrix": station.pose.as_matrix().tolist()},
+        }
+        for station in stations
+    ]
+    cleaned = cleaned_frame(context, sides, options["cleaning"])
+    clouds, notes, steps = {}, list(cleaned.cleaned.remarks), cleaned.steps()
+    for scan, left in cleaned.stations():
+        station = placed[scan.scan.name]
+        scalars: dict[str, Array] = {}
+        fields: tuple[ScalarField, ...] = ()
+        if options["per_point_std"]:
+            std = _position_std(station, notes)
+            values = std.at(scan.scan.points[left.numbers], scan.scan.origin_m)
+            scalars, fields = {STD_FIELD.name: (1000.0 * values).astype(np.float32)}, (STD_FIELD,)
+        clouds[station.name] = replace(cleaned.cloud(scan, left, scalars, fields), crs_wkt=_crs(options))
+    found = []
+    for number, file in enumerate(arguments["files"]):
+        names = [name for name in file["stations"] if name in clouds]
+        if not names:
+            continue
+        points = sum(step.after for step in steps if step.station in names)
+        name = f"{file['stem']}{writer.ending}"
+        progress = ProgressSection(context.progress, CLEANED, 1.0)
+        with output_file(context, job_id, name, BYTES_PER_POINT * points) as path:
+            written = writer.write(
+                path,
+                [clouds[name] for name in names],
+                ProgressSection(progress, *_share(number, len(arguments["files"]))),
+            )
+        told = Written(written.points, tuple(dict.fromkeys((*written.notes, *notes))))
+        described = _described(
+            context, job_id, name, writer.media_type, options["format"], [placed[name] for name in names], told
+        )
+        counts = [step for step in steps if step.station in file["stations"]]
+        found.append(described.model_copy(update={"cleaning": counts}))
+    return found
+
+
 def _can_write_back(options: Json, stations: Sequence[_Placed]) -> bool:
     """Tell whether the file stays what it is: one uploaded E57, of which nothing but poses is to be other."""
     if options["format"] != E57 or options["merge"] or options["per_point_std"] or any(s.file.unit for s in stations):
@@ -146,13 +199,18 @@ def _cloud(
     )
     if not options["per_point_std"]:
         return cloud, notes
+    return _with_std(cloud, _position_std(station, notes)), notes
+
+
+def _position_std(station: _Placed, notes: list[str]) -> PositionStd:
+    """Give what tells the standard deviations of a station's points, and note what is not in them."""
     if station.estimate is None or station.range_std_m is None:
         notes.append(NO_NOISE)
     if station.estimate is None:
         raise InvalidRequestError(
             f"`per_point_std` needs the covariance of the pose of '{station.name}', which has no pose in the request"
         )
-    return _with_std(cloud, PositionStd(station.estimate, station.range_std_m or 0.0)), notes
+    return PositionStd(station.estimate, station.range_std_m or 0.0)
 
 
 def _with_std(cloud: StationCloud, std: PositionStd) -> StationCloud:
