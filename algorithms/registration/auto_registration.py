@@ -16,10 +16,10 @@ import numpy as np
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.coarse_registration import CoarseRegistration
-from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import judge
 from algorithms.quality.overlap import verify_pose
+from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import FinalPose, FineRegistration, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.final_pose import (
     Comparison,
@@ -32,6 +32,7 @@ from algorithms.registration.final_pose import (
     widened,
 )
 from algorithms.registration.final_verdict import doubts_of_slivers, hidden_shift_m, status_of_final
+from algorithms.registration.icp_plane import IcpPlaneMethod
 from algorithms.registration.line_registration import FeatureUse, adjusted_features
 from algorithms.registration.pair_verdict import (
     agreement_doubts,
@@ -84,29 +85,23 @@ class _Answer:
     doubts: tuple[str, ...] = ()
 
 
-def register_automatically(
-    problem: RegistrationProblem,
-    matching: MatchingOptions,
-    adjustment: AdjustmentOptions,
-    surface: SurfaceOptions,
-    progress: Progress,
-) -> PairResult:
+def register_automatically(problem: RegistrationProblem, method: AutoMethod, progress: Progress) -> PairResult:
     """Register two scans by what they have; every failure becomes a result with its status and reasons.
 
     Parameters
     ----------
     problem
         Features of both scans.
-    matching, adjustment, surface
+    method
         Options.
     progress
         Is told the steps.
     """
     progress.report(0.0, "matching")
-    coarse = searched(problem, matching)
+    coarse = searched(problem, method.matching)
     if isinstance(coarse, PairResult):
         return coarse
-    return estimated_and_judged(problem, coarse, adjustment, surface, progress)
+    return estimated_and_judged(problem, coarse, method.adjustment, method.surfaces, progress)
 
 
 def estimated_and_judged(
@@ -140,27 +135,25 @@ def estimated_and_judged(
     return _judged(problem, coarse, answer)
 
 
-def register_by_surfaces(
-    problem: RegistrationProblem, matching: MatchingOptions, surface: SurfaceOptions, progress: Progress
-) -> PairResult:
+def register_by_surfaces(problem: RegistrationProblem, method: IcpPlaneMethod, progress: Progress) -> PairResult:
     """Register two scans by their surfaces alone, from the answer of the search.
 
     Parameters
     ----------
     problem
         Features of both scans; lines and planes serve the search only.
-    matching, surface
+    method
         Options.
     progress
         Is told the steps.
     """
     progress.report(0.0, "matching")
-    coarse = searched(problem, matching)
+    coarse = searched(problem, method.matching)
     if isinstance(coarse, PairResult):
         return coarse
     progress.report(0.6, "adjustment")
     try:
-        surfaces = estimate_by_surfaces(problem.target, problem.source, coarse.target_from_source, surface)
+        surfaces = estimate_by_surfaces(problem.target, problem.source, coarse.target_from_source, method.surfaces)
     except TooFewCorrespondencesError as error:
         reason = f"a pose was found, but too little surface lies on surface: {error}"
         return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)

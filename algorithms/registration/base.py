@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
-
-import numpy as np
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import EstimatorStep
@@ -14,7 +11,6 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.priors import PairPriors
-from algorithms.progress import Progress
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.rigidity import Rigidity
 from algorithms.registration.surface_estimate import SurfaceEstimate
@@ -165,15 +161,3 @@ class PairResult:
     def without_pose(status: PairStatus, reason: str) -> "PairResult":
         """Say that there is no pose, and why."""
         return PairResult(status, (reason,), None, None, None)
-
-
-class RegistrationMethod(Protocol):
-    """One way to register two scans; its fields are its options."""
-
-    def register(self, problem: RegistrationProblem, *, progress: Progress, rng: np.random.Generator) -> PairResult:
-        """Find target_from_source.
-
-        A pose that must not be trusted is a result with a status and reasons; geometry or data that allow no pose at
-        all are one too (`degenerate`, `rejected`).
-        """
-        ...

@@ -2,20 +2,11 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, ClassVar, final
+from typing import Annotated, ClassVar, final
 
 from annotated_types import Ge, Gt, Le
 
-from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.features.options import FeatureOptions
-from algorithms.matching.options import MatchingOptions
-from algorithms.progress import Progress
-from algorithms.registration.surface_options import SurfaceOptions
-
-if TYPE_CHECKING:
-    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
-    import algorithms.arrays
-    import algorithms.registration.base
+from algorithms.registration.method import ProposingMethod
 
 
 class TurnAxes(StrEnum):
@@ -43,7 +34,7 @@ class SphereOptions:
 
 @final
 @dataclass(frozen=True)
-class EgiMethod:
+class EgiMethod(ProposingMethod):
     """Extended Gaussian images propose the rotation (Horn 1984; Dold, Ripperda and Brenner 2007).
 
     The planes' normals, weighed by area, are mapped to a divided icosahedron; the correlation of two such spheres is
@@ -54,36 +45,7 @@ class EgiMethod:
     """
 
     name: ClassVar[str] = "egi"
+    work: ClassVar[str] = "algorithms.registration.egi_registration:register_by_spheres"
 
-    features: FeatureOptions = field(default_factory=FeatureOptions)
-    """What counts as a feature."""
-    matching: MatchingOptions = field(default_factory=MatchingOptions)
-    """The search that the result is verified against."""
-    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
-    """The estimate from the proposed pose on: lines and planes."""
-    surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
-    """The estimate from the proposed pose on: surfaces."""
     sphere: SphereOptions = field(default_factory=SphereOptions)
     """The method's own search."""
-
-    def register(
-        self,
-        problem: "algorithms.registration.base.RegistrationProblem",
-        *,
-        progress: Progress,
-        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
-    ) -> "algorithms.registration.base.PairResult":
-        """Find target_from_source.
-
-        Parameters
-        ----------
-        problem
-            Features of both scans.
-        progress
-            Is told the steps matching, adjustment and verification.
-        rng
-            Not used: the method is deterministic.
-        """
-        from algorithms.registration.egi_registration import register_by_spheres
-
-        return register_by_spheres(problem, self, progress)

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_estimate import EstimatorStep
-from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.closest_points.iteration import ErrorKind, IterationLimits, IterationResult, iterated
 from algorithms.closest_points.motions import best_motion
 from algorithms.closest_points.surface_model import SurfaceModel
@@ -12,12 +11,12 @@ from algorithms.errors import TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.coarse_registration import CoarseRegistration
-from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.registration.base import ConvergenceStep, PairResult, RegistrationProblem
+from algorithms.registration.icp_d2 import IcpD2Method
 from algorithms.registration.icp_options import IcpOptions, IcpStart
+from algorithms.registration.icp_point import IcpPointMethod
 from algorithms.registration.proposals import PoseProposal, ProposingProcedure, register_by_proposal
-from algorithms.registration.surface_options import SurfaceOptions
 
 LABELS = {
     ErrorKind.POINT: "Iterative closest points, point to point (Besl and McKay 1992; closed form of Horn 1987)",
@@ -27,33 +26,44 @@ LABELS = {
 LEAST_PICKED = 3
 
 
-def register_by_iteration(
-    problem: RegistrationProblem,
-    kind: ErrorKind,
-    iteration: IcpOptions,
-    matching: MatchingOptions,
-    adjustment: AdjustmentOptions,
-    surfaces: SurfaceOptions,
-    progress: Progress,
-) -> PairResult:
-    """Register two scans by iterative closest points; every failure becomes a result with its status and reasons.
+def register_point_to_point(problem: RegistrationProblem, method: IcpPointMethod, progress: Progress) -> PairResult:
+    """Register two scans by closest points; every failure becomes a result with its status and reasons.
 
     Parameters
     ----------
     problem
         Features of both scans, of which the surfaces are used.
-    kind
-        What is minimised.
-    iteration, matching, adjustment, surfaces
+    method
         Options.
     progress
         Is told the steps.
     """
+    return _by_iteration(problem, ErrorKind.POINT, method, progress)
 
+
+def register_by_approximants(problem: RegistrationProblem, method: IcpD2Method, progress: Progress) -> PairResult:
+    """Register two scans by squared-distance approximants; every failure becomes a result with its status and reasons.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans, of which the surfaces are used.
+    method
+        Options.
+    progress
+        Is told the steps.
+    """
+    return _by_iteration(problem, ErrorKind.D2, method, progress)
+
+
+def _by_iteration(
+    problem: RegistrationProblem, kind: ErrorKind, method: IcpPointMethod | IcpD2Method, progress: Progress
+) -> PairResult:
     def propose(problem: RegistrationProblem, search: CoarseRegistration) -> PoseProposal:
-        return proposed_by_iteration(problem, start_of(problem, iteration, search), iteration, kind)
+        start = start_of(problem, method.iteration, search)
+        return proposed_by_iteration(problem, start, method.iteration, kind)
 
-    procedure = ProposingProcedure(LABELS[kind], matching, adjustment, surfaces, propose)
+    procedure = ProposingProcedure(LABELS[kind], method.matching, method.adjustment, method.surfaces, propose)
     return register_by_proposal(problem, procedure, progress)
 
 

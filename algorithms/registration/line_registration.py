@@ -14,12 +14,14 @@ from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesErro
 from algorithms.matching.correspondences import GATES, corresponding_lines, corresponding_planes
 from algorithms.matching.directions import comes_first
 from algorithms.matching.open_shifts import shifted_by_lines
-from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.quality.acceptance import judge
 from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.lines import LinesMethod
+from algorithms.registration.method import Method
 from algorithms.registration.pair_verdict import expected_supporters, rigidity_of, searched, status_of_pair
+from algorithms.registration.planes import PlanesMethod
 
 MOST_TURN_PER_M = 1e-4
 """An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
@@ -35,33 +37,44 @@ class FeatureUse:
     """Largest angle [rad] and distance [m] of corresponding features in each round."""
 
 
-def register_by_features(
-    problem: RegistrationProblem,
-    use: FeatureUse,
-    matching: MatchingOptions,
-    adjustment: AdjustmentOptions,
-    progress: Progress,
-) -> PairResult:
-    """Register two scans; every failure becomes a result with its status and reasons.
+def register_by_lines(problem: RegistrationProblem, method: LinesMethod, progress: Progress) -> PairResult:
+    """Register two scans by lines; every failure becomes a result with its status and reasons.
 
     Parameters
     ----------
     problem
         Features of both scans.
-    use
-        Which of them carry the pose.
-    matching, adjustment
+    method
         Options.
     progress
         Is told the steps.
     """
+    return _by_features(problem, FeatureUse(planes=method.planes), method, progress)
+
+
+def register_by_planes(problem: RegistrationProblem, method: PlanesMethod, progress: Progress) -> PairResult:
+    """Register two scans by planes alone; every failure becomes a result with its status and reasons.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    method
+        Options.
+    progress
+        Is told the steps.
+    """
+    return _by_features(problem, FeatureUse(lines=False), method, progress)
+
+
+def _by_features(problem: RegistrationProblem, use: FeatureUse, method: Method, progress: Progress) -> PairResult:
     progress.report(0.0, "matching")
-    coarse = searched(problem, matching)
+    coarse = searched(problem, method.matching)
     if isinstance(coarse, PairResult):
         return coarse
     progress.report(0.6, "adjustment")
     try:
-        fine = adjusted_features(problem, use, adjustment, coarse.target_from_source)
+        fine = adjusted_features(problem, use, method.adjustment, coarse.target_from_source)
     except TooFewCorrespondencesError as error:
         return PairResult(
             PairStatus.REJECTED, (f"a pose was found, but nothing to adjust it by: {error}",), coarse, None, None

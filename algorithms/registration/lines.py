@@ -1,54 +1,18 @@
 """Registration by lines (Lichtenstein 2011), completed: no first guess, rigorous covariance, honest refusal."""
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, final
+from dataclasses import dataclass
+from typing import ClassVar, final
 
-from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.features.options import FeatureOptions
-from algorithms.matching.options import MatchingOptions
-from algorithms.progress import Progress
-
-if TYPE_CHECKING:
-    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
-    import algorithms.arrays
-    import algorithms.registration.base
+from algorithms.registration.method import Method
 
 
 @final
 @dataclass(frozen=True)
-class LinesMethod:
+class LinesMethod(Method):
     """Lines from plane intersections and cylinder axes, with the planes they lie in."""
 
     name: ClassVar[str] = "lines"
+    work: ClassVar[str] = "algorithms.registration.line_registration:register_by_lines"
 
-    features: FeatureOptions = field(default_factory=FeatureOptions)
-    """What counts as a feature."""
-    matching: MatchingOptions = field(default_factory=MatchingOptions)
-    """The search for the pose without a first guess."""
-    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
-    """The fine adjustment and its tests."""
     planes: bool = True
     """Also use the planes that both scans see as observations, beside the lines."""
-
-    def register(
-        self,
-        problem: "algorithms.registration.base.RegistrationProblem",
-        *,
-        progress: Progress,
-        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
-    ) -> "algorithms.registration.base.PairResult":
-        """Find target_from_source.
-
-        Parameters
-        ----------
-        problem
-            Features of both scans.
-        progress
-            Is told the steps matching, adjustment and verification.
-        rng
-            Not used: the method is deterministic.
-        """
-        from algorithms.registration.line_registration import FeatureUse, register_by_features
-
-        use = FeatureUse(planes=self.planes)
-        return register_by_features(problem, use, self.matching, self.adjustment, progress)

@@ -1,19 +1,11 @@
 """The method of M. Lichtenstein's dissertation (RWTH Aachen 2011) as it stands there, for comparison."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, ClassVar, final
+from typing import Annotated, ClassVar, final
 
 from annotated_types import Ge, Gt, Le
 
-from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.features.options import FeatureOptions
-from algorithms.matching.options import MatchingOptions
-from algorithms.progress import Progress
-
-if TYPE_CHECKING:
-    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
-    import algorithms.arrays
-    import algorithms.registration.base
+from algorithms.registration.method import OwnEstimateMethod
 
 
 @dataclass(frozen=True)
@@ -41,7 +33,7 @@ class PairVotingOptions:
 
 @final
 @dataclass(frozen=True)
-class LinesCompatMethod:
+class LinesCompatMethod(OwnEstimateMethod):
     """The dissertation's method as printed, misprints corrected. For comparison: `lines` is better in every respect.
 
     Pairs of lines vote for a motion by angle and distance alone; the pose comes from six Plücker components per line
@@ -51,34 +43,7 @@ class LinesCompatMethod:
     """
 
     name: ClassVar[str] = "lines-compat"
+    work: ClassVar[str] = "algorithms.registration.compat_registration:register_as_dissertation"
 
-    features: FeatureOptions = field(default_factory=FeatureOptions)
-    """What counts as a feature."""
-    matching: MatchingOptions = field(default_factory=MatchingOptions)
-    """The search for the pose without a first guess, which the result is verified against."""
-    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
-    """The rigorous adjustment beside it, and its tests."""
     voting: PairVotingOptions = field(default_factory=PairVotingOptions)
     """The dissertation's coarse registration."""
-
-    def register(
-        self,
-        problem: "algorithms.registration.base.RegistrationProblem",
-        *,
-        progress: Progress,
-        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
-    ) -> "algorithms.registration.base.PairResult":
-        """Find target_from_source.
-
-        Parameters
-        ----------
-        problem
-            Features of both scans.
-        progress
-            Is told the steps matching, adjustment and verification.
-        rng
-            Not used: the method is deterministic.
-        """
-        from algorithms.registration.compat_registration import register_as_dissertation
-
-        return register_as_dissertation(problem, self, progress)

@@ -1,20 +1,11 @@
 """The normal distributions transform in horizontal slices, for levelled scanners."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, ClassVar, final
+from typing import Annotated, ClassVar, final
 
 from annotated_types import Ge, Gt, Le
 
-from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.features.options import FeatureOptions
-from algorithms.matching.options import MatchingOptions
-from algorithms.progress import Progress
-from algorithms.registration.surface_options import SurfaceOptions
-
-if TYPE_CHECKING:
-    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
-    import algorithms.arrays
-    import algorithms.registration.base
+from algorithms.registration.method import ProposingMethod
 
 
 @dataclass(frozen=True)
@@ -42,7 +33,7 @@ class LayerOptions:
 
 @final
 @dataclass(frozen=True)
-class NdtMethod:
+class NdtMethod(ProposingMethod):
     """Normal distributions in horizontal slices propose the pose of levelled scanners (Dold et al. 2007).
 
     Biber and Strasser's score (2003), summed over the slices, is climbed from the largest cells to the smallest. Beyond
@@ -53,36 +44,7 @@ class NdtMethod:
     """
 
     name: ClassVar[str] = "ndt"
+    work: ClassVar[str] = "algorithms.registration.ndt_registration:register_by_layers"
 
-    features: FeatureOptions = field(default_factory=FeatureOptions)
-    """What counts as a feature."""
-    matching: MatchingOptions = field(default_factory=MatchingOptions)
-    """The search that the result is verified against."""
-    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
-    """The estimate from the proposed pose on: lines and planes."""
-    surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
-    """The estimate from the proposed pose on: surfaces."""
     layers: LayerOptions = field(default_factory=LayerOptions)
     """The method's own search."""
-
-    def register(
-        self,
-        problem: "algorithms.registration.base.RegistrationProblem",
-        *,
-        progress: Progress,
-        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
-    ) -> "algorithms.registration.base.PairResult":
-        """Find target_from_source.
-
-        Parameters
-        ----------
-        problem
-            Features of both scans.
-        progress
-            Is told the steps matching, adjustment and verification.
-        rng
-            Not used: the method is deterministic.
-        """
-        from algorithms.registration.ndt_registration import register_by_layers
-
-        return register_by_layers(problem, self, progress)

@@ -1,20 +1,11 @@
 """The symbolic matching of planes by Dold and Brenner, for comparison and as a search of its own."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, ClassVar, final
+from typing import Annotated, ClassVar, final
 
 from annotated_types import Ge, Gt, Le
 
-from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.features.options import FeatureOptions
-from algorithms.matching.options import MatchingOptions
-from algorithms.progress import Progress
-from algorithms.registration.surface_options import SurfaceOptions
-
-if TYPE_CHECKING:
-    # The web process describes the options without loading numpy: what the work needs is imported where it is done.
-    import algorithms.arrays
-    import algorithms.registration.base
+from algorithms.registration.method import ProposingMethod
 
 
 @dataclass(frozen=True)
@@ -44,7 +35,7 @@ class TripleOptions:
 
 @final
 @dataclass(frozen=True)
-class PlanesTriplesMethod:
+class PlanesTriplesMethod(ProposingMethod):
     """Triples of planes propose the pose (Dold, Ripperda and Brenner 2007): the one in which most planes agree.
 
     Triples of both scans are laid on each other, the most orthogonal ones first; the pose comes from the quaternion of
@@ -54,36 +45,7 @@ class PlanesTriplesMethod:
     """
 
     name: ClassVar[str] = "planes-triples"
+    work: ClassVar[str] = "algorithms.registration.triples_registration:register_by_triples"
 
-    features: FeatureOptions = field(default_factory=FeatureOptions)
-    """What counts as a feature."""
-    matching: MatchingOptions = field(default_factory=MatchingOptions)
-    """The search that the result is verified against."""
-    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
-    """The estimate from the proposed pose on: lines and planes."""
-    surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
-    """The estimate from the proposed pose on: surfaces."""
     triples: TripleOptions = field(default_factory=TripleOptions)
     """The method's own search."""
-
-    def register(
-        self,
-        problem: "algorithms.registration.base.RegistrationProblem",
-        *,
-        progress: Progress,
-        rng: "algorithms.arrays.Generator",  # noqa: ARG002 - every method has it; this one draws nothing
-    ) -> "algorithms.registration.base.PairResult":
-        """Find target_from_source.
-
-        Parameters
-        ----------
-        problem
-            Features of both scans.
-        progress
-            Is told the steps matching, adjustment and verification.
-        rng
-            Not used: the method is deterministic.
-        """
-        from algorithms.registration.triples_registration import register_by_triples
-
-        return register_by_triples(problem, self, progress)

@@ -72,7 +72,7 @@ def register_all(paths: Sequence[Path]) -> dict[str, object]:
         rounds += 1
         for target, source in chosen:
             problem = RegistrationProblem(features[target], features[source])
-            result = tieline_method().register(problem, progress=NoProgress(), rng=np.random.default_rng(SEED))
+            result = tieline_method().register(problem, progress=NoProgress())
             if result.fine is not None and result.status in links:
                 link = link_of(result.fine, problem.target, problem.source)
                 links[result.status].append(replace(link, target=target, source=source))

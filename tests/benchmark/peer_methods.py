@@ -270,12 +270,11 @@ def tieline(target_file: Path, source_file: Path) -> Answer:
     """Read, extract and register; a pair pays for the features of both scans, though they are extracted once."""
     from algorithms.progress import NoProgress
     from algorithms.registration.base import PairStatus, RegistrationProblem
-    from service.use_cases.steps.run_features import SEED
 
     (target, *target_s), (source, *source_s) = (tieline_features(file) for file in (target_file, source_file))
     begun = time.perf_counter(), time.process_time()
     problem = RegistrationProblem(target, source)
-    result = tieline_method().register(problem, progress=NoProgress(), rng=np.random.default_rng(SEED))
+    result = tieline_method().register(problem, progress=NoProgress())
     wall = time.perf_counter() - begun[0] + target_s[0] + source_s[0]
     cpu = time.process_time() - begun[1] + target_s[1] + source_s[1]
     matrix = None if result.final is None else result.final.pose.target_from_source.as_matrix().tolist()

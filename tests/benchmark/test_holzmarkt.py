@@ -69,9 +69,7 @@ def errors(pose, truth, instrument_m):
 
 def registered(name, target, source, truth, instrument_m):
     started = time.perf_counter()
-    result = METHODS[name]().register(
-        RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    result = METHODS[name]().register(RegistrationProblem(target, source), progress=NoProgress())
     seconds = time.perf_counter() - started
     final = None if result.final is None else result.final.pose.target_from_source
     own = final if result.own_figures is None else result.own_figures.pose.target_from_source

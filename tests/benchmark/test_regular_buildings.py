@@ -78,9 +78,7 @@ def pairs_of(kind, seed):
 
 
 def registered(target, source):
-    return DEFAULT_METHOD().register(
-        RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    return DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
 
 
 def test_no_pair_is_accepted_wrong():

@@ -64,7 +64,7 @@ class PairFigures:
 def pair_figures(target, source, truth, method=DEFAULT_METHOD):
     """Register two scans' features and compare with the true motion between their reduced frames."""
     problem = RegistrationProblem(target, source)
-    result = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    result = method().register(problem, progress=NoProgress())
     if result.final is None:
         nothing = np.full(6, np.nan)
         return PairFigures(

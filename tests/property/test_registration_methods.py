@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Any, get_args
+from inspect import signature
+from pkgutil import resolve_name
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -91,7 +93,7 @@ def tilted_problem() -> tuple[RegistrationProblem, RigidTransform]:
 def registered(method: Any, name: str, *, swapped: bool = False) -> PairResult:
     (target, source), _ = stations(name)
     problem = RegistrationProblem(source, target) if swapped else RegistrationProblem(target, source)
-    return method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    return method().register(problem, progress=NoProgress())
 
 
 def pose_of(result: PairResult) -> PoseEstimate:
@@ -116,9 +118,16 @@ def test_a_known_pose_is_recovered_and_accepted_with_an_honest_covariance(method
     assert np.linalg.norm(error[3:]) < 0.002
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_work_of_a_method_is_a_function_of_problem_method_and_progress(method: Any) -> None:
+    work = resolve_name(method.work)
+    assert list(signature(work).parameters) == ["problem", "method", "progress"]
+    assert get_type_hints(work)["method"] is method
+
+
 @usual_method
 def test_the_same_input_gives_the_same_answer(method: Any) -> None:
-    again = method().register(same_problem_again(), progress=NoProgress(), rng=np.random.default_rng(5))
+    again = method().register(same_problem_again(), progress=NoProgress())
     first = registered(method, "pipe_hall")
     np.testing.assert_array_equal(
         pose_of(again).target_from_source.as_matrix(), pose_of(first).target_from_source.as_matrix()
@@ -149,7 +158,7 @@ def test_swapping_scans_of_like_rooms_that_share_little_inverts_the_answer() -> 
     scans = simulate_stations(scene, [scene.stations[k] for k in (1, 3)], SCANNER, np.random.default_rng(3))
     one, other = (extracted(scan) for scan in scans)
     there, back = (
-        AutoMethod().register(RegistrationProblem(*pair), progress=NoProgress(), rng=np.random.default_rng(0))
+        AutoMethod().register(RegistrationProblem(*pair), progress=NoProgress())
         for pair in ((one, other), (other, one))
     )
     assert back.status is there.status
@@ -177,14 +186,14 @@ def test_a_single_plane_is_degenerate(method: Any) -> None:
 @every_method
 def test_scans_of_different_places_are_never_accepted(method: Any) -> None:
     problem = RegistrationProblem(stations("pipe_hall")[0][0], stations("house")[0][1])
-    result = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    result = method().register(problem, progress=NoProgress())
     assert result.status is not PairStatus.ACCEPTED
     assert result.reasons
 
 
 @usual_method
 def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
-    far = pose_of(method().register(far_problem(), progress=NoProgress(), rng=np.random.default_rng(0)))
+    far = pose_of(method().register(far_problem(), progress=NoProgress()))
     near = pose_of(registered(method, "pipe_hall"))
     shift = far.translation_m - near.translation_m
     np.testing.assert_allclose(shift, FAR_ORIGIN_M, atol=1e-8)  # the spacing of doubles there is 1e-9 m
@@ -194,7 +203,7 @@ def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
 @pytest.mark.slow
 def test_slices_of_levelled_scanners_are_no_answer_for_one_that_lies_on_its_side() -> None:
     problem, truth = tilted_problem()
-    result = NdtMethod().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    result = NdtMethod().register(problem, progress=NoProgress())
     if result.status is PairStatus.ACCEPTED:
         assert np.linalg.norm(error_of(pose_of(result).target_from_source, truth)[3:]) < 0.005
     assert result.reasons
@@ -211,7 +220,7 @@ def test_slices_of_levelled_scanners_are_no_answer_for_one_that_lies_on_its_side
 )
 def test_a_tilted_instrument_changes_nothing(method: Any) -> None:
     problem, truth = tilted_problem()
-    result = method().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    result = method().register(problem, progress=NoProgress())
     assert result.status is PairStatus.ACCEPTED
     error = error_of(pose_of(result).target_from_source, truth)
     assert error @ np.linalg.solve(pose_of(result).covariance, error) < LARGEST_NEES

@@ -5,13 +5,11 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, get_args
 
-import numpy as np
 from pydantic import TypeAdapter
 
 from algorithms.registration import RegistrationMethod
 from service.ports import Json, StepContext
 from service.use_cases.steps.feature_store import load_features
-from service.use_cases.steps.run_features import SEED
 
 if TYPE_CHECKING:
     import algorithms.registration.base
@@ -32,7 +30,7 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     problem = RegistrationProblem(features[0], features[1], priors)
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
-    result = method.register(problem, progress=progress, rng=np.random.default_rng(SEED))
+    result = method.register(problem, progress=progress)
     result = distrusted_if_copied(context, arguments, result, problem)
     remarks = remarks_on_scans(problem, target=target["name"], source=source["name"])
     result = replace(result, reasons=(*result.reasons, *remarks))

@@ -57,7 +57,7 @@ def practise() -> None:
         for scan in (tiny_room(structured=True), tiny_room(structured=False))
     ]
     problem = RegistrationProblem(features[0], features[1])
-    DEFAULT_METHOD().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    DEFAULT_METHOD().register(problem, progress=NoProgress())
     _practise_on_deviations()
 
 

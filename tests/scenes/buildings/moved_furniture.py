@@ -124,7 +124,7 @@ def simulate(name: str, seed: int, *, range_noise_m: float = 0.002) -> MovedFurn
 def register(furniture: MovedFurniture) -> PairResult:
     """Register as the service does."""
     problem = RegistrationProblem(furniture.target, furniture.source)
-    return LinesMethod().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    return LinesMethod().register(problem, progress=NoProgress())
 
 
 def outcome_of(furniture: MovedFurniture, result: PairResult) -> Outcome:

@@ -90,7 +90,7 @@ def rounded_pair(number: int, seed: int, scenes: tuple[str, ...] = tuple(OVERLAP
         )
         features.append(extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0)))
         frames.append(pose * RigidTransform.from_components(offset, rotation).inv())
-    result = AutoMethod().register(RegistrationProblem(*features), progress=NoProgress(), rng=rng)
+    result = AutoMethod().register(RegistrationProblem(*features), progress=NoProgress())
     head = name, step, noise, parallel, structured, result.status, result.reasons
     if result.final is None:
         return RoundedPair(*head, np.full(6, np.nan), np.eye(6))

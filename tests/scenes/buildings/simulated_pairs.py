@@ -75,7 +75,7 @@ def pair_error(number, seed, scene_names=tuple(OVERLAPPING), sizes=SIZES, method
         )
         for pose in poses
     )
-    result = method().register(RegistrationProblem(target, source), progress=NoProgress(), rng=rng)
+    result = method().register(RegistrationProblem(target, source), progress=NoProgress())
     answer = result.final or result.fine
     if answer is None:
         return PairError(name, noise, tilted, result.status, np.full(6, np.nan), np.eye(6))

@@ -50,9 +50,7 @@ def symmetric_pair(name, seed, oddities):
         moved = replace(scan, points=points, sensor_m=motion.apply(sensor), grid=None)
         features.append(extract_features(moved, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0)))
         poses.append(station * motion.inv())
-    result = DEFAULT_METHOD().register(
-        RegistrationProblem(features[0], features[1]), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    result = DEFAULT_METHOD().register(RegistrationProblem(features[0], features[1]), progress=NoProgress())
     right = False
     answer = result.final or result.fine
     if answer is not None:

@@ -224,9 +224,7 @@ def features_of(
 
 def registered(stations: tuple[Station, Station], target: ScanFeatures, source: ScanFeatures) -> Pair:
     """Register the features of two stations, target first."""
-    result = LinesMethod().register(
-        RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    result = LinesMethod().register(RegistrationProblem(target, source), progress=NoProgress())
     true = stations[0].world_from_scan.inv() * stations[1].world_from_scan
     assert stations[1].scan.sensor_m is not None
     return Pair(target, source, result, true, stations[1].scan.sensor_m)

@@ -89,8 +89,6 @@ def test_a_pair_in_another_unit_ends_with_an_answer(metres: float) -> None:
     features = [
         extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0)) for scan in scans
     ]
-    result = DEFAULT_METHOD().register(
-        RegistrationProblem(features[0], features[1]), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    result = DEFAULT_METHOD().register(RegistrationProblem(features[0], features[1]), progress=NoProgress())
     assert result.status is not PairStatus.ACCEPTED
     assert result.reasons

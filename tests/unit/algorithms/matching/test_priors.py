@@ -148,7 +148,7 @@ def symmetric_room() -> tuple[list[ScanFeatures], list[RigidTransform]]:
 
 def registered(features: list[ScanFeatures], priors: PairPriors | None) -> PairResult:
     problem = RegistrationProblem(features[0], features[1], priors)
-    return LinesMethod().register(problem, progress=NoProgress(), rng=np.random.default_rng(0))
+    return LinesMethod().register(problem, progress=NoProgress())
 
 
 def reduced(poses: list[RigidTransform], features: list[ScanFeatures]) -> list[RigidTransform]:

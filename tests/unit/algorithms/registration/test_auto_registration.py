@@ -8,19 +8,18 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.errors import DegenerateGeometryError
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.geometry.lines import bases_of
 from algorithms.geometry.planes import Planes
 from algorithms.matching.coarse_registration import CoarseRegistration
-from algorithms.matching.options import MatchingOptions
 from algorithms.progress import NoProgress
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration import auto_registration, line_registration
+from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, status_of_final
-from algorithms.registration.surface_options import SurfaceOptions
+from algorithms.registration.lines import LinesMethod
 from schemas.registration_result import Pair
 from service.use_cases.documents.pair_documents import pair_document
 from service.use_cases.steps.link_store import link_of
@@ -116,9 +115,7 @@ def search_that_finds_the_pose(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def registered(target: ScanFeatures, source: ScanFeatures) -> PairResult:
-    return auto_registration.register_automatically(
-        RegistrationProblem(target, source), MatchingOptions(), AdjustmentOptions(), SurfaceOptions(), NoProgress()
-    )
+    return auto_registration.register_automatically(RegistrationProblem(target, source), AutoMethod(), NoProgress())
 
 
 def pair(**both: Any) -> PairResult:
@@ -221,9 +218,7 @@ def test_an_adjustment_that_runs_away_makes_the_pair_degenerate_where_features_a
     monkeypatch.setattr(line_registration, "searched", lambda *_: coarse)
     monkeypatch.setattr(line_registration, "adjusted_features", run_away)
     both = (scan(RigidTransform.identity(), 1), scan(POSE, 2))
-    result = line_registration.register_by_features(
-        RegistrationProblem(*both), line_registration.FeatureUse(), MatchingOptions(), AdjustmentOptions(), NoProgress()
-    )
+    result = line_registration.register_by_lines(RegistrationProblem(*both), LinesMethod(), NoProgress())
     assert result.status is PairStatus.DEGENERATE
     assert result.free_directions == ("a combination of unknowns",)
     assert result.advice == "add observations"

@@ -52,9 +52,7 @@ def tank_features(tanks):
 
 def registered(tanks):
     target, source = tank_features(tanks)
-    return DEFAULT_METHOD().register(
-        RegistrationProblem(target, source), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    return DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
 
 
 def error_m(pose):

@@ -80,9 +80,7 @@ def test_surface_of_a_tank_that_was_recognised_does_not_count_as_surface_across(
 
 def test_a_pair_of_too_few_features_is_rejected_with_what_to_do():
     first, second = (features_of(room_points(8000, 0.2, seed)) for seed in (1, 2))
-    result = DEFAULT_METHOD().register(
-        RegistrationProblem(first, second), progress=NoProgress(), rng=np.random.default_rng(0)
-    )
+    result = DEFAULT_METHOD().register(RegistrationProblem(first, second), progress=NoProgress())
     assert result.status is PairStatus.REJECTED
     assert "too few planes in 8000 points" in result.reasons[0]
     assert "more points" in result.advice
