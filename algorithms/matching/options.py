@@ -17,6 +17,7 @@ class MatchingOptions:
     max_line_hypotheses: Annotated[int, Ge(1), Le(1_000_000)] = 6000
     """So many of the motions with most votes of line pairs are tested."""
     ambiguity_ratio: Annotated[float, Gt(0.0), Le(1.0)] = 0.8
-    """The answer is ambiguous when a clearly different pose scores at least this share of it."""
+    """The answer is ambiguous when a clearly different pose scores at least this share of it. Above the default such an
+    answer is doubtful instead, never accepted."""
     all_shifts: bool = True
     """Where no pose is convincing, test all shifts of the surfaces (about a second of one processor)."""

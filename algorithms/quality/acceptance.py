@@ -44,6 +44,7 @@ LEAST_SUPPORTERS = 6
 BLIND_SCORE, BLIND_RATIO = 0.5, 0.5
 """Without the instruments' positions free space says nothing, and symmetric rooms look alike: be stricter."""
 AMBIGUOUS_RATIO = 0.8
+"""Another pose with this share of the score is as good; where a caller allows it more, the pose is doubtful still."""
 MAX_VIOLATION_SHARE = 0.08
 WORTH_A_WORD_M2 = 1.0
 """Larger pieces of surface in free space are mentioned."""
@@ -110,6 +111,7 @@ def judge(
     runner_up_supporters: int | None = None,
     lone_spotless: bool = False,
     conditions: int = 0,
+    ambiguity_ratio: float = AMBIGUOUS_RATIO,
 ) -> Verdict:
     """Judge a pose by how well the scans fit in it, and by how well they fit in the best clearly different one.
 
@@ -126,6 +128,8 @@ def judge(
         Whether hardly anything speaks against the pose and clearly more against every other, all shifts searched.
     conditions
         Redundancy of the lines and planes that agree in the pose; 0 where too few of them do.
+    ambiguity_ratio
+        Share of the score from which another pose makes this one ambiguous.
     """
     score = verification.score
     ratio = max(runner_up_score, 0.0) / max(score, 1e-9)
@@ -142,7 +146,7 @@ def judge(
         return Verdict(AcceptanceStatus.REJECTED, (f"{fit}: below {LEAST_SCORE:.2f} no pose is credible",))
     if verification.violation_share > MAX_VIOLATION_SHARE:
         return Verdict(AcceptanceStatus.REJECTED, (f"{fit}: more than {MAX_VIOLATION_SHARE:.0%} in free space",))
-    if ratio >= AMBIGUOUS_RATIO and not alone:
+    if ratio >= ambiguity_ratio and not alone:
         return Verdict(
             AcceptanceStatus.AMBIGUOUS, (f"{fit}, but a clearly different pose scores {runner_up_score:.2f}",)
         )
@@ -207,6 +211,8 @@ def _doubts(verification: Verification, ratio: float, supporters: int, runner_up
     """Say what keeps a pose from being accepted; nothing when it is clear."""
     score = verification.score
     doubts = []
+    if ratio >= AMBIGUOUS_RATIO:
+        doubts.append(f"a clearly different pose scores {ratio:.0%} of it; below {AMBIGUOUS_RATIO:.0%} would be needed")
     if not verification.free_space_known:
         if score < BLIND_SCORE or ratio > BLIND_RATIO:
             doubts.append(

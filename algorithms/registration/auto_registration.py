@@ -16,11 +16,10 @@ import numpy as np
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
-from algorithms.quality.acceptance import judge
-from algorithms.quality.overlap import verify_pose
 from algorithms.registration.auto import AutoMethod
-from algorithms.registration.base import FinalPose, FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.final_pose import (
     Comparison,
     compared,
@@ -29,22 +28,19 @@ from algorithms.registration.final_pose import (
     of_features,
     of_surfaces,
     refuted_by_own_surfaces,
-    widened,
 )
-from algorithms.registration.final_verdict import doubts_of_slivers, hidden_shift_m, status_of_final
+from algorithms.registration.final_verdict import hidden_shift_m
 from algorithms.registration.icp_plane import IcpPlaneMethod
 from algorithms.registration.line_registration import FeatureUse, adjusted_features
 from algorithms.registration.pair_verdict import (
-    agreement_doubts,
     allowed_m,
-    expected_supporters,
     largest_hidden_shift_m,
     misfit_doubts,
-    rigidity_of,
     searched,
 )
 from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
 from algorithms.registration.surface_options import SurfaceOptions
+from algorithms.registration.verdict import Answer, judged
 
 NOISES_APART = 2.0
 """Poses of features and surfaces that are less than so many standard deviations of single points apart do not
@@ -75,16 +71,6 @@ class _Attempt:
         return self.comparison is not None and self.comparison.test.contradicts
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """A pose to be judged."""
-
-    final: FinalPose
-    fine: FineRegistration | None
-    hidden_m: float
-    doubts: tuple[str, ...] = ()
-
-
 def register_automatically(problem: RegistrationProblem, method: AutoMethod, progress: Progress) -> PairResult:
     """Register two scans by what they have; every failure becomes a result with its status and reasons.
 
@@ -101,12 +87,13 @@ def register_automatically(problem: RegistrationProblem, method: AutoMethod, pro
     coarse = searched(problem, method.matching)
     if isinstance(coarse, PairResult):
         return coarse
-    return estimated_and_judged(problem, coarse, method.adjustment, method.surfaces, progress)
+    return estimated_and_judged(problem, coarse, method.matching, method.adjustment, method.surfaces, progress)
 
 
 def estimated_and_judged(
     problem: RegistrationProblem,
     coarse: CoarseRegistration,
+    matching: MatchingOptions,
     adjustment: AdjustmentOptions,
     surface: SurfaceOptions,
     progress: Progress,
@@ -119,7 +106,7 @@ def estimated_and_judged(
         Features of both scans.
     coarse
         The pose, and what else could be.
-    adjustment, surface
+    matching, adjustment, surface
         Options.
     progress
         Is told the steps.
@@ -132,7 +119,7 @@ def estimated_and_judged(
         reason = f"a pose was found, but nothing to determine it by: {'; '.join(remarks)}"
         return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)
     progress.report(0.9, "verification")
-    return _judged(problem, coarse, answer)
+    return judged(problem, coarse, answer, matching)
 
 
 def register_by_surfaces(problem: RegistrationProblem, method: IcpPlaneMethod, progress: Progress) -> PairResult:
@@ -159,7 +146,7 @@ def register_by_surfaces(problem: RegistrationProblem, method: IcpPlaneMethod, p
         return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)
     progress.report(0.9, "verification")
     final = of_surfaces(problem, surfaces, f"the method uses surfaces alone: {surfaces.in_words()}")
-    return _judged(problem, coarse, _Answer(final, None, surfaces.hidden_shift_m))
+    return judged(problem, coarse, Answer(final, None, surfaces.hidden_shift_m), method.matching)
 
 
 def _by_surfaces(
@@ -212,15 +199,15 @@ def _answer(
     attempts: list[_Attempt],
     remarks: list[str],
     options: SurfaceOptions,
-) -> _Answer | None:
+) -> Answer | None:
     """Make the pose of what agrees."""
     good = next((attempt for attempt in attempts if not attempt.contradicts), None)
     if surfaces is None:
         if good is None:
             return None
         reason = "; ".join(["too little surface lies on surface to use it", *remarks])
-        final = of_features(problem, good.fine, good.label, reason, None)
-        return _Answer(final, good.fine, largest_hidden_shift_m(good.fine.adjustment))
+        final = of_features(problem, good.fine, good.label, reason)
+        return Answer(final, good.fine, largest_hidden_shift_m(good.fine.adjustment))
     doubts: tuple[str, ...] = ()
     torn = False
     if good is None and attempts:
@@ -241,12 +228,12 @@ def _answer(
         whole = joined(problem, good.fine, surfaces, good.comparison, good.label, torn=torn)
         final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
         hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
-        return _Answer(final, good.fine, hidden, doubts)
+        return Answer(final, good.fine, hidden, doubts)
     doubts = *doubts, *misfit_doubts([attempt.fine for attempt in attempts])
     why = remarks or ["there are neither lines nor planes to adjust"]
     held = attempts[0].fine if doubts and attempts else None
     final = of_surfaces(problem, surfaces, f"{'; '.join(why)}: so the surfaces alone, {surfaces.in_words()}", held=held)
-    return _Answer(final, None, surfaces.hidden_shift_m, doubts)
+    return Answer(final, None, surfaces.hidden_shift_m, doubts)
 
 
 def _nearest(attempts: list[_Attempt]) -> tuple[_Attempt, float]:
@@ -283,27 +270,3 @@ def _contradiction(attempt: _Attempt) -> str:
         f"lines and planes put the scan {apart * 1e3:.0f} mm from where the surfaces have it, and nothing tells which "
         "of the two is right"
     )
-
-
-def _judged(problem: RegistrationProblem, coarse: CoarseRegistration, answer: _Answer) -> PairResult:
-    """Verify the pose with the surfaces, and judge it."""
-    final, fine = answer.final, answer.fine
-    verification = verify_pose(problem.target, problem.source, final.reduced.target_from_source)
-    supporters = coarse.support if fine is None else max(expected_supporters(fine), coarse.support)
-    verdict = judge(
-        verification,
-        runner_up_score=coarse.runner_up_score,
-        supporters=supporters,
-        runner_up_supporters=coarse.runner_up_support,
-        lone_spotless=coarse.lone_spotless,
-        conditions=0 if fine is None or agreement_doubts(fine) else fine.adjustment.redundancy,
-    )
-    tested = rigidity_of(problem, final.reduced, verdict)
-    doubts = *answer.doubts, *doubts_of_slivers(final, verification), *(() if tested is None else tested.doubts())
-    status, reasons = status_of_final(
-        problem, coarse, final, verdict, fine=fine, doubts=doubts, hidden_m=answer.hidden_m
-    )
-    if tested is not None:
-        final = widened(problem, final, tested)
-    shown = None if fine is None else replace(fine, pose=final.pose)
-    return PairResult(status, reasons, coarse, shown, verification, final=final, rigidity=tested)

@@ -36,9 +36,9 @@ AXIS_RADII = 1.3
 LEAST_SHARE = 0.01
 """An estimate with less of the information is not named as one that gave the pose."""
 UNEVEN_WALLS = 4.0
-"""Factor on the variances of lines and planes beside those of surfaces: two scans see different pieces of a wall, which
-is not plane. In 36 registrations of a car park and a yard with references their errors were 1.8 and 1.9 times what
-they promise (rms), those of the surfaces 1.3 and 1.0 times."""
+"""Factor on the variances that lines and planes give a pose, beside surfaces and alone: two scans see different pieces
+of a wall, which is not plane. In 36 registrations of a car park and a yard with references their errors were 1.8 and
+1.9 times what they promise (rms), those of the surfaces 1.3 and 1.0 times."""
 PARAMETERS = 6
 
 
@@ -116,12 +116,27 @@ def widened(problem: RegistrationProblem, final: FinalPose, tested: Rigidity) ->
 
 
 def of_features(
-    problem: RegistrationProblem, fine: FineRegistration, label: str, reason: str, surfaces: SurfaceEstimate | None
+    problem: RegistrationProblem, fine: FineRegistration, label: str, reason: str, *, pose: PoseEstimate | None = None
 ) -> FinalPose:
-    """Take the pose of lines and planes alone."""
+    """Take the pose of lines and planes alone; walls that are not plane make it as uncertain as beside surfaces.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    fine
+        Adjusted lines and planes.
+    label
+        What they are, such as lines+planes.
+    reason
+        Why they stand alone, in words.
+    pose
+        Between the reduced frames, by another estimator from the same lines; None: that of the adjustment.
+    """
     adjustment = fine.adjustment
+    estimate = (adjustment.pose_a_posteriori if pose is None else pose).with_covariance_scaled(UNEVEN_WALLS)
     centred = CentredFrame(adjustment.centroid_m, adjustment.radius_m)
-    return _final(problem, adjustment.pose_a_posteriori, centred, label, reason, (PosePart(label, 1.0),), 1.0, surfaces)
+    return _final(problem, estimate, centred, label, reason, (PosePart(label, 1.0),), 1.0, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What is to be thought of a pose that lines, planes and surfaces gave together, or surfaces alone."""
+"""What is to be thought of a pose that lines, planes and surfaces gave, together or alone."""
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def status_of_final(
     doubts: tuple[str, ...],
     hidden_m: float,
 ) -> tuple[PairStatus, tuple[str, ...]]:
-    """Join what surfaces, runner-up, tests and geometry say; the most severe decides, as in `status_of_pair`.
+    """Join what surfaces, runner-up, tests and geometry say; the most severe decides.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """The work of the methods `lines` and `planes`: matching, adjustment with correspondences found anew, verification."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -15,13 +15,13 @@ from algorithms.matching.correspondences import GATES, corresponding_lines, corr
 from algorithms.matching.directions import comes_first
 from algorithms.matching.open_shifts import shifted_by_lines
 from algorithms.progress import Progress
-from algorithms.quality.acceptance import judge
-from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.final_pose import of_features
 from algorithms.registration.lines import LinesMethod
 from algorithms.registration.method import Method
-from algorithms.registration.pair_verdict import expected_supporters, rigidity_of, searched, status_of_pair
+from algorithms.registration.pair_verdict import contradictions, largest_hidden_shift_m, searched
 from algorithms.registration.planes import PlanesMethod
+from algorithms.registration.verdict import Answer, judged
 
 MOST_TURN_PER_M = 1e-4
 """An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
@@ -85,15 +85,11 @@ def _by_features(problem: RegistrationProblem, use: FeatureUse, method: Method, 
             free_directions=error.free_directions, advice=error.advice,
         )  # fmt: skip
     progress.report(0.9, "verification")
-    verification = verify_pose(problem.target, problem.source, fine.adjustment.pose.target_from_source)
-    verdict = judge(verification, runner_up_score=coarse.runner_up_score, supporters=expected_supporters(fine))
-    tested = rigidity_of(problem, fine.adjustment.pose_a_posteriori, verdict)
-    doubts = () if tested is None else tuple(tested.doubts())
-    status, reasons = status_of_pair(problem, coarse, fine, verdict, doubts=doubts)
-    if tested is not None:
-        wider = tested.widened(fine.adjustment.pose_a_posteriori)
-        fine = replace(fine, pose=wider.moved_to_origins(problem.target.origin_m, problem.source.origin_m))
-    return PairResult(status, reasons, coarse, fine, verification, rigidity=tested)
+    label = "lines+planes" if use.lines and use.planes else "lines" if use.lines else "planes"
+    final = of_features(problem, fine, label, f"the method uses {label.replace('+', ' and ')} alone")
+    doubts = contradictions(problem, coarse, fine)
+    answer = Answer(final, fine, largest_hidden_shift_m(fine.adjustment), doubts)
+    return judged(problem, coarse, answer, method.matching)
 
 
 def adjusted_features(

@@ -4,19 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import LineEstimate, closeness
 from algorithms.arrays import IndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
-from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.progress import Progress
-from algorithms.quality.acceptance import Verification, judge
-from algorithms.quality.overlap import verify_pose
 from algorithms.registration.base import FineRegistration, OwnFigures, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.final_pose import of_features
 from algorithms.registration.own_procedures import (
     OwnProcedure,
     Proposal,
@@ -25,10 +22,15 @@ from algorithms.registration.own_procedures import (
     pose_difference,
     rigorously_adjusted,
 )
-from algorithms.registration.pair_verdict import WORST_STD_M, rigidity_of, searched, status_of_pair
+from algorithms.registration.pair_verdict import (
+    WORST_STD_M,
+    beside,
+    contradictions,
+    largest_hidden_shift_m,
+    searched,
+)
+from algorithms.registration.verdict import Answer, judged
 
-OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
-"""Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
 CONTRADICTION_LEVEL = 0.001
 """Probability that own and rigorous pose of good lines are taken to contradict each other."""
 
@@ -68,8 +70,7 @@ def register_own_way(problem: RegistrationProblem, procedure: OwnProcedure, prog
         reason = f"{procedure.label}: {error}"
         return PairResult(PairStatus.DEGENERATE, (reason,), search, None, None, advice=error.advice)
     progress.report(0.9, "verification")
-    verification = verify_pose(problem.target, problem.source, estimate.pose.target_from_source)
-    return _result(problem, procedure, search, _Outcome(proposal, adjustment, used, estimate, verification))
+    return _result(problem, procedure, search, _Outcome(proposal, adjustment, used, estimate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,6 @@ class _Outcome:
     adjustment: LineAdjustment
     used: IndexPairs
     estimate: LineEstimate
-    verification: Verification
 
 
 def _result(
@@ -89,12 +89,6 @@ def _result(
     """Judge the outcome and lay both poses side by side."""
     adjustment, estimate = outcome.adjustment, outcome.estimate
     pose = estimate.pose.with_covariance_scaled(adjustment.variance_factor)
-    other = _clearly_different(problem.source, pose.target_from_source, search.target_from_source)
-    verdict = judge(
-        outcome.verification,
-        runner_up_score=search.score if other else search.runner_up_score,
-        supporters=len(outcome.proposal.lines),
-    )
     fine = FineRegistration(
         outcome.proposal.lines,
         np.empty((0, 2), dtype=np.int64),
@@ -102,23 +96,16 @@ def _result(
         _in_files(problem, pose),
         adjustment.centroid_m + problem.target.origin_m,
     )
-    tested = rigidity_of(problem, pose, verdict)
-    if tested is not None:
-        fine = replace(fine, pose=_in_files(problem, tested.widened(pose)))
-    differs = () if tested is None else tuple(tested.doubts())
-    status, reasons = status_of_pair(problem, search, fine, verdict, doubts=differs)
-    doubts = _doubts(problem, outcome, pose)
-    if doubts and status is PairStatus.ACCEPTED:
-        status = PairStatus.DOUBTFUL
-    return PairResult(
-        status,
-        (*reasons, *doubts),
-        search,
-        fine,
-        outcome.verification,
+    final = of_features(problem, fine, "lines", procedure.label, pose=pose)
+    doubts = *contradictions(problem, search, fine), *_doubts(problem, outcome, pose)
+    answer = Answer(final, fine, largest_hidden_shift_m(adjustment), doubts)
+    result = judged(problem, beside(problem.source, search, pose.target_from_source), answer, procedure.matching)
+    return replace(
+        result,
+        coarse=search,
+        final=None,
         rigorous=_in_files(problem, adjustment.pose_a_posteriori),
         own_figures=_own_figures(problem, procedure, outcome),
-        rigidity=tested,
     )
 
 
@@ -184,12 +171,6 @@ def _doubts(problem: RegistrationProblem, outcome: _Outcome, pose: PoseEstimate)
     if worst > WORST_STD_M:
         doubts.append(f"lines lie up to {worst * 1e3:.0f} mm (standard deviation) from where they belong")
     return doubts
-
-
-def _clearly_different(source: ScanFeatures, first: RigidTransform, second: RigidTransform) -> bool:
-    centre = source.surface.points.mean(axis=0)
-    turned = (first.rotation * second.rotation.inv()).magnitude() > OTHER_POSE_RAD
-    return bool(turned or np.linalg.norm(first.apply(centre) - second.apply(centre)) > OTHER_POSE_M)
 
 
 def _in_files(problem: RegistrationProblem, pose: PoseEstimate) -> PoseEstimate:

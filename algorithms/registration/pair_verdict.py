@@ -1,4 +1,4 @@
-"""What is to be thought of a pair's pose: surfaces, runner-up, geometry and tests together."""
+"""What the parts of a verdict are made of: the search, doubts of lines and planes, what the reader should know."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,8 +32,8 @@ SURFACE_SIGMAS, SURFACE_NOISES = 3.0, 2.0
 """So many standard deviations of the pose and of the noise may lines and planes differ from the surfaces."""
 WORST_STD_M = 0.02
 """Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
-WORST_HIDDEN_M = 0.02
-"""So far may an error that stays undetected in one line or plane shift the pose (external reliability, MATH 4.3)."""
+OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
+"""Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
 MOST_SIGMA0 = 4.0
 """Residuals so many times what the noise explains are no unevenness of walls (up to 2): the model is wrong."""
 LEAST_PHOTO_LINES = 10
@@ -76,80 +76,6 @@ def rigidity_of(problem: RegistrationProblem, pose: PoseEstimate, verdict: Verdi
     if verdict.status is AcceptanceStatus.REJECTED:
         return None
     return rigidity(problem.target, problem.source, pose.target_from_source)
-
-
-def status_of_pair(
-    problem: RegistrationProblem,
-    coarse: CoarseRegistration,
-    fine: FineRegistration,
-    verdict: Verdict,
-    *,
-    doubts: tuple[str, ...] = (),
-) -> tuple[PairStatus, tuple[str, ...]]:
-    """Join what surfaces, runner-up and adjustment say; the most severe decides.
-
-    Parameters
-    ----------
-    problem
-        Features of both scans.
-    coarse
-        The search.
-    fine
-        The adjusted pose.
-    verdict
-        Of the surfaces in that pose.
-    doubts
-        What is known already.
-
-    Returns
-    -------
-    Status, and the reasons in words with figures.
-    """
-    adjustment = fine.adjustment
-    reasons = [*verdict.reasons, *coarse.remarks, *remarks_on(problem, fine), *_weak_remarks(adjustment)]
-    if verdict.status is AcceptanceStatus.REJECTED:
-        return PairStatus.REJECTED, tuple(reasons)
-    if adjustment.rank < 6:
-        free = "; ".join(adjustment.free_directions)
-        return PairStatus.DEGENERATE, (
-            f"the geometry determines only {adjustment.rank} of 6 parameters, free: {free}. {adjustment.advice}",
-            *reasons,
-        )
-    if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
-        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons]))
-    found = [*doubts, *_doubts(adjustment, fine), *_contradictions(problem, coarse, fine)]
-    if problem.priors is not None:
-        found += problem.priors.contradictions(adjustment.pose_a_posteriori)
-    if verdict.status is AcceptanceStatus.DOUBTFUL or found:
-        return PairStatus.DOUBTFUL, (*reasons, *found)
-    return PairStatus.ACCEPTED, tuple(reasons)
-
-
-def _doubts(adjustment: LineAdjustment, fine: FineRegistration) -> list[str]:
-    """Say what keeps an adjusted pose from being accepted."""
-    doubts = []
-    if not adjustment.converged:
-        doubts.append("the adjustment did not settle")
-    if adjustment.redundancy < LEAST_REDUNDANCY:
-        doubts.append(
-            f"only {adjustment.redundancy} conditions more than parameters: errors could hide "
-            f"({LEAST_REDUNDANCY} would be needed)"
-        )
-    doubts += [*misfit_doubts([fine]), *agreement_doubts(fine)]
-    scale = np.sqrt(adjustment.variance_factor)
-    hidden = largest_hidden_shift_m(adjustment)
-    if hidden > WORST_HIDDEN_M:
-        doubts.append(
-            f"an error in a single line or plane that no test could find would shift the pose by {hidden * 1e3:.0f} mm "
-            f"({WORST_HIDDEN_M * 1e3:.0f} mm would be allowed): too little controls it"
-        )
-    doubts += [
-        f"the geometry hardly determines the {weak.description} "
-        f"(standard deviation {weak.std_m * scale * 1e3:.0f} mm): {weak.advice}"
-        for weak in adjustment.weak
-        if weak.std_m * scale > WORST_STD_M
-    ]
-    return doubts
 
 
 def agreement_doubts(fine: FineRegistration) -> list[str]:
@@ -199,11 +125,24 @@ def largest_hidden_shift_m(adjustment: LineAdjustment) -> float:
     return float(np.linalg.norm(adjustment.undetected[:, 3:], axis=1).max(initial=0.0))
 
 
-def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> list[str]:
+def contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fine: FineRegistration) -> tuple[str, ...]:
     """Compare with the pose in which all surfaces fit best: it rests on other data than the planes that were matched.
 
     Compared is where the matched features come to lie. The surfaces' pose is known by itself to about the noise of
     single points, and worse along what only few of them tell.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    coarse
+        The search, whose pose is that of the surfaces.
+    fine
+        Adjusted lines and planes, in a method that does not estimate by surfaces.
+
+    Returns
+    -------
+    What it says against the pose, in words with figures; nothing where they agree.
     """
     pose = fine.adjustment.pose_a_posteriori
     found = _misfit(problem, fine, coarse.target_from_source)
@@ -213,14 +152,14 @@ def _contradictions(problem: RegistrationProblem, coarse: CoarseRegistration, fi
             problem, fine, surface_pose_near(problem.target, problem.source, own, coarse.target_from_source)
         )
     if found is None:
-        return []
+        return ()
     shift, std = found
     doubt = (
         f"lines and planes shift the scan by up to {shift * 1e3:.0f} mm from the best fit of the surfaces, more than "
         f"the standard deviation of {std * 1e3:.0f} mm there explains, or than the {allowed_m(problem) * 1e3:.0f} mm "
         "that are asked of a pose"
     )
-    return [doubt]
+    return (doubt,)
 
 
 def _misfit(
@@ -314,12 +253,38 @@ def _shows_photo_lines(features: ScanFeatures) -> bool:
     return bool(np.any(features.lines.sources == int(LineSource.PHOTO_EDGE)))
 
 
-def _weak_remarks(adjustment: LineAdjustment) -> list[str]:
-    """Say what is determined much worse than the rest."""
-    scale = np.sqrt(adjustment.variance_factor)
-    return [f"weakly determined: {weak.description} ({weak.std_m * scale * 1e3:.0f} mm)" for weak in adjustment.weak]
-
-
 def expected_supporters(fine: FineRegistration) -> int:
     """Count the lines and planes that should fit: all but the doubted ones."""
     return len(fine.lines) + len(fine.planes) - fine.adjustment.doubted_count
+
+
+def beside(source: ScanFeatures, search: CoarseRegistration, start: RigidTransform) -> CoarseRegistration:
+    """Take a pose instead of the search's own, which becomes its rival where it is clearly different.
+
+    Parameters
+    ----------
+    source
+        Features of the source scan.
+    search
+        The search's answer.
+    start
+        The pose, between the reduced frames.
+    """
+    if not _clearly_different(source, start, search.target_from_source):
+        return replace(search, target_from_source=start)
+    return replace(
+        search,
+        target_from_source=start,
+        support=0,
+        runner_up=search.target_from_source,
+        runner_up_score=search.score,
+        runner_up_support=search.support,
+        lone_spotless=False,
+    )
+
+
+def _clearly_different(source: ScanFeatures, first: RigidTransform, second: RigidTransform) -> bool:
+    """Say whether two poses are another one, by how they turn the source and where they put its middle."""
+    centre = source.surface.points.mean(axis=0)
+    turned = (first.rotation * second.rotation.inv()).magnitude() > OTHER_POSE_RAD
+    return bool(turned or np.linalg.norm(first.apply(centre) - second.apply(centre)) > OTHER_POSE_M)

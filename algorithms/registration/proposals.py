@@ -9,12 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
-from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
@@ -23,11 +21,9 @@ from algorithms.matching.polish import polished
 from algorithms.progress import Progress
 from algorithms.registration.auto_registration import estimated_and_judged
 from algorithms.registration.base import ConvergenceStep, OwnFigures, PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.pair_verdict import searched
+from algorithms.registration.pair_verdict import beside, searched
 from algorithms.registration.surface_options import SurfaceOptions
 
-OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
-"""Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
 POLISH_M, POLISH_POINTS = (0.6, 0.3, 0.15), 3000
 """From a proposed pose to one that the estimate may start from: largest distances of corresponding surface."""
 SIGNIFICANT = 0.001
@@ -94,31 +90,14 @@ def register_by_proposal(problem: RegistrationProblem, procedure: ProposingProce
     own = proposal.pose.target_from_source
     start = polished(own, problem.target.index, problem.source.index, distances_m=POLISH_M, points=POLISH_POINTS)
     result = estimated_and_judged(
-        problem, _beside(problem.source, search, start), procedure.adjustment, procedure.surfaces, progress
+        problem,
+        beside(problem.source, search, start),
+        procedure.matching,
+        procedure.adjustment,
+        procedure.surfaces,
+        progress,
     )
     return _with_own_figures(problem, procedure, replace(result, coarse=search), proposal)
-
-
-def _beside(source: ScanFeatures, search: CoarseRegistration, start: RigidTransform) -> CoarseRegistration:
-    """Take a pose instead of the search's own, which becomes its rival where it is clearly different."""
-    if not clearly_different(source, start, search.target_from_source):
-        return replace(search, target_from_source=start)
-    return replace(
-        search,
-        target_from_source=start,
-        support=0,
-        runner_up=search.target_from_source,
-        runner_up_score=search.score,
-        runner_up_support=search.support,
-        lone_spotless=False,
-    )
-
-
-def clearly_different(source: ScanFeatures, first: RigidTransform, second: RigidTransform) -> bool:
-    """Say whether two poses are another one, by how they turn the source and where they put its middle."""
-    centre = source.surface.points.mean(axis=0)
-    turned = (first.rotation * second.rotation.inv()).magnitude() > OTHER_POSE_RAD
-    return bool(turned or np.linalg.norm(first.apply(centre) - second.apply(centre)) > OTHER_POSE_M)
 
 
 def _with_own_figures(

@@ -20,6 +20,7 @@ from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, status_of_final
 from algorithms.registration.lines import LinesMethod
+from algorithms.registration.planes import PlanesMethod
 from schemas.registration_result import Pair
 from service.use_cases.documents.pair_documents import pair_document
 from service.use_cases.steps.link_store import link_of
@@ -223,6 +224,34 @@ def test_an_adjustment_that_runs_away_makes_the_pair_degenerate_where_features_a
     assert result.free_directions == ("a combination of unknowns",)
     assert result.advice == "add observations"
     assert document(result).target_from_source is None
+
+
+def test_features_alone_are_judged_and_told_as_where_no_surface_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = auto_registration.searched(None, None)  # type: ignore[arg-type]  # the fixture's, which asks for nothing
+    monkeypatch.setattr(line_registration, "searched", lambda *_: coarse)
+    problem = RegistrationProblem(scan(RigidTransform.identity(), 1), scan(POSE, 2))
+    monkeypatch.setattr(auto_registration, "_by_surfaces", lambda *_: None)
+    usual = auto_registration.register_automatically(problem, AutoMethod(), NoProgress())
+    lines = line_registration.register_by_lines(problem, LinesMethod(), NoProgress())
+    planes = line_registration.register_by_planes(problem, PlanesMethod(), NoProgress())
+    assert usual.final is not None
+    for alone, told in ((lines, "lines+planes"), (planes, "planes")):
+        assert alone.final is not None
+        assert alone.status is usual.status
+        assert alone.reasons[1:] == usual.reasons[1:]
+        assert alone.final.estimator == told
+        np.testing.assert_allclose(alone.final.reduced.covariance, usual.final.reduced.covariance, rtol=1e-6)
+
+
+def test_planes_alone_promise_no_more_than_with_the_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = auto_registration.searched(None, None)  # type: ignore[arg-type]  # the fixture's, which asks for nothing
+    monkeypatch.setattr(line_registration, "searched", lambda *_: coarse)
+    problem = RegistrationProblem(scan(RigidTransform.identity(), 1), scan(POSE, 2))
+    alone = line_registration.register_by_planes(problem, PlanesMethod(), NoProgress()).final
+    joint = auto_registration.register_automatically(problem, AutoMethod(), NoProgress()).final
+    assert alone is not None
+    assert joint is not None
+    assert (np.diag(joint.reduced.covariance) < 1.05 * np.diag(alone.reduced.covariance)).all()
 
 
 def test_planes_that_contradict_the_surfaces_they_stand_for_are_not_believed() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.scan_features import SurfaceSample
-from algorithms.quality.acceptance import AcceptanceStatus, Verdict, Verification, judge
+from algorithms.quality.acceptance import AMBIGUOUS_RATIO, AcceptanceStatus, Verdict, Verification, judge
 from algorithms.quality.overlap import surface_distances
 from algorithms.scans.pose_scores import PoseScores, score_poses, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex, direction_weights, surface_index
@@ -207,3 +207,27 @@ def test_with_less_in_common_it_is_accepted_where_lines_and_planes_control_each_
     assert verdict.status is status
     plain = judge(faint, runner_up_score=0.0, supporters=8, conditions=conditions)
     assert plain.status is AcceptanceStatus.REJECTED
+
+
+@pytest.mark.parametrize(
+    ("ambiguity_ratio", "status"),
+    [
+        (0.5, AcceptanceStatus.AMBIGUOUS),
+        (AMBIGUOUS_RATIO, AcceptanceStatus.AMBIGUOUS),
+        (0.95, AcceptanceStatus.DOUBTFUL),
+    ],
+)
+def test_a_caller_may_call_it_ambiguous_earlier_but_never_have_a_rival_overlooked(
+    ambiguity_ratio: float, status: AcceptanceStatus
+) -> None:
+    rival = 0.85 * CLEAR.score
+    verdict = judge(
+        CLEAR, runner_up_score=rival, supporters=30, runner_up_supporters=3, ambiguity_ratio=ambiguity_ratio
+    )
+    assert verdict.status is status
+
+
+def test_a_caller_who_asks_for_a_clearer_answer_is_told_of_a_lesser_rival() -> None:
+    rival = {"runner_up_score": 0.6 * CLEAR.score, "supporters": 30, "runner_up_supporters": 3}
+    assert judge(CLEAR, **rival).status is AcceptanceStatus.ACCEPTED
+    assert judge(CLEAR, **rival, ambiguity_ratio=0.5).status is AcceptanceStatus.AMBIGUOUS

@@ -1,0 +1,64 @@
+"""The verdict of every method: surfaces, runner-up, geometry, tests and rigidity together, of one pose."""
+
+from dataclasses import dataclass, replace
+
+from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.matching.options import MatchingOptions
+from algorithms.quality.acceptance import judge
+from algorithms.quality.overlap import verify_pose
+from algorithms.registration.base import FinalPose, FineRegistration, PairResult, RegistrationProblem
+from algorithms.registration.final_pose import widened
+from algorithms.registration.final_verdict import doubts_of_slivers, status_of_final
+from algorithms.registration.pair_verdict import agreement_doubts, expected_supporters, rigidity_of
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A pose to be judged."""
+
+    final: FinalPose
+    fine: FineRegistration | None
+    """The lines and planes in it; None: it rests on surfaces alone."""
+    hidden_m: float
+    """How far an error that no test finds may shift it [m]."""
+    doubts: tuple[str, ...] = ()
+    """What is known against it already."""
+
+
+def judged(
+    problem: RegistrationProblem, coarse: CoarseRegistration, answer: Answer, matching: MatchingOptions
+) -> PairResult:
+    """Verify a pose with the surfaces, and judge it.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    coarse
+        The search; what else could be.
+    answer
+        The pose.
+    matching
+        Options of the search: from when on another pose is as good.
+    """
+    final, fine = answer.final, answer.fine
+    verification = verify_pose(problem.target, problem.source, final.reduced.target_from_source)
+    supporters = coarse.support if fine is None else max(expected_supporters(fine), coarse.support)
+    verdict = judge(
+        verification,
+        runner_up_score=coarse.runner_up_score,
+        supporters=supporters,
+        runner_up_supporters=coarse.runner_up_support,
+        lone_spotless=coarse.lone_spotless,
+        conditions=0 if fine is None or agreement_doubts(fine) else fine.adjustment.redundancy,
+        ambiguity_ratio=matching.ambiguity_ratio,
+    )
+    tested = rigidity_of(problem, final.reduced, verdict)
+    doubts = *answer.doubts, *doubts_of_slivers(final, verification), *(() if tested is None else tested.doubts())
+    status, reasons = status_of_final(
+        problem, coarse, final, verdict, fine=fine, doubts=doubts, hidden_m=answer.hidden_m
+    )
+    if tested is not None:
+        final = widened(problem, final, tested)
+    shown = None if fine is None else replace(fine, pose=final.pose)
+    return PairResult(status, reasons, coarse, shown, verification, final=final, rigidity=tested)
