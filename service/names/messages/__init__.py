@@ -1,0 +1,1 @@
+"""What pages and reports say to people, in every language side by side."""
