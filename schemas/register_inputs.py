@@ -10,7 +10,7 @@ from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.file_references import FileReference
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
-from schemas.registration_methods import DefaultMethod, MethodRequest
+from schemas.registration_methods import ComparedMethod, DefaultMethod, MethodRequest
 from schemas.text_columns import StatedColumns
 from schemas.units import StatedUnit
 
@@ -26,6 +26,7 @@ PairChoice: TypeAlias = Annotated[
 
 
 MAX_PHOTOS = 200
+MAX_METHODS = 20
 
 
 class ScanReference(FileReference):
@@ -76,6 +77,10 @@ class RegisterInputs(RequestModel):
     """`auto`, or the list of [target, source] names to try."""
     method: MethodRequest = Field(default_factory=DefaultMethod, title="Method")
     """Method of registration with its options."""
+    compare_methods: list[ComparedMethod] = Field(default=[], max_length=MAX_METHODS, title="Methods to compare")
+    """Methods that register every pair as well, by name or with options as in `method`, to be laid beside it in
+    `method_comparison`; they use the features that `method` asks for and change nothing of the answer. The name of
+    `method` stands for it with its options, which is always the first of the table where it is not named."""
     photo_lines: PhotoLineOptionsRequest = Field(default_factory=PhotoLineOptionsRequest, title="Lines from photos")
     """Which edges of the photos become lines in space."""
     fix: Literal["first-station"] = Field(default="first-station", title="Datum")

@@ -2,9 +2,9 @@
 
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
 from schemas.base import RequestModel
@@ -16,7 +16,15 @@ METHODS: tuple[Any, ...] = get_args(RegistrationMethod) or (RegistrationMethod,)
 if TYPE_CHECKING:
     MethodRequest = RequestModel
     DefaultMethod = RequestModel
+    MethodName: TypeAlias = str
 else:
     _MODELS = {method: options_model(method, method.name) for method in METHODS}
     MethodRequest = Annotated[reduce(or_, _MODELS.values()), Field(discriminator="method")]
     DefaultMethod = _MODELS[DEFAULT_METHOD]
+    MethodName = Literal[tuple(method.name for method in METHODS)]
+
+ComparedMethod: TypeAlias = Annotated[
+    Annotated[MethodName, Tag("name")] | Annotated[MethodRequest, Tag("options")],
+    Discriminator(lambda value: "name" if isinstance(value, str) else "options"),
+]
+"""A method by its name alone, with its usual options, or with options as in `method`."""

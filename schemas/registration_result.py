@@ -8,6 +8,7 @@ from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDir
 from schemas.cleaning_figures import CleaningStep
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
+from schemas.method_comparison import MethodComparison
 from schemas.network import Network
 from schemas.own_figures import OwnFigures
 from schemas.poses import Document, Pose, Row4
@@ -352,6 +353,9 @@ class RegistrationDocument(Document):
     pairs: list[Pair]
     """Every pair that was tried."""
     network: Network | None = Field(default=None, description="Null: there are only two stations.")
+    method_comparison: MethodComparison | None = Field(
+        default=None, exclude_if=lambda value: value is None, description="Where `compare_methods` asks for it."
+    )
     features: list[FeatureCount]
     """What each scan gave."""
     comparison: list[ComparedParameter] | None

@@ -115,6 +115,10 @@ def register(
             "lines-alshawa or icl."
         ),
     ] = None,
+    compare_methods: Annotated[
+        str | None,
+        typer.Option(help="Methods to lay beside it on every pair, separated by commas: lines,planes-triples,ndt."),
+    ] = None,
     pairs: Annotated[
         str | None,
         typer.Option(help="Which pairs of stations to try, as target:source, separated by commas, or `auto`."),
@@ -179,6 +183,7 @@ def register(
         photos=photos,
         options=options,
         method=method,
+        compare_methods=compare_methods,
         pairs=pairs,
         reference=reference,
         levelled_std_gon=levelled_std_gon,

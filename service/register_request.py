@@ -25,6 +25,8 @@ class RequestOptions:
     options: Path | None = None
     """JSON file with any inputs of `register`."""
     method: str | None = None
+    compare_methods: str | None = None
+    """Names of methods, separated by commas."""
     pairs: str | None = None
     """`auto`, or names of stations: ``A:B,A:C``, target first."""
     reference: Path | None = None
@@ -70,6 +72,8 @@ def read_request(said: RequestOptions, scans: Sequence[Path]) -> PhotoList:
         given = inputs.get("method")
         same = isinstance(given, dict) and given.get("method") == said.method
         inputs["method"] = given if same else {"method": said.method}
+    if said.compare_methods is not None:
+        inputs["compare_methods"] = [name.strip() for name in said.compare_methods.split(",") if name.strip()]
     if said.pairs is not None:
         inputs["pairs"] = parsed_pairs(said.pairs)
     if said.reference is not None:

@@ -30,6 +30,8 @@ def print_result(console: Console, result: Document) -> None:
             console.print(f"  {reason}", style="dim")
         for line in _agreement(pair):
             console.print(f"  {line}", style="dim", highlight=False, markup=False)
+    if compared := result.get("method_comparison"):
+        console.print(_methods(compared))
     for station in result["stations"]:
         console.print(*_station(station), sep="\n")
     for compared in result.get("comparison_summary") or []:
@@ -93,3 +95,21 @@ def _station(station: Document) -> Iterator[RenderableType]:
                 f"m{unit}",
             )
         yield table
+
+
+def _methods(compared: Document) -> Table:
+    """Lay methods side by side: verdict, and how far the pose that each finds itself is from the known one."""
+    table = Table("pair", "method", "verdict", "gon", "mm", "from", "s", title="methods side by side")
+    for row in compared["rows"]:
+        difference = (
+            row["own_difference_to_reference"] or row["difference_to_reference"] or row["difference_to_rigorous"]
+        )
+        figures = ("", "", "")
+        if difference is not None:
+            mark = "*" if difference["significant"] else ""
+            shift, turn = 1e3 * difference["shift_m"], difference["rotation_gon"]
+            figures = (f"{turn:.4f}", f"{shift:.1f}{mark}", difference["from_pose"])
+        table.add_row(
+            f"{row['source']} -> {row['target']}", row["method"], row["status"], *figures, f"{row['seconds']:.1f}"
+        )
+    return table

@@ -36,7 +36,12 @@ class RegisterPlan:
         is_network = len(stations) > 2
         if is_network and len(outputs) == pairs.stages:
             return [_network_call(job, outputs[0], pairs.outputs)]
-        if len(outputs) == pairs.stages + is_network:
+        done = pairs.stages + is_network
+        others = other_methods(inputs) if pairs.outputs else {}
+        if others and len(outputs) == done:
+            return _comparing_calls(job, outputs[0], pairs.outputs, others)
+        compared = outputs[done] if others else []
+        if len(outputs) == done + bool(others):
             return [
                 StepCall(
                     "report-registration",
@@ -45,13 +50,14 @@ class RegisterPlan:
                         "inputs": inputs,
                         "features": outputs[0],
                         "pairs": pairs.outputs,
-                        "network": outputs[-1][0]["network"] if is_network else None,
+                        "network": outputs[done - 1][0]["network"] if is_network else None,
+                        **({"compared": compared} if inputs.get("compare_methods") else {}),
                     },
                     "writing the report",
                     weight=REPORT_WEIGHT,
                 )
             ]
-        return _registered_stage(job, outputs, len(outputs) - pairs.stages - is_network - 1)
+        return _registered_stage(job, outputs, len(outputs) - done - bool(others) - 1)
 
     def total_weight(self, job: Json) -> float:
         """Add up features, pairs, report and wanted files; of a network that grows the pairs of the first round."""
@@ -60,7 +66,8 @@ class RegisterPlan:
         pairs = 3 * stations if grows(inputs) else len(pairs_to_try(inputs))
         network = NETWORK_WEIGHT if stations > 2 else 0.0
         files = stations * WRITING_WEIGHT + REPORT_WEIGHT if REGISTERED in job.get("wanted", {}) else 0.0
-        return 2.0 * stations + PAIR_WEIGHT * pairs + network + REPORT_WEIGHT + files
+        methods = 1 + len(other_methods(inputs))
+        return 2.0 * stations + PAIR_WEIGHT * pairs * methods + network + REPORT_WEIGHT + files
 
 
 def _registered_stage(job: Json, outputs: Sequence[Sequence[Json]], after_report: int) -> Sequence[StepCall] | None:
@@ -87,6 +94,27 @@ def pairs_to_try(inputs: Json) -> Sequence[tuple[str, str]]:
     if inputs["pairs"] != "auto":
         return [(target, source) for target, source in inputs["pairs"]]
     return list(combinations([station["name"] for station in inputs["stations"]], 2))
+
+
+def other_methods(inputs: Json) -> dict[str, Json]:
+    """Give the methods that are compared with the job's own one, each under a name of its own.
+
+    Parameters
+    ----------
+    inputs
+        Of the job.
+    """
+    own = inputs["method"]
+    asked = [{"method": each} if isinstance(each, str) else each for each in inputs.get("compare_methods") or []]
+    others: dict[str, Json] = {}
+    taken = [own["method"]]
+    for method in asked:
+        if method in ({"method": own["method"]}, own) or method in others.values():
+            continue
+        number = taken.count(method["method"]) + 1
+        taken.append(method["method"])
+        others[method["method"] if number == 1 else f"{method['method']} ({number})"] = method
+    return others
 
 
 def known_of_stations(inputs: Json) -> Json:
@@ -168,6 +196,23 @@ def _pair_calls(
             weight=PAIR_WEIGHT,
         )
         for number, (target, source) in enumerate(pairs, start=first_number)
+    ]
+
+
+def _comparing_calls(
+    job: Json, features: Sequence[Json], pairs: Sequence[Json], methods: dict[str, Json]
+) -> list[StepCall]:
+    """Register every pair that was tried by every other method."""
+    tried = [(pair["target"], pair["source"]) for pair in pairs]
+    return [
+        StepCall(
+            "compare-method",
+            {**call.arguments, "number": f"{number}-{call.arguments['number']}", "method": method, "name": name},
+            f"{call.label} by {name}",
+            weight=PAIR_WEIGHT,
+        )
+        for number, (name, method) in enumerate(methods.items())
+        for call in _pair_calls(job, features, tried, 0)
     ]
 
 

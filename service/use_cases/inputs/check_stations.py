@@ -29,6 +29,7 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *_name_faults(inputs.stations),
         *_pair_faults(inputs),
         *_reference_faults(inputs),
+        *_method_faults(inputs),
         *_same_scan_faults(inputs.stations, files),
         *(
             fault
@@ -90,6 +91,17 @@ def _reference_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
     for name in inputs.reference or {}:
         if name not in names:
             yield FieldFault(pointer_to("inputs", "reference", name), f"there is no station '{name}'")
+
+
+def _method_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    """Name compared methods that ask for other features: all share those of the job's own method."""
+    shared = getattr(inputs.method, "features", None)
+    for number, method in enumerate(inputs.compare_methods):
+        if isinstance(method, str) or "features" not in method.model_fields_set:
+            continue
+        if getattr(method, "features", None) != shared:
+            where = pointer_to("inputs", "compare_methods", number, "features")
+            yield FieldFault(where, "all methods share the features of `method`: say there what counts as a feature")
 
 
 def _same_scan_faults(stations: Sequence[Station], files: FileStore) -> Iterable[FieldFault]:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from schemas.correspondences import Correspondence, PlaneCorrespondence
 from schemas.registration_result import Pair, RegistrationDocument
 from service.use_cases.documents.pose_documents import PARAMETERS
+from service.use_cases.reports.methods_drawing import methods_drawing
 from service.use_cases.reports.report_drawings import StandPoint, pair_name, plan_view, statistic_bars
 from service.use_cases.reports.result_lines import (
     ScanLines,
@@ -44,7 +45,9 @@ def report_page(document: RegistrationDocument, scans: Mapping[str, ScanLines]) 
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=_number, milli=_milli, share=_share, pair_name=pair_name)
+    environment.filters.update(
+        number=_number, milli=_milli, share=_share, pair_name=pair_name, methods_drawing=methods_drawing
+    )
     world = plan_view(registered_lines(document.stations, scans, document.pairs), _stands(document, scans), [])
     return environment.get_template(TEMPLATE).render(
         document=document,

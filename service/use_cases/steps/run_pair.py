@@ -2,7 +2,8 @@
 
 import shutil
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from pydantic import TypeAdapter
@@ -13,10 +14,45 @@ from service.use_cases.steps.feature_store import load_features
 
 if TYPE_CHECKING:
     import algorithms.registration.base
+    import schemas.registration_result
 
 
 def register_pair(context: StepContext, arguments: Json) -> Json:
     """Register one pair and store its document; give key, status and counts."""
+    registered = registered_pair(context, arguments)
+    document = registered.document
+    key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
+    context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
+    return {
+        "pair": key,
+        "status": document.status,
+        "target": document.target,
+        "source": document.source,
+        "link": _stored_link(context, arguments, registered.result, registered.problem),
+        **registered.cost(),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class RegisteredPair:
+    """What came out for one pair, and what it cost."""
+
+    problem: "algorithms.registration.base.RegistrationProblem"
+    result: "algorithms.registration.base.PairResult"
+    document: "schemas.registration_result.Pair"
+    seconds: float
+    """From features to verdict."""
+
+    def cost(self) -> Json:
+        """Give the time, the memory, and the place at which poses of this pair are compared."""
+        source = self.problem.source
+        points = source.surface.points
+        centre_m = source.origin_m + (points.mean(axis=0) if len(points) else 0.0)
+        return {"seconds": self.seconds, "peak_memory_bytes": peak_memory_bytes(), "centre_m": centre_m.tolist()}
+
+
+def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
+    """Register two stations by the method of the arguments, and describe what came out."""
     from algorithms.registration.base import RegistrationProblem
     from service.use_cases.documents.line_counts import line_counts
     from service.use_cases.documents.pair_documents import pair_document, photo_line_counts
@@ -30,7 +66,9 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     problem = RegistrationProblem(features[0], features[1], priors)
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
+    started = time.perf_counter()
     result = method.register(problem, progress=progress)
+    seconds = time.perf_counter() - started
     result = distrusted_if_copied(context, arguments, result, problem)
     remarks = remarks_on_scans(problem, target=target["name"], source=source["name"])
     result = replace(result, reasons=(*result.reasons, *remarks))
@@ -41,15 +79,16 @@ def register_pair(context: StepContext, arguments: Json) -> Json:
     names = {"target": target["name"], "source": source["name"]}
     counts = {"line_counts": line_counts(*sides, **names), "photo_lines": photo_line_counts(*sides, **names)}
     document = document.model_copy(update=counts)
-    key = f"jobs/{arguments['job_id']}/pairs/{arguments['number']}.json"
-    context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())
-    return {
-        "pair": key,
-        "status": document.status,
-        "target": target["name"],
-        "source": source["name"],
-        "link": _stored_link(context, arguments, result, problem),
-    }
+    return RegisteredPair(problem, result, document, seconds)
+
+
+def peak_memory_bytes() -> int | None:
+    """Give the largest resident memory of this process so far; None where the system does not tell it."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM")), None)
 
 
 def _stored_link(

@@ -24,10 +24,12 @@ from schemas.registration_result import (
 from service.ports import Json, StepContext
 from service.use_cases.documents.comparison_documents import comparison_documents
 from service.use_cases.documents.pose_documents import fixed_pose_document, pose_document
+from service.use_cases.reports.method_files import method_files
 from service.use_cases.reports.report_page import report_page
 from service.use_cases.reports.result_lines import ScanLines, lines_dxf, lines_ply, registered_lines
 from service.use_cases.reports.result_tables_csv import correspondences_csv, poses_csv
 from service.use_cases.steps.feature_store import load_features
+from service.use_cases.steps.method_results import compared_methods
 from service.use_cases.steps.run_features import SEED
 from service.use_cases.steps.run_lines_report import input_files, software
 from service.use_cases.steps.run_pair import method_of
@@ -61,12 +63,14 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     }
     unregistered = sum(station.status == "unregistered" for station in stations)
     comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
-    files = _downloads(stations, pairs, scans)
+    methods = compared_methods(context, arguments, pairs)
+    files = {**_downloads(stations, pairs, scans), **method_files(methods)}
     document = RegistrationDocument(
         status=_overall(len(stations), unregistered),
         stations=stations,
         pairs=pairs,
         network=None if network is None else Network.model_validate(network["network"]),
+        method_comparison=methods,
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
         comparison=comparison,
         comparison_summary=summary,

@@ -24,11 +24,18 @@ def test_nothing_said_is_nothing_sent() -> None:
 
 def test_options_of_the_command_line_make_a_request_that_is_accepted(tmp_path: Path) -> None:
     reference = written(tmp_path / "poses.json", {"B": IDENTITY})
-    said = RequestOptions(method="lines", pairs="A:B, A:C", reference=reference, levelled_std_gon=0.01)
+    said = RequestOptions(
+        method="lines",
+        compare_methods="ndt, egi",
+        pairs="A:B, A:C",
+        reference=reference,
+        levelled_std_gon=0.01,
+    )
     inputs = read_request(said, []).inputs
     names = [said.completed({"name": name, "scan": {"file": "f"}}) for name in "ABC"]
     sent = RegisterInputs.model_validate({**inputs, "stations": names})
     assert (sent.method.method, sent.pairs) == ("lines", [("A", "B"), ("A", "C")])
+    assert sent.compare_methods == ["ndt", "egi"]
     assert sent.reference is not None
     assert {station.levelled_std_gon for station in sent.stations} == {0.01}
 

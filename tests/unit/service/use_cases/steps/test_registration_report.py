@@ -54,7 +54,11 @@ def two_lines() -> Lines:
 
 
 def report(
-    pairs: list[Pair], names: list[str], warnings: dict[str, list[str]] | None = None, **inputs: Any
+    pairs: list[Pair],
+    names: list[str],
+    warnings: dict[str, list[str]] | None = None,
+    compared: dict[str, Pair] | None = None,
+    **inputs: Any,
 ) -> tuple[dict[str, Any], MemoryBlobStore]:
     blobs = MemoryBlobStore()
     outputs = []
@@ -82,6 +86,12 @@ def report(
         "features": features,
         "pairs": outputs,
     }
+    cost = {"seconds": 2.0, "peak_memory_bytes": None, "centre_m": [0.0, 0.0, 0.0]}
+    for method, each in (compared or {}).items():
+        key = f"jobs/j/methods/{method}.json"
+        blobs.write_bytes(key, each.model_dump_json(by_alias=True).encode())
+        arguments["compared"] = [*arguments.get("compared", []), {"pair": key, "method": method, **cost}]
+    arguments["pairs"] = [{**output, **cost} for output in outputs]
     report_registration(StepContext(blobs, NoProgress()), arguments)
     return json.loads(blobs.local_path("jobs/j/result.json").read_text()), blobs
 
@@ -121,6 +131,25 @@ def test_the_options_as_used_stand_in_the_provenance() -> None:
     method = result["provenance"]["method"]
     assert (method["method"], method["requested"]) == ("auto", "auto")
     assert method["matching"]["max_distance_m"] > 0.0
+
+
+def test_compared_methods_stand_in_the_result_the_report_and_the_downloads() -> None:
+    wrong = pair("A", "B", motion(3.0, 10.0), "rejected")
+    result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"], compared={"ndt": wrong})
+    rows = result["method_comparison"]["rows"]
+    assert [(row["method"], row["mark"]) for row in rows] == [("auto", "accepted"), ("ndt", "failed")]
+    assert rows[1]["difference_to_rigorous"]["shift_m"] == pytest.approx(2.0)
+    names = {artifact["name"] for artifact in result["artifacts"]}
+    assert {"methods.csv", "methods-matrix.csv", "methods.svg"} <= names
+    page = blobs.local_path("jobs/j/artifacts/report.html").read_text()
+    assert "Methods side by side" in page
+    assert page.count("<td>✗</td>") == 1
+
+
+def test_without_compared_methods_nothing_is_said_of_them() -> None:
+    result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
+    assert "method_comparison" not in result
+    assert "Methods side by side" not in blobs.local_path("jobs/j/artifacts/report.html").read_text()
 
 
 def test_every_listed_download_is_there_with_its_size() -> None:
