@@ -62,6 +62,19 @@ class ExtractedPlane(Document):
     """Corners of its outline, one after the other [m]."""
 
 
+class ExtractedOutline(Document):
+    """A closed polygon that edges of photos draw on a plane: a sign, a joint, a painted field."""
+
+    plane: str
+    """Plane on which it lies."""
+    lines: list[str]
+    """Its edges in order; corner k is where edge k and the next one meet."""
+    corners_m: list[Vector]
+    """Its corners on the plane [m]."""
+    area_m2: float
+    """Area [m²]."""
+
+
 class ExtractedCylinder(Document):
     """A cylinder: its axis is the line of the same number among the lines."""
 
@@ -127,6 +140,8 @@ class LinesDocument(Document):
     """Straight lines."""
     planes: list[ExtractedPlane]
     """Bounded planes."""
+    outlines: list[ExtractedOutline]
+    """Closed polygons of photo edges on the planes."""
     cylinders: list[ExtractedCylinder]
     """Cylinders; their axes are among the lines."""
     sensor_m: Vector | None = Field(

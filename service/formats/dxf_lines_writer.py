@@ -23,10 +23,12 @@ class LineLayer:
     """(n, 3) [m]."""
     ends: Points
     """(n, 3) [m]."""
+    rings: Sequence[Points] = ()
+    """Closed polygons, each (k, 3) [m]."""
 
 
 def dxf_lines(layers: Sequence[LineLayer]) -> bytes:
-    """Write 3-D lines in metres, one layer for each group.
+    """Write 3-D lines and closed polygons in metres, one layer for each group.
 
     Coordinates keep their full value: far origins stay in the drawing.
     """
@@ -41,6 +43,8 @@ def dxf_lines(layers: Sequence[LineLayer]) -> bytes:
             drawing.layers.add(name, true_color=rgb2int(layer.color))
         for start, end in zip(np.asarray(layer.starts).tolist(), np.asarray(layer.ends).tolist(), strict=True):
             space.add_line(start, end, dxfattribs={"layer": name})
+        for ring in layer.rings:
+            space.add_polyline3d(np.asarray(ring).tolist(), close=True, dxfattribs={"layer": name})
     text = io.StringIO()
     drawing.write(text)
     return text.getvalue().encode(drawing.output_encoding, errors="dxfreplace")

@@ -80,7 +80,8 @@ def test_scan_and_photo_are_named_as_inputs(result: Document, station: dict[str,
 
 
 def test_a_picture_shows_the_lines_in_the_photo(service: RunningService, result: Document) -> None:
-    (artifact,) = result["artifacts"]
+    drawing, artifact = result["artifacts"]
+    assert drawing["name"] == "lines.dxf"
     answer = service.http.get(artifact["href"])
     picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
     assert (artifact["name"], picture.shape) == ("photo-1.png", (CAMERA.height, CAMERA.width, 3))

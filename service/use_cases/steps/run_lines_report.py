@@ -1,6 +1,7 @@
 """Write the result document of `extract-lines`."""
 
 import math
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import cast
 
@@ -8,12 +9,14 @@ import numpy as np
 
 from algorithms.arrays import Array
 from algorithms.features.mount_test import MountTest
+from algorithms.features.photo_lines.outlines import Outline, outlines
 from algorithms.features.photo_lines.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from schemas.lines_result import (
     ExtractedCylinder,
     ExtractedLine,
+    ExtractedOutline,
     ExtractedPlane,
     LinesDocument,
     MountTestDocument,
@@ -32,15 +35,17 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
     extracted = arguments["features"]
     station = arguments["inputs"]["station"]
     features = load_features(context.blobs.local_path(extracted["features"]))
+    found = outlines_of(features)
     document = LinesDocument(
         station=station["name"],
         features=FeatureCount(**extracted["counts"]),
         lines=_lines(features),
         planes=_planes(features),
+        outlines=_outlines(features, found),
         cylinders=_cylinders(features),
         sensor_m=None if features.sensor_m is None else vector(features.sensor_m + features.origin_m),
         mount_test=None if features.mount_test is None else mount_document(features.mount_test),
-        artifacts=_pictures(context, arguments, features),
+        artifacts=[_drawing(context, arguments, features, found), *_pictures(context, arguments, features)],
         provenance=Provenance(
             software=software(),
             method={
@@ -56,6 +61,24 @@ def report_lines(context: StepContext, arguments: Json) -> Json:
         f"jobs/{arguments['job_id']}/result.json", document.model_dump_json(by_alias=True).encode()
     )
     return {}
+
+
+def outlines_of(features: ScanFeatures) -> list[Outline]:
+    """Find the closed outlines that the photos show on the planes."""
+    edges = features.photo_edges
+    if edges is None:
+        return []
+    return outlines(features.lines, edges.line_kinds, edges.line_normals, features.planes)
+
+
+def _drawing(context: StepContext, arguments: Json, features: ScanFeatures, found: Sequence[Outline]) -> Artifact:
+    """Draw lines and outlines as DXF and store the drawing as a download."""
+    from service.use_cases.reports.extracted_drawing import extracted_dxf
+
+    data, name = extracted_dxf(features, found), "lines.dxf"
+    context.blobs.write_bytes(f"jobs/{arguments['job_id']}/artifacts/{name}", data)
+    href = f"/jobs/{arguments['job_id']}/artifacts/{name}"
+    return Artifact(name=name, type="image/vnd.dxf", bytes=len(data), href=href)
 
 
 def _pictures(context: StepContext, arguments: Json, features: ScanFeatures) -> list[Artifact]:
@@ -189,6 +212,18 @@ def _planes(features: ScanFeatures) -> list[ExtractedPlane]:
             ],
         )
         for k in range(len(planes))
+    ]
+
+
+def _outlines(features: ScanFeatures, found: Sequence[Outline]) -> list[ExtractedOutline]:
+    return [
+        ExtractedOutline(
+            plane=plane_name(outline.plane),
+            lines=[line_name(k) for k in outline.lines],
+            corners_m=[vector(corner) for corner in outline.corners + features.origin_m],
+            area_m2=outline.area_m2,
+        )
+        for outline in found
     ]
 
 
