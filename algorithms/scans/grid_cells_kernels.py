@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.arrays import Array
+from algorithms.scans.moments_kernels import NOTHING, with_point, write_central
 
 TILE = 64
 """Blocks are visited in squares of so many: whether a scan was recorded by rows or by columns, its points are near."""
@@ -120,7 +121,7 @@ def _add_block(
     """Write the moments of the pixels in a window (rows, columns) that are within the gate; give the range's bounds."""
     low = np.inf
     high = 0.0
-    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    sums = NOTHING
     ox = oy = oz = 0.0
     for i in range(window[0], window[1]):
         for j in range(window[2], window[3]):
@@ -133,34 +134,13 @@ def _add_block(
             low = min(low, ranges[i, j])
             high = max(high, ranges[i, j])
             cell_of_point[p] = cell
-            if n == 0.0:
+            if sums[0] == 0.0:
                 ox, oy, oz = points[p, 0], points[p, 1], points[p, 2]
             x = points[p, 0] - ox
             y = points[p, 1] - oy
             z = points[p, 2] - oz
-            n += 1.0
-            sx += x
-            sy += y
-            sz += z
-            xx += x * x
-            xy += x * y
-            xz += x * z
-            yy += y * y
-            yz += y * z
-            zz += z * z
-    x = sx / n
-    y = sy / n
-    z = sz / n
-    moments[cell, 0] = n
-    moments[cell, 1] = x + ox
-    moments[cell, 2] = y + oy
-    moments[cell, 3] = z + oz
-    moments[cell, 4] = xx - n * x * x
-    moments[cell, 5] = xy - n * x * y
-    moments[cell, 6] = xz - n * x * z
-    moments[cell, 7] = yy - n * y * y
-    moments[cell, 8] = yz - n * y * z
-    moments[cell, 9] = zz - n * z * z
+            sums = with_point(sums, x, y, z)
+    write_central(sums, ox, oy, oz, moments[cell])
     return low, high
 
 

@@ -1,9 +1,7 @@
 """The same job gives the same result document, whatever it runs on: workers, computations side by side, threads."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from algorithms.scans.point_blocks import blocks_of
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
+from tests.e2e.answers import of_the_scans
 from tests.e2e.running_service import Document, RunningService, running_service
 from tests.e2e.virtual_scans import write_scans
 
@@ -21,8 +20,6 @@ MACHINES = {
     "one after the other on one thread": {"WORKERS": "1", "SLOTS": "1", "THREADS": "1"},
     "side by side on two workers with two threads each": {"WORKERS": "2", "SLOTS": "1", "THREADS": "2"},
 }
-NAMES_OF_A_RUN = {"file", "href", "timings_s"}
-"""What a result says of the run and not of the scans: identifiers, and how long it took."""
 
 
 @pytest.fixture(scope="module")
@@ -64,16 +61,3 @@ def test_two_runs_on_one_machine_give_the_same_bytes(documents: dict[str, list[b
 def test_workers_and_threads_do_not_show_in_the_result(documents: dict[str, list[bytes]]) -> None:
     alone, together = documents.values()
     assert of_the_scans(alone[0]) == of_the_scans(together[0])
-
-
-def of_the_scans(document: bytes) -> bytes:
-    """Leave out what belongs to a run."""
-    return json.dumps(_without(json.loads(document))).encode()
-
-
-def _without(value: Any) -> Any:
-    if isinstance(value, dict):
-        kept = {name: _without(member) for name, member in value.items() if name not in NAMES_OF_A_RUN}
-        # a download's length counts the digits of the times in it
-        return {name: member for name, member in kept.items() if not (name == "bytes" and "type" in kept)}
-    return [_without(member) for member in value] if isinstance(value, list) else value

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.arrays import Array
+from algorithms.scans.moments_kernels import NOTHING, with_point, write_central
 from algorithms.scans.normals_kernels import smallest_axis
 
 TRIPLES = 80
@@ -81,32 +82,19 @@ def _sampled_plane(points: Array, chosen: Array, count: int, limit: float, state
 @njit(cache=True, nogil=True)
 def _refit(points: Array, first: int, last: int, wanted: Array, limit: float, plane: Array, moments: Array) -> bool:
     """Fit the plane anew to the wanted points within `limit` of it: moments = count, mean, central sums."""
-    n = 0.0
     ox, oy, oz = plane[3], plane[4], plane[5]
-    sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    sums = NOTHING
     for i in range(first, last):
         if not wanted[i - first]:
             continue
         x, y, z = points[i, 0] - ox, points[i, 1] - oy, points[i, 2] - oz
         if abs(plane[0] * x + plane[1] * y + plane[2] * z) > limit:
             continue
-        n += 1.0
-        sx += x
-        sy += y
-        sz += z
-        xx += x * x
-        xy += x * y
-        xz += x * z
-        yy += y * y
-        yz += y * z
-        zz += z * z
-    moments[0] = n
+        sums = with_point(sums, x, y, z)
+    n = moments[0] = sums[0]
     if n < 4.0:
         return False
-    ax, ay, az = sx / n, sy / n, sz / n
-    moments[1], moments[2], moments[3] = ox + ax, oy + ay, oz + az
-    moments[4], moments[5], moments[6] = xx - n * ax * ax, xy - n * ax * ay, xz - n * ax * az
-    moments[7], moments[8], moments[9] = yy - n * ay * ay, yz - n * ay * az, zz - n * az * az
+    write_central(sums, ox, oy, oz, moments)
     _, _, _, nx, ny, nz = smallest_axis(
         moments[4] / n, moments[5] / n, moments[6] / n, moments[7] / n, moments[8] / n, moments[9] / n
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.arrays import Array
+from algorithms.scans.moments_kernels import NOTHING, with_point
 
 
 @njit(cache=True, nogil=True)
@@ -152,7 +153,7 @@ def sum_planes(
     """
     out = np.zeros((frames.shape[0], 10))
     plane = -1  # sums stay in registers while neighbours in recording order lie on the same plane
-    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    sums = NOTHING
     nx = ny = nz = cx = cy = cz = tolerance = 0.0
     for i in range(start, end):
         p = plane_of_cell[cell_of_point[i]]
@@ -162,8 +163,8 @@ def sum_planes(
                 continue
         if p != plane:
             if plane >= 0:
-                _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
-            n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+                _add(out, plane, sums)
+            sums = NOTHING
             plane = p
             nx, ny, nz = frames[p, 0], frames[p, 1], frames[p, 2]
             cx, cy, cz = frames[p, 3], frames[p, 4], frames[p, 5]
@@ -173,18 +174,9 @@ def sum_planes(
         z = points[i, 2] - cz
         if abs(x * nx + y * ny + z * nz) > tolerance:
             continue
-        n += 1.0
-        sx += x
-        sy += y
-        sz += z
-        xx += x * x
-        xy += x * y
-        xz += x * z
-        yy += y * y
-        yz += y * z
-        zz += z * z
+        sums = with_point(sums, x, y, z)
     if plane >= 0:
-        _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
+        _add(out, plane, sums)
     return out
 
 
@@ -213,7 +205,7 @@ def label_points(  # noqa: PLR0915 - one compiled loop
     extents[:, 2:] = -np.inf
     plane = -1  # as in `sum_planes`
     count = 0
-    n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+    sums = NOTHING
     nx = ny = nz = cx = cy = cz = ex = ey = ez = fx = fy = fz = tolerance = 0.0
     u_min = v_min = np.inf
     u_max = v_max = -np.inf
@@ -229,12 +221,12 @@ def label_points(  # noqa: PLR0915 - one compiled loop
             continue
         if p != plane:
             if plane >= 0:
-                _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
+                _add(out, plane, sums)
                 counts[plane] += count
                 _widen(extents, plane, u_min, v_min, u_max, v_max)
             plane = p
             count = 0
-            n = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
+            sums = NOTHING
             u_min = v_min = np.inf
             u_max = v_max = -np.inf
             nx, ny, nz = frames[p, 0], frames[p, 1], frames[p, 2]
@@ -257,18 +249,9 @@ def label_points(  # noqa: PLR0915 - one compiled loop
         u_max = max(u_max, u)
         v_max = max(v_max, v)
         if hits == 1:
-            n += 1.0
-            sx += x
-            sy += y
-            sz += z
-            xx += x * x
-            xy += x * y
-            xz += x * z
-            yy += y * y
-            yz += y * z
-            zz += z * z
+            sums = with_point(sums, x, y, z)
     if plane >= 0:
-        _add(out, plane, (n, sx, sy, sz, xx, xy, xz, yy, yz, zz))
+        _add(out, plane, sums)
         counts[plane] += count
         _widen(extents, plane, u_min, v_min, u_max, v_max)
     return out, counts, extents
