@@ -7,9 +7,10 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points, Scalars, Vector3
-from algorithms.closest_points.motions import best_motion, helical_motion, velocity_design
+from algorithms.closest_points.motions import best_motion, helical_motion
 from algorithms.closest_points.surface_model import SurfaceModel, stiffness
 from algorithms.errors import TooFewCorrespondencesError
+from algorithms.geometry.rotations import velocity_design
 
 MAD_TO_STD = 1.4826
 HALF_WIDTH = 4.0

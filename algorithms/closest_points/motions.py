@@ -7,7 +7,7 @@ are corrected: r = s_y - R s_x in (4), the minus sign on the right of (13).
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.arrays import Points, Scalars, Vector3
 
 SMALL_TURN = 1e-12
 """Velocity fields that turn by less are translations."""
@@ -47,17 +47,6 @@ def best_motion(target: Points, source: Points, weights: Scalars) -> RigidTransf
     centres = [weights @ points / weights.sum() for points in (target, source)]
     rotation = best_rotation(target - centres[0], source - centres[1], weights)
     return RigidTransform.from_components(centres[0] - rotation.apply(centres[1]), rotation)
-
-
-def velocity_design(points: Points, directions: Points) -> Array:
-    """Give the derivatives (n, 6) of the velocities c_ + c x x along directions, by (c, c_).
-
-    Parameters
-    ----------
-    points, directions
-        (n, 3) where, and along which direction.
-    """
-    return np.hstack([np.cross(points, directions), directions])
 
 
 def helical_motion(turn: Vector3, shift: Vector3) -> RigidTransform:

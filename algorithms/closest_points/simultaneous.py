@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points, Scalars
-from algorithms.closest_points.motions import helical_motion, velocity_design
+from algorithms.closest_points.motions import helical_motion
 from algorithms.errors import DegenerateGeometryError, InvalidInputError
+from algorithms.geometry.rotations import velocity_design
 
 LEAST_SHARE = 1e-10
 """Eigenvalues below this share of the largest belong to motions that nothing fixes."""

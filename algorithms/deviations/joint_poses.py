@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from algorithms.arrays import Array, Labels, Matrix6, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.geometry.rotations import velocity_design
 
 Matrix12 = Float64[Array, "12 12"]
 
@@ -56,7 +57,7 @@ class JointPoses:
         normals
             (n, 3) unit directions in which distances are measured.
         """
-        first, second = (np.hstack([np.cross(points - position, normals), normals]) for position in self.positions_m)
+        first, second = (velocity_design(points - position, normals) for position in self.positions_m)
         jacobian = np.hstack([-first, second])
         return np.asarray(np.maximum(np.einsum("ni,ni->n", jacobian @ self.covariance, jacobian), 0.0))
 

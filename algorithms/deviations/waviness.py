@@ -20,6 +20,7 @@ from algorithms.deviations.cylinders import Sections
 from algorithms.features.patches.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.patches.patch_covariance_kernels import excess
 from algorithms.geometry.lines import bases_of
+from algorithms.geometry.rotations import velocity_design
 
 NEIGHBOURHOODS = 400
 """So many give the variance to some per cent."""
@@ -80,7 +81,7 @@ def scene_waviness(cores: Points, normals: Points, distances_m: Scalars, noise_v
         return UNMEASURED
     x, n, d, v = cores[used], normals[used], distances_m[used], noise_variances[used] + NUMERICAL_STD_M**2
     x = (x - x.mean(axis=0)) / max(float(np.std(x)), NUMERICAL_STD_M)
-    motions = np.hstack([np.cross(x, n), n])
+    motions = velocity_design(x, n)
     variance, kept = 0.0, np.ones(len(d), dtype=np.bool_)
     residuals = d - np.median(d)
     for round_ in range(ROUNDS):

@@ -42,6 +42,17 @@ def cross_matrices(vectors: Points) -> Matrices3:
     return matrices
 
 
+def velocity_design(points: Points, directions: Points) -> Array:
+    """Give the derivatives (n, 6) of displacements a + w x p along directions by (w, a), as of points to planes.
+
+    Parameters
+    ----------
+    points, directions
+        (n, 3) where, and along which direction; the points about the centre that (w, a) are told about.
+    """
+    return np.hstack([np.cross(points, directions), directions])
+
+
 def rotation_matrix(pose: RigidTransform) -> Matrix3:
     """Give the (3, 3) rotation matrix of a pose; scipy checks its `rotation` anew, which takes 50 times as long."""
     return np.asarray(pose.as_matrix()[:3, :3])

@@ -6,11 +6,15 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Indices, Points, Scalars, Vector3
-from algorithms.geometry.rotations import rotation_matrix
+from algorithms.geometry.rotations import rotation_matrix, velocity_design
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 from algorithms.scans.surface_matches import corresponding
 
+DOUBTFUL_SHARE = 0.3
+"""A gap this share of the largest distance counts half."""
 LEAST_GAPS = 30
+SETTLED_RAD, SETTLED_M = 1e-5, 1e-4
+"""A smaller step is the last."""
 LEAST_INFORMATION = 1e-3
 """Freedoms on which the surfaces say less than this share of what they say on the best known one count as open."""
 
@@ -51,7 +55,7 @@ def polished(
             if step is None:
                 break
             pose = step * pose
-            if np.linalg.norm(step.rotation.as_rotvec()) < 1e-5 and np.linalg.norm(step.translation) < 1e-4:
+            if np.linalg.norm(step.rotation.as_rotvec()) < SETTLED_RAD and np.linalg.norm(step.translation) < SETTLED_M:
                 break
     return pose
 
@@ -75,7 +79,7 @@ class SurfaceGaps:
 
     def design(self, centre_m: Vector3) -> Array:
         """Give the derivatives (n, 6) of the distances by rotation about a centre, and translation."""
-        return np.hstack([np.cross(self.positions - centre_m, self.normals), self.normals])
+        return velocity_design(self.positions - centre_m, self.normals)
 
 
 def surface_gaps(
@@ -132,7 +136,7 @@ def _step(
     found = surface_gaps(pose, target, source, limits, points)
     if len(found.gaps_m) < LEAST_GAPS:
         return None
-    return point_to_plane_step(found, 0.3 * limits.max_distance_m)
+    return point_to_plane_step(found, DOUBTFUL_SHARE * limits.max_distance_m)
 
 
 def point_to_plane_step(found: SurfaceGaps, doubtful_m: float) -> RigidTransform:

@@ -1,4 +1,8 @@
-"""Compiled loops that settle many poses of two scans, surface on surface, before they are compared."""
+"""Compiled loops that settle many poses of two scans, surface on surface, before they are compared.
+
+The step is that of `algorithms.matching.polish`, with the sums of hundreds of poses kept in registers; there the gaps
+themselves are wanted, for covariances.
+"""
 
 import math
 from typing import Any
@@ -7,15 +11,9 @@ import numpy as np
 from numba import njit
 
 from algorithms.arrays import Array
+from algorithms.matching.polish import DOUBTFUL_SHARE, LEAST_GAPS, LEAST_INFORMATION, SETTLED_M, SETTLED_RAD
 from algorithms.scans.surface_index_kernels import matched_surface
 
-DOUBTFUL_SHARE = 0.3
-"""A gap this share of the largest distance counts half."""
-LEAST_GAPS = 30
-LEAST_INFORMATION = 1e-3
-"""Freedoms on which the surfaces say less than this share of what they say on the best known one stay as they are."""
-SETTLED_RAD, SETTLED_M = 1e-5, 1e-4
-"""A smaller step is the last."""
 SUMS = 21 + 6 + 1 + 3 + 1 + 1
 """Normal equations (upper triangle, right-hand side), sums of weights, of weighted positions and of their squares, and
 the count."""

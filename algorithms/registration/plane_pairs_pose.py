@@ -9,6 +9,7 @@ from algorithms.arrays import Array, OtherIndexPairs, Scalars, Vector3
 from algorithms.closest_points.motions import best_rotation
 from algorithms.geometry.planes import Planes
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.geometry.rotations import velocity_design
 
 LEAST_SINE = 0.1
 """Normals that together reach less than this out of one plane fix no translation."""
@@ -81,7 +82,7 @@ def _linearised(ours: Planes, theirs: Planes, rotation: Rotation, shift: Vector3
     turns = -np.einsum("nij,ni->nj", ours.bases, normals)
     offsets = -np.einsum("ij,ij->i", ours.normals, points + shift - ours.centroids)
     by_turn = np.stack([np.cross(normals, ours.bases[:, :, k]) for k in range(2)], axis=1)
-    by_offset = np.hstack([np.cross(points, ours.normals), ours.normals])
+    by_offset = velocity_design(points, ours.normals)
     design = np.vstack([np.pad(by_turn.reshape(-1, 3), ((0, 0), (0, 3))), by_offset])
     angular = ours.covariances[:, :2, :2]
     of_turns = np.einsum("nkk->nk", angular) + np.einsum("nkk->nk", theirs.covariances[:, :2, :2]) + UNEVEN_RAD**2
