@@ -147,8 +147,8 @@ class PairResult:
     """What to add then."""
     rigorous: PoseEstimate | None = None
     """For methods with an estimator of their own: the pose of the rigorous adjustment (`fine.adjustment`) of the same
-    correspondences between the files' full coordinates, with its a-posteriori covariance. For methods that propose a
-    pose: that of the service's own estimate from there on, which is the answer (`final`)."""
+    correspondences between the files' full coordinates, with the covariance that `auto` gives one of features alone.
+    For methods that propose a pose: that of the service's own estimate from there on, which is the answer (`final`)."""
     own_figures: OwnFigures | None = None
     """What such a method says of itself."""
     final: FinalPose | None = None

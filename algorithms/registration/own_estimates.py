@@ -104,7 +104,7 @@ def _result(
         result,
         coarse=search,
         final=None,
-        rigorous=_in_files(problem, adjustment.pose_a_posteriori),
+        rigorous=of_features(problem, fine, "lines", "rigorously adjusted").pose,
         own_figures=_own_figures(problem, procedure, outcome),
     )
 
@@ -148,7 +148,7 @@ def _undetermined(
         None,
         free_directions=adjustment.free_directions,
         advice=adjustment.advice,
-        rigorous=fine.pose,
+        rigorous=of_features(problem, fine, "lines", "rigorously adjusted").pose,
     )
 
 
