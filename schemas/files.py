@@ -6,6 +6,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from schemas.base import ResponseModel
+from schemas.instruments import InstrumentDocument
 from schemas.links import Link
 
 
@@ -63,6 +64,8 @@ class ScanDocument(BaseModel):
     text_columns: str | None = None
     """What the columns of a text table were taken for, such as `-,-,x,y,z,i`: as stated, as named in the file, or as
     their numbers show."""
+    instrument: InstrumentDocument | None = None
+    """What the file says of instrument, serial number and time of measurement; null: nothing."""
 
 
 class PhotoDocument(BaseModel):

@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, Vector3
 from algorithms.scans.content import ScanContent
 from service.errors import UnreadableFileError
+from service.formats.instruments import Instrument
 from service.formats.units import DeclaredUnit
 
 RECORDS_AT_ONCE = 1 << 19
@@ -79,6 +80,8 @@ class ScanRecords:
     """What the columns of a text table were taken for."""
     warnings: tuple[str, ...] = ()
     """What looks wrong, for people."""
+    instrument: Instrument | None = None
+    """What the file says of instrument and time; None: nothing."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,8 @@ class ScanInfo:
     """Why the unit must be stated where the scan is used; None: it need not."""
     text_columns: str | None = None
     """What the columns of a text table were taken for."""
+    instrument: Instrument | None = None
+    """What the file says of instrument and time; None: nothing."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -144,6 +149,7 @@ class ScanInfo:
             "unit": self.unit,
             "open_unit": self.open_unit,
             "text_columns": self.text_columns,
+            "instrument": None if self.instrument is None else self.instrument.to_json(),
         }
 
 

@@ -12,7 +12,7 @@ from algorithms.arrays import Array, Points
 from service.errors import UnreadableFileError
 from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.crs_units import unit_of_crs
-from service.formats.e57_nodes import faults_named, number_of, opened, pose_of
+from service.formats.e57_nodes import faults_named, instrument_of, number_of, opened, pose_of
 from service.formats.finishing import check_count, check_packing, colors_8bit
 from service.formats.units import METRE, DeclaredUnit, UnknownUnit, not_understood
 
@@ -154,6 +154,7 @@ def _records(node: Any, index: int, plan: _Plan, columns: "_Columns") -> ScanRec
         # An identity pose says nothing: writers put it on any cloud. A grid, angles or a real pose speak of a set-up.
         sensor_in_scan_m=np.zeros(3) if structured or plan.coordinates == SPHERICAL or _moves(pose) else None,
         world_from_scan=pose,
+        instrument=instrument_of(node),
     )
 
 

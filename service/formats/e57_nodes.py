@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from service.formats.base import ScanFile
 from service.formats.e57_xml import PLACE, check_xml
+from service.formats.instruments import Instrument, stated_instrument, stated_text, time_of_gps
 
 
 @contextmanager
@@ -67,3 +68,37 @@ def pose_of(node: Any) -> RigidTransform | None:
         raise ValueError(f"the pose's quaternion has length {np.linalg.norm(quaternion):.6g}, not 1")
     rotation = Rotation.from_quat(quaternion, scalar_first=True)
     return RigidTransform.from_components(translation_m, rotation)
+
+
+def instrument_of(node: Any) -> Instrument | None:
+    """Give what a scan says of its instrument and of when it was measured (ASTM E2807, table 15); None: nothing.
+
+    What cannot be read is left out: nothing is computed from it.
+    """
+    return stated_instrument(
+        Instrument(
+            make=_text_of(node, "sensorVendor"),
+            model=_text_of(node, "sensorModel"),
+            serial=_text_of(node, "sensorSerialNumber"),
+            measured_from=_time_of(node, "acquisitionStart"),
+            measured_to=_time_of(node, "acquisitionEnd"),
+        )
+    )
+
+
+def _text_of(node: Any, name: str) -> str | None:
+    from pye57 import libe57
+
+    child = node[name] if node.isDefined(name) else None
+    return stated_text(child.value()) if isinstance(child, libe57.StringNode) else None
+
+
+def _time_of(node: Any, name: str) -> str | None:
+    from pye57 import libe57
+
+    child = node[name] if node.isDefined(name) else None
+    value = (
+        child["dateTimeValue"] if isinstance(child, libe57.StructureNode) and child.isDefined("dateTimeValue") else None
+    )
+    numbers = libe57.FloatNode | libe57.IntegerNode | libe57.ScaledIntegerNode
+    return time_of_gps(number_of(value)) if isinstance(value, numbers) else None

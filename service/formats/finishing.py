@@ -103,6 +103,7 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
         unit=None if unit is None else unit.name,
         open_unit=records.open_unit or None,
         text_columns=records.text_columns,
+        instrument=records.instrument,
     )
 
 

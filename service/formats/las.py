@@ -10,6 +10,7 @@ import numpy as np
 from algorithms.arrays import Array
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing, colors_8bit
+from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
 from service.formats.las_units import las_unit
 from service.formats.laz_chunks import check_chunk_table, check_layers
 from service.formats.units import DeclaredUnit, UnknownUnit, can_be_degrees, no_degrees, not_understood, way_out
@@ -44,7 +45,8 @@ class LasReader:
         opened = _Opened(file, limits)
         pieces = list(opened.pieces())
         if pieces:
-            yield _with_unit(file, _joined(pieces, opened.count, opened.scales, opened.offsets), opened.unit)
+            joined = _joined(pieces, opened.count, opened.scales, opened.offsets)
+            yield _with_unit(file, replace(joined, instrument=opened.instrument), opened.unit)
 
     def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file piece by piece."""
@@ -66,6 +68,7 @@ class _Opened:
         self.count = 0
         self.scales, self.offsets = np.ones(3), np.zeros(3)
         self.unit: DeclaredUnit | UnknownUnit | None = None
+        self.instrument: Instrument | None = None
 
     def pieces(self) -> Iterator["_Piece"]:
         """Read the points some at a time.
@@ -120,6 +123,8 @@ class _Opened:
         check_count(file, self.count, smallest, self._limits, "header")
         check_packing(file, self.count, "header")
         self.unit = las_unit(file, header.vlrs)
+        stated = Instrument(model=system_of_las(header.system_identifier), file_date=day_of(header.creation_date))
+        self.instrument = stated_instrument(stated)
 
 
 def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | UnknownUnit | None) -> ScanRecords:

@@ -1,0 +1,24 @@
+"""What files say of the instrument that measured a scan."""
+
+from pydantic import ConfigDict
+
+from schemas.base import ResponseModel
+
+
+class InstrumentDocument(ResponseModel):
+    """As the file states it (E57, LAS; other formats state nothing), checked by nobody; null: it does not say."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, use_attribute_docstrings=True)
+
+    make: str | None = None
+    """Who made it."""
+    model: str | None = None
+    """Its type; of LAS what the file calls the system."""
+    serial: str | None = None
+    """Its serial number."""
+    measured_from: str | None = None
+    """Beginning of the measurement, UTC."""
+    measured_to: str | None = None
+    """End of the measurement, UTC."""
+    file_date: str | None = None
+    """Day on which the file was written; of LAS, which does not state the time of measurement."""
