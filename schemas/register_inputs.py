@@ -11,6 +11,7 @@ from schemas.file_references import FileReference
 from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import ComparedMethod, DefaultMethod, MethodRequest
+from schemas.report_options import ReportOptions, Tolerance
 from schemas.text_columns import StatedColumns
 from schemas.units import StatedUnit
 
@@ -90,3 +91,7 @@ class RegisterInputs(RequestModel):
     reference: dict[StationName, Reference] | None = Field(default=None, title="Reference poses")
     """Known poses (world_from_scan) by station name, to compare the answer with: the 4×4 matrix, row by row, or an
     object with matrix and standard deviations."""
+    report: ReportOptions = Field(default_factory=ReportOptions, title="Report")
+    """Head and language of the report."""
+    tolerance: Tolerance | None = Field(default=None, title="Tolerance")
+    """What was ordered, to be compared with what was reached; null: the report gives what was reached alone."""

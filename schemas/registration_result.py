@@ -8,10 +8,12 @@ from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDir
 from schemas.cleaning_figures import CleaningStep
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
+from schemas.instruments import InstrumentDocument
 from schemas.method_comparison import MethodComparison
 from schemas.network import Network
 from schemas.own_figures import OwnFigures
 from schemas.poses import Document, Pose, Row4
+from schemas.tolerance_check import ToleranceCheck
 
 
 class Coarse(Document):
@@ -312,6 +314,9 @@ class InputFile(Document):
     """Hash of the file's content."""
     unit: str | None = Field(default=None, description="Of the coordinates, as the request states it.")
     columns: str | None = Field(default=None, description="Of a text table, as the request of the job states them.")
+    instrument: InstrumentDocument | None = Field(
+        default=None, description="What the scan's file says of instrument and time; null: nothing."
+    )
 
 
 class Provenance(Document):
@@ -355,6 +360,9 @@ class RegistrationDocument(Document):
     network: Network | None = Field(default=None, description="Null: there are only two stations.")
     method_comparison: MethodComparison | None = Field(
         default=None, exclude_if=lambda value: value is None, description="Where `compare_methods` asks for it."
+    )
+    tolerance: ToleranceCheck | None = Field(
+        default=None, description="What was ordered beside what was reached; null: made by an older version."
     )
     features: list[FeatureCount]
     """What each scan gave."""

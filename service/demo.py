@@ -126,7 +126,7 @@ def plan_of(report: str, result: Document) -> str:
     ValueError
         The report has no plan.
     """
-    start = report.find("<svg ")
+    start = report.find('<svg class="lines" ')
     end = report.find("</svg>", start)
     if start < 0 or end < 0:
         raise ValueError("the report has no plan: no lines were found")

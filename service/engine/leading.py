@@ -63,7 +63,13 @@ class Leader:
         """Give what a plan sees of a job."""
         found = {file_id: self._tools.files.get(file_id) for file_id in job.file_ids}
         files = {file_id: file.summary() for file_id, file in found.items() if file is not None}
-        of_job = {"id": job.id, "process_id": job.process_id, "inputs": job.inputs, "fetches": list(job.fetches)}
+        of_job = {
+            "id": job.id,
+            "process_id": job.process_id,
+            "inputs": job.inputs,
+            "fetches": list(job.fetches),
+            "created": job.created.isoformat(),
+        }
         wanted = (job.wanted or {}).get("files")
         return {**of_job, "files": files, **({"wanted": wanted} if wanted else {})}
 

@@ -40,8 +40,9 @@ class Plan(Protocol):
         Parameters
         ----------
         job
-            ``{"id", "process_id", "inputs", "files"}``; ``files`` maps the id of each file that the job reads to its
-            ``{"name", "sha256"}``. ``wanted`` is there when outputs that are files are wanted: how, by name of each.
+            ``{"id", "process_id", "inputs", "files", "created"}``; ``files`` maps the id of each file that the job
+            reads to its ``{"name", "sha256"}``. ``wanted`` is there when outputs that are files are wanted: how, by
+            name of each.
         outputs
             The outputs of each finished stage, in the order of its calls.
 

@@ -40,6 +40,10 @@ class Messages:
         """
         return self.texts[key].format(**values)
 
+    def has(self, key: str) -> bool:
+        """Tell whether there is such a text."""
+        return key in self.texts
+
     def counted(self, key: str, count: int, **values: object) -> str:
         """Give the text ``key.one`` or ``key.other`` for a count, which is put in as ``{count}``."""
         return self(f"{key}.{'one' if count == 1 else 'other'}", count=count, **values)

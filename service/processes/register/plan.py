@@ -47,6 +47,7 @@ class RegisterPlan:
                     "report-registration",
                     {
                         "job_id": job["id"],
+                        "created": job.get("created"),
                         "inputs": inputs,
                         "features": outputs[0],
                         "pairs": pairs.outputs,

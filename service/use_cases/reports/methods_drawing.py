@@ -38,6 +38,7 @@ def methods_drawing(methods: MethodComparison) -> str:
         shapes.append(_row(row, y))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" '
+        f'width="{WIDTH:.0f}" height="{height:.0f}" '
         'font-family="system-ui,sans-serif" font-size="11" fill="#222"><title>how far the methods\' own poses lie from '
         f"the known ones</title>{''.join(shapes)}</svg>"
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from algorithms.arrays import Array
 from schemas.correspondences import Correspondence, PlaneCorrespondence
+from service.names.messages.catalogue import Messages
 from service.use_cases.reports.result_lines import COLORS, StationLines
 
 WIDTH, MAX_HEIGHT, MARGIN = 940.0, 760.0, 40.0
@@ -20,12 +21,8 @@ LONGEST_RESIDUAL_SHARE = 0.06
 """Length of the longest residual in the plan, as a share of its width."""
 LOWEST_RATIO = 1e-3
 """Where the logarithmic axis of the tests begins."""
-STATE_WORDS = {
-    "used": "used",
-    "not-controlled": "used, nothing checks it",
-    "removed": "removed",
-    "alone": "seen from one station only",
-}
+STATES = ("used", "not-controlled", "removed", "alone")
+"""Of lines, as the legend lists them."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,9 @@ class StandPoint:
     y_m: float
 
 
-def plan_view(parts: Sequence[StationLines], stands: Sequence[StandPoint], residuals: Sequence[Correspondence]) -> str:
+def plan_view(
+    parts: Sequence[StationLines], stands: Sequence[StandPoint], residuals: Sequence[Correspondence], messages: Messages
+) -> str:
     """Draw lines from above, with enlarged residuals of lines and their 95 % error ellipses.
 
     Parameters
@@ -48,6 +47,8 @@ def plan_view(parts: Sequence[StationLines], stands: Sequence[StandPoint], resid
         The instruments in that frame.
     residuals
         Pairs of lines whose residuals are drawn.
+    messages
+        Language.
     """
     points = np.vstack(
         [np.empty((0, 2)), *(p.starts[:, :2] for p in parts), *(p.ends[:, :2] for p in parts)]
@@ -60,16 +61,16 @@ def plan_view(parts: Sequence[StationLines], stands: Sequence[StandPoint], resid
     enlargement = _enlargement(residuals, paper)
     shapes += [_residual(entry, enlargement, paper) for entry in residuals]
     shapes += [_stand(stand, paper) for stand in stands]
-    notes = [_scale_bar(paper), _legend(parts)]
+    notes = [_scale_bar(paper), _legend(parts, messages)]
     if enlargement > 0.0:
         notes.append(
-            f'<text x="{WIDTH - MARGIN:.0f}" y="{paper.height - 12:.0f}" text-anchor="end">residuals and their 95 % '
-            f"ellipses enlarged {enlargement:,.0f} times</text>"
+            f'<text x="{WIDTH - MARGIN:.0f}" y="{paper.height - 12:.0f}" text-anchor="end">'
+            f"{escape(messages('drawing.residuals', factor=f'{enlargement:.0f}'))}</text>"
         )
-    return _svg(WIDTH, paper.height, [*shapes, *notes], "plan of the lines, seen along the third axis")
+    return svg(WIDTH, paper.height, [*shapes, *notes], messages("drawing.lines"), "lines")
 
 
-def statistic_bars(entries: Sequence[Correspondence | PlaneCorrespondence]) -> str:
+def statistic_bars(entries: Sequence[Correspondence | PlaneCorrespondence], messages: Messages) -> str:
     """Draw each pair's statistic over its limit on a logarithmic axis, the B-method's limit as a tick."""
     tested = [entry for entry in entries if entry.test is not None]
     if not tested:
@@ -94,15 +95,15 @@ def statistic_bars(entries: Sequence[Correspondence | PlaneCorrespondence]) -> s
         shapes.append(
             f'<text x="{left - 6:.0f}" y="{y + 10:.1f}" text-anchor="end">{escape(pair_name(entry))}</text>'
             f'<rect x="{left:.0f}" y="{y:.1f}" width="{place(ratio) - left:.1f}" height="{row - 4:.0f}" '
-            f'fill="{_hex(entry.state)}"><title>T = {entry.test.statistic:.3g}, limit {entry.test.critical:.4g}'
+            f'fill="{_hex(entry.state)}"><title>T = {entry.test.statistic:.3g} / {entry.test.critical:.4g}'
             "</title></rect>"
         )
         tick = place(entry.test.critical_b_method / entry.test.critical)
         shapes.append(f'<line x1="{tick:.1f}" y1="{y - 1:.1f}" x2="{tick:.1f}" y2="{y + row - 3:.1f}" stroke="#444"/>')
     limit = place(1.0)
     shapes.append(f'<line x1="{limit:.1f}" y1="14" x2="{limit:.1f}" y2="{height - 22:.1f}" stroke="#000"/>')
-    shapes.append(f'<text x="{limit:.1f}" y="11" text-anchor="middle">limit</text>')
-    return _svg(WIDTH, height, shapes, "test statistic of each pair over its limit")
+    shapes.append(f'<text x="{limit:.1f}" y="11" text-anchor="middle">{escape(messages("table.limit"))}</text>')
+    return svg(WIDTH, height, shapes, messages("drawing.bars"))
 
 
 def pair_name(entry: Correspondence | PlaneCorrespondence) -> str:
@@ -208,21 +209,28 @@ def _scale_bar(paper: _Paper) -> str:
     )
 
 
-def _legend(parts: Sequence[StationLines]) -> str:
-    entries = []
+def _legend(parts: Sequence[StationLines], messages: Messages) -> str:
+    entries: list[tuple[str, str]] = []
     present = {"used" if state == "reinstated" else state for part in parts for state in part.states}
-    for state, words in STATE_WORDS.items():
-        if state in present:
-            entries.append((f'stroke="{_hex(state)}" stroke-width="3"', words))
     entries += [
-        (f'stroke="#333" stroke-dasharray="{DASHES[k % len(DASHES)]}"', f"lines of {part.station}")
+        (f'stroke="{_hex(state)}" stroke-width="3"', messages.word("feature", state))
+        for state in STATES
+        if state in present
+    ]
+    entries += [
+        (
+            f'stroke="#333" stroke-dasharray="{DASHES[k % len(DASHES)]}"',
+            messages("drawing.lines-of", station=part.station),
+        )
         for k, part in enumerate(parts)
     ]
-    shapes, x = [], MARGIN
+    shapes, x, y = [], MARGIN, 14.0
     for style, words in entries:
-        shapes.append(f'<line x1="{x:.0f}" y1="14" x2="{x + 26:.0f}" y2="14" {style}/>')
-        shapes.append(f'<text x="{x + 32:.0f}" y="18">{escape(words)}</text>')
-        x += 48.0 + 6.4 * len(words)
+        if x + 32.0 + 6.0 * len(words) > WIDTH and x > MARGIN:
+            x, y = MARGIN, y + 15.0
+        shapes.append(f'<line x1="{x:.0f}" y1="{y:.0f}" x2="{x + 26:.0f}" y2="{y:.0f}" {style}/>')
+        shapes.append(f'<text x="{x + 32:.0f}" y="{y + 4:.0f}">{escape(words)}</text>')
+        x += 46.0 + 6.0 * len(words)
     return "".join(shapes)
 
 
@@ -230,9 +238,11 @@ def _hex(state: str) -> str:
     return "#" + "".join(f"{channel:02x}" for channel in COLORS[state])
 
 
-def _svg(width: float, height: float, shapes: Sequence[str], title: str) -> str:
+def svg(width: float, height: float, shapes: Sequence[str], title: str, kind: str = "drawing") -> str:
+    """Put shapes together to a drawing that fills the width of its page; `kind` is its class."""
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
-        f'font-family="system-ui,sans-serif" font-size="11" fill="#222"><title>{escape(title)}</title>'
+        f'<svg class="{kind}" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
+        f'width="{width:.0f}" height="{height:.0f}" font-family="\'Tieline Report\',system-ui,sans-serif" '
+        f'font-size="12" fill="#222"><title>{escape(title)}</title>'
         f"{''.join(shapes)}</svg>"
     )

@@ -1,17 +1,33 @@
-"""The report for people: one HTML file with tables and drawings that needs nothing beside it."""
+"""The report for people: one HTML file with tables, drawings and pictures that needs nothing beside it."""
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.geometry.angles import GON_PER_RAD
+from algorithms.geometry.poses import PoseEstimate
 from schemas.correspondences import Correspondence, PlaneCorrespondence
 from schemas.registration_result import Pair, RegistrationDocument
+from schemas.report_options import ReportOptions
+from service.names.messages.catalogue import Messages, messages_in
 from service.use_cases.documents.pose_documents import PARAMETERS
+from service.use_cases.reports.cloud_pictures import CloudPictures, StationCloudPart, cloud_pictures
+from service.use_cases.reports.conclusion import conclusion, ordered, tolerance_headline
+from service.use_cases.reports.histograms import residual_histograms
+from service.use_cases.reports.link_rows import MOST_LINKS, link_rows, rms_explained
 from service.use_cases.reports.methods_drawing import methods_drawing
 from service.use_cases.reports.report_drawings import StandPoint, pair_name, plan_view, statistic_bars
+from service.use_cases.reports.report_head import (
+    instruments_in_words,
+    measured_in_words,
+    settings_in_rows,
+    time_in_words,
+)
 from service.use_cases.reports.result_lines import (
     ScanLines,
     StationLines,
@@ -19,13 +35,37 @@ from service.use_cases.reports.result_lines import (
     registered_lines,
     states_of_lines,
 )
+from service.use_cases.reports.setups_drawing import PlacedStand, setups_plan
 
-TEMPLATE = "report_page.html.jinja"
-MOST_ROWS = 400
-"""Longer tables are cut, with a hint at the complete CSV."""
+PAGES = Path(__file__).parent / "pages"
+MOST_PAIRS = 40
+"""Longer protocols are of nobody's use on paper; the downloads have all pairs."""
+FEWEST_ROWS, ALL_ROWS = 20, 240
+"""Rows of the tables of a pair, and of those of all pairs together about; what is left out stands in the CSV."""
+LETTERS = {"omega_gon": "ω", "phi_gon": "φ", "kappa_gon": "κ", "tx_m": "X", "ty_m": "Y", "tz_m": "Z"}
 
 
-def report_page(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> str:
+@dataclass(frozen=True)
+class ReportFrame:
+    """What a report says beside the result itself."""
+
+    options: ReportOptions = field(default_factory=ReportOptions)
+    job_id: str = ""
+    created: str | None = None
+    """When the job was ordered, ISO 8601."""
+
+    @property
+    def messages(self) -> Messages:
+        """Give the texts of its language."""
+        return messages_in(self.options.lang)
+
+
+def report_page(
+    document: RegistrationDocument,
+    scans: Mapping[str, ScanLines],
+    estimates: Mapping[str, PoseEstimate],
+    frame: ReportFrame,
+) -> str:
     """Render the report.
 
     Parameters
@@ -33,40 +73,89 @@ def report_page(document: RegistrationDocument, scans: Mapping[str, ScanLines]) 
     document
         The result.
     scans
-        Of all stations, by name: their lines are drawn.
+        Of all stations, by name: their lines and surfaces are drawn.
+    estimates
+        Poses of the registered stations in the common frame, by name.
+    frame
+        Head and language.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
+    messages = frame.messages
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=FileSystemLoader(PAGES), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters.update(
-        number=_number, milli=_milli, share=_share, pair_name=pair_name, methods_drawing=methods_drawing
+        number=messages.number,
+        milli=messages.milli,
+        share=messages.share,
+        pair_name=pair_name,
+        methods_drawing=methods_drawing,
+        power=lambda value: f"{value:.4e}".replace(".", "," if messages.language == "de" else "."),
+        gon=lambda value: None if value is None else value * GON_PER_RAD,
     )
-    world = plan_view(registered_lines(document.stations, scans, document.pairs), _stands(document, scans), [])
-    return environment.get_template(TEMPLATE).render(
+    rows = link_rows(document.pairs, document.network)
+    world = plan_view(
+        registered_lines(document.stations, scans, document.pairs), _stands(document, scans), [], messages
+    )
+    page = environment.get_template(
+        "report.html.jinja"
+    ).render(
+        t=messages,
         document=document,
+        options=frame.options,
+        job_id=frame.job_id,
+        created=time_in_words(frame.created),
+        style=Markup((PAGES / "report.css").read_text(encoding="utf-8")),  # noqa: S704 - a file of this program
+        instruments=instruments_in_words(document.provenance.inputs, messages),
+        measured=measured_in_words(document.provenance.inputs, messages),
+        ordered=_ordered(document, messages),
+        headline=tolerance_headline(document.tolerance, messages),
+        conclusion=conclusion(document, messages),
         parameters=PARAMETERS,
-        most_rows=MOST_ROWS,
-        world_plan=Markup(world),  # noqa: S704 - drawn by this program, names escaped
-        drawings=[
-            {"plan": Markup(_pair_plan(pair, scans)), "tests": Markup(_pair_tests(pair))}  # noqa: S704
-            for pair in document.pairs
-        ],
+        letters=LETTERS,
+        most_rows=max(FEWEST_ROWS, ALL_ROWS // max(len(document.pairs), 1)),
+        most_method_rows=ALL_ROWS,
+        most_pairs=MOST_PAIRS,
+        # what is marked as safe is drawn by this program, names escaped
+        setups=Markup(_setups(document, scans, estimates, messages)),  # noqa: S704
+        pictures=_pictures(document, scans, messages),
+        links=rows[:MOST_LINKS],
+        more_links=max(0, len(rows) - MOST_LINKS),
+        rms_explained=rms_explained(rows, messages),
+        world_plan=Markup(world),  # noqa: S704
+        drawings=[_drawings(pair, scans, messages) for pair in document.pairs[:MOST_PAIRS]],
+        settings=settings_in_rows(document.provenance.method),
     )
+    return page.lstrip()
 
 
-def _pair_tests(pair: Pair) -> str:
+def _ordered(document: RegistrationDocument, messages: Messages) -> str:
+    check = document.tolerance
+    return "" if check is None or check.verdict == "none" else ordered(check, messages)
+
+
+def _drawings(pair: Pair, scans: Mapping[str, ScanLines], messages: Messages) -> dict[str, Any]:
+    """Draw what a pair has, and sort its entries, the least fitting first."""
+    from markupsafe import Markup
+
     entries: list[Correspondence | PlaneCorrespondence] = [*pair.correspondences, *pair.plane_correspondences]
-    return statistic_bars(entries[:MOST_ROWS])
+    entries.sort(key=_misfit, reverse=True)
+    return {
+        "plan": Markup(_pair_plan(pair, scans, messages)),  # noqa: S704 - drawn by this program, names escaped
+        "tests": Markup(statistic_bars(entries[:FEWEST_ROWS], messages)),  # noqa: S704
+        "histograms": Markup(residual_histograms(pair, messages)),  # noqa: S704
+        "entries": entries,
+        "rms_explained": rms_explained(link_rows([pair], None), messages),
+    }
 
 
-def _pair_plan(pair: Pair, scans: Mapping[str, ScanLines]) -> str:
+def _misfit(entry: Correspondence | PlaneCorrespondence) -> float:
+    return 0.0 if entry.test is None else entry.test.statistic / entry.test.critical
+
+
+def _pair_plan(pair: Pair, scans: Mapping[str, ScanLines], messages: Messages) -> str:
     """Draw both stations' lines in the target frame; nothing without a pose."""
     if pair.target_from_source is None:
         return ""
@@ -75,7 +164,57 @@ def _pair_plan(pair: Pair, scans: Mapping[str, ScanLines]) -> str:
     names = ((pair.target, RigidTransform.identity()), (pair.source, pose))
     parts: Sequence[StationLines] = [lines_of_station(name, scans[name], motion, states) for name, motion in names]
     stands = [_stand(name, scans[name], motion) for name, motion in names]
-    return plan_view(parts, stands, pair.correspondences)
+    return plan_view(parts, stands, pair.correspondences, messages)
+
+
+def _setups(
+    document: RegistrationDocument,
+    scans: Mapping[str, ScanLines],
+    estimates: Mapping[str, PoseEstimate],
+    messages: Messages,
+) -> str:
+    placed = [
+        PlacedStand(stand, None if k == 0 else _stand_covariance(stand.name, scans, estimates))
+        for k, stand in enumerate(_stands(document, scans))
+    ]
+    without_pose = [station.name for station in document.stations if station.world_from_scan is None]
+    links = [row.drawn for row in link_rows(document.pairs, document.network)]
+    return setups_plan(placed, without_pose, links, messages)
+
+
+def _stand_covariance(name: str, scans: Mapping[str, ScanLines], estimates: Mapping[str, PoseEstimate]) -> Any:
+    """Give the covariance (2, 2) of the instrument's place seen from above; None where it is not known."""
+    estimate = estimates.get(name)
+    if estimate is None:
+        return None
+    place = estimate.target_from_source.apply(_instrument_m(scans[name]))
+    return estimate.position_covariance_m2(place)[:2, :2]
+
+
+def _pictures(
+    document: RegistrationDocument, scans: Mapping[str, ScanLines], messages: Messages
+) -> dict[str, Any] | None:
+    """Draw the clouds of all stations that have a pose; nothing where that is one alone."""
+    parts = []
+    for station in document.stations:
+        if station.world_from_scan is not None and len(scans[station.name].surface_m):
+            scan = scans[station.name]
+            world_from_scan = RigidTransform.from_matrix(np.array(station.world_from_scan.matrix))
+            points = world_from_scan.apply(scan.surface_m + scan.origin_m)
+            parts.append(StationCloudPart(station.name, points, scan.spacing_m))
+    found: CloudPictures | None = cloud_pictures(parts) if len(parts) > 1 else None
+    if found is None:
+        return None
+    return {
+        "plan": _data_address(found.plan),
+        "section": _data_address(found.section),
+        "thickness": messages.number(found.thickness_m, 1),
+        "colors": [(name, "#" + "".join(f"{channel:02x}" for channel in color)) for name, color in found.colors],
+    }
+
+
+def _data_address(png: bytes) -> str:
+    return f"data:image/png;base64,{b64encode(png).decode()}"
 
 
 def _stands(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> list[StandPoint]:
@@ -91,20 +230,10 @@ def _stands(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> l
 
 
 def _stand(name: str, scan: ScanLines, target_from_scan: RigidTransform) -> StandPoint:
-    """Place the instrument; where its position is unknown, the origin of the scan's local frame."""
-    local = np.zeros(3) if scan.sensor_m is None else scan.sensor_m
-    x, y, _ = target_from_scan.apply(local + scan.origin_m)
+    x, y, _ = target_from_scan.apply(_instrument_m(scan))
     return StandPoint(name, float(x), float(y))
 
 
-def _number(value: Any, decimals: int = 4) -> str:
-    """Write a number; what was not determined is a dash."""
-    return "–" if value is None else f"{value:.{decimals}f}"
-
-
-def _milli(value: Any, decimals: int = 3) -> str:
-    return "–" if value is None else f"{1e3 * value:.{decimals}f}"
-
-
-def _share(value: Any) -> str:
-    return "–" if value is None else f"{value:.1%}"
+def _instrument_m(scan: ScanLines) -> Any:
+    """Give the place (3,) of the instrument; where it is unknown, the origin of the scan's local frame [m]."""
+    return (np.zeros(3) if scan.sensor_m is None else scan.sensor_m) + scan.origin_m

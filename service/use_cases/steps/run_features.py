@@ -75,6 +75,7 @@ def extract_features_of_scan(context: StepContext, arguments: Json) -> Json:
         "features": key,
         "sha256": arguments["sha256"],
         "filename": arguments["filename"],
+        "instrument": arguments.get("instrument"),
         "photos": [photo["sha256"] for photo in arguments.get("photos", [])],
         "photo_names": [photo["filename"] for photo in arguments.get("photos", [])],
         "counts": {

@@ -140,6 +140,7 @@ def input_files(station: Json, extracted: Json) -> list[InputFile]:
             sha256=extracted["sha256"],
             unit=scan.get("unit"),
             columns=scan.get("columns"),
+            instrument=extracted.get("instrument"),
         ),
         *(
             InputFile(station=name, kind="photo", file=photo["file"], name=own, index=photo["index"], sha256=sha256)

@@ -21,11 +21,15 @@ from schemas.registration_result import (
     RegistrationDocument,
     Station,
 )
+from schemas.report_options import ReportOptions
+from schemas.tolerance_check import ToleranceCheck
 from service.ports import Json, StepContext
 from service.use_cases.documents.comparison_documents import comparison_documents
 from service.use_cases.documents.pose_documents import fixed_pose_document, pose_document
+from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
 from service.use_cases.reports.method_files import method_files
-from service.use_cases.reports.report_page import report_page
+from service.use_cases.reports.report_page import ReportFrame, report_page
+from service.use_cases.reports.report_pdf import can_print, report_pdf
 from service.use_cases.reports.result_lines import ScanLines, lines_dxf, lines_ply, registered_lines
 from service.use_cases.reports.result_tables_csv import correspondences_csv, poses_csv
 from service.use_cases.steps.feature_store import load_features
@@ -65,19 +69,22 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
     methods = compared_methods(context, arguments, pairs)
     files = {**_downloads(stations, pairs, scans), **method_files(methods)}
+    joined = None if network is None else Network.model_validate(network["network"])
     document = RegistrationDocument(
         status=_overall(len(stations), unregistered),
         stations=stations,
         pairs=pairs,
-        network=None if network is None else Network.model_validate(network["network"]),
+        network=joined,
         method_comparison=methods,
+        tolerance=_tolerance(inputs.get("tolerance"), poses, scans, pairs, joined),
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
         comparison=comparison,
         comparison_summary=summary,
         artifacts=[],
         provenance=_provenance(inputs, arguments["features"], pairs),
     )
-    files["report.html"] = ("text/html", report_page(document, scans).encode())
+    frame = ReportFrame(ReportOptions.model_validate(inputs.get("report") or {}), job_id, arguments.get("created"))
+    files |= _reports(document, scans, poses, frame)
     artifacts = [_artifact(job_id, name, media, len(content)) for name, (media, content) in files.items()]
     document = document.model_copy(update={"artifacts": artifacts})
     document, data = _with_itself(document, job_id)
@@ -85,6 +92,44 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", data)
     return {"status": document.status}
+
+
+def _reports(
+    document: RegistrationDocument, scans: Mapping[str, ScanLines], poses: Sequence[StationPose], frame: ReportFrame
+) -> dict[str, tuple[str, bytes]]:
+    """Make the report as page, and of that page the PDF where this machine can."""
+    estimates = {pose.station.name: pose.estimate for pose in poses if pose.estimate is not None}
+    page = report_page(document, scans, estimates, frame)
+    files = {"report.html": ("text/html", page.encode())}
+    if can_print():
+        footer = " · ".join(
+            text for text in (frame.messages("report.title"), frame.options.project, frame.job_id) if text
+        )
+        files["report.pdf"] = (
+            "application/pdf",
+            report_pdf(page, frame.messages, footer=footer, created=frame.created),
+        )
+    return files
+
+
+def _tolerance(
+    asked: Json | None,
+    poses: Sequence[StationPose],
+    scans: Mapping[str, ScanLines],
+    pairs: Sequence[Pair],
+    network: Network | None,
+) -> ToleranceCheck:
+    precisions = [
+        station_precision(
+            pose.station.name,
+            pose.estimate,
+            scans[pose.station.name].surface_m,
+            scans[pose.station.name].origin_m,
+            asked,
+        )
+        for pose in poses[1:]
+    ]
+    return tolerance_check(asked, precisions, [pose.station for pose in poses], pairs, network)
 
 
 def list_registered(context: StepContext, arguments: Json) -> Json:

@@ -26,6 +26,7 @@ def features_call(job: Json, station: Json, options: Json | None, photo_options:
             "options": {**(options or {}), **_stated_noise(station)},
             "photos": photos_of(job, station),
             "photo_options": photo_options or {},
+            "instrument": found.get("instrument"),
         },
         f"features of {station['name']}",
         weight=2.0,
