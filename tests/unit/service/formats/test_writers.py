@@ -35,7 +35,7 @@ from service.formats.writers import (
     writer_of,
 )
 from service.formats.writers import base as writers_base
-from service.formats.writers.octree import CELL_LEVELS, OctreeSorter, cells_of, morton
+from service.formats.writers.octree_spool import OctreeShape
 
 POSE = RigidTransform.from_components([500_000.0, 5_400_000.0, 300.0], Rotation.from_rotvec([0.1, -0.2, 2.0]))
 COUNT = 3000
@@ -329,7 +329,7 @@ def test_points_that_share_a_cell_are_counted_where_the_format_has_room_for_one(
 def test_copc_has_each_point_once_and_its_upper_levels_are_everywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(copc, "MOST_IN_LEAF", 100)
+    monkeypatch.setattr(copc, "SHAPE", OctreeShape(most_in_leaf=100))
     scan = a_scan(pose=None)
     path = written("copc", [cloud_of(scan)], tmp_path)
     with laspy.CopcReader.open(str(path)) as reader:
@@ -343,37 +343,13 @@ def test_copc_has_each_point_once_and_its_upper_levels_are_everywhere(
 
 
 def test_copc_gives_all_points_of_a_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(copc, "MOST_IN_LEAF", 100)
+    monkeypatch.setattr(copc, "SHAPE", OctreeShape(most_in_leaf=100))
     scan = a_scan(pose=None)
     low, high = np.array([-10.0, -20.0, -5.0]), np.array([15.0, 3.0, 30.0])
     with laspy.CopcReader.open(str(written("copc", [cloud_of(scan)], tmp_path))) as reader:
         found = len(reader.query(laspy.Bounds(low, high)))
     inside = ((scan.points > low) & (scan.points < high)).all(axis=1)
     assert found == inside.sum()
-
-
-def test_no_two_points_of_a_node_share_a_cell_unless_it_is_a_leaf() -> None:
-    rng = np.random.default_rng(2)
-    deepest, level = 5, 3
-    cells = rng.integers(0, 2 ** (deepest + CELL_LEVELS), (20_000, 3))
-    code = morton(cells >> (deepest + CELL_LEVELS - level)).astype(np.int64)
-    records = np.arange(len(cells))
-    sorter, nodes = OctreeSorter(deepest), {}
-    for leaf in np.unique(code):
-        chosen = np.flatnonzero(code == leaf)
-        nodes |= dict(sorter.leaf(level, int(leaf), cells[chosen], records[chosen]))
-    nodes |= dict(sorter.ends())
-    assert sorted(np.concatenate(list(nodes.values())).tolist()) == records.tolist()
-    for key, numbers in nodes.items():
-        own = cells[numbers] >> (deepest + CELL_LEVELS - key[0])
-        assert (own == key[1:]).all()  # each point lies in its node
-        if key[0] < level:
-            assert len(np.unique(morton(cells[numbers] >> (deepest - key[0])))) == len(numbers)
-
-
-def test_morton_numbers_tell_their_cells() -> None:
-    cells = np.random.default_rng(1).integers(0, 2**10, (100, 3))
-    assert [cells_of(int(code), 10) for code in morton(cells)] == [tuple(cell) for cell in cells.tolist()]
 
 
 # --- full disks ---------------------------------------------------------------------------------------------------
