@@ -50,6 +50,7 @@ from service.routes import (
     openapi_30,
     processes,
     registrations,
+    scenes,
     uploads,
 )
 from service.routes.access_description import describe_access
@@ -180,6 +181,7 @@ def create_app(
         processes,
         jobs,
         job_events,
+        scenes,
         files,
         uploads,
         registrations,

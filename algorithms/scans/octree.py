@@ -1,9 +1,9 @@
 """Which node of an octree each point belongs to, found in one pass with little memory.
 
-Points come leaf by leaf in Morton order. A node's grid has `CELLS` cells a side; a point goes to the highest node whose
-cell at that place is still empty, else to its leaf. Only the grids of the ancestors of the present leaf are in memory,
-and whatever the order of the leaves, the answer is the same: no two leaves share a cell unless they share its first
-point.
+Points come leaf by leaf in Morton order. A node's grid has 2 to the power of `cell_levels` cells a side; a point goes
+to the highest node whose cell at that place is still empty, else to its leaf. Only the grids of the ancestors of the
+present leaf are in memory, and whatever the order of the leaves, the answer is the same: no two leaves share a cell
+unless they share its first point.
 """
 
 from collections.abc import Iterator
@@ -13,10 +13,8 @@ import numpy as np
 
 from algorithms.arrays import Array
 
-CELLS = 128
-"""Cells a side of a node: as many points as a picture of it needs."""
 CELL_LEVELS = 7
-"""2 to its power is `CELLS`."""
+"""128 cells a side of a node: as many points as a picture of it needs."""
 DEEPEST = 21
 """Levels that a 64-bit Morton number can tell apart."""
 
@@ -66,6 +64,8 @@ class OctreeSorter:
 
     deepest: int
     """Level of the cells by which points come."""
+    cell_levels: int = CELL_LEVELS
+    """2 to its power are the cells a side of a node's grid."""
     path: list[_Ancestor] = field(default_factory=list)
 
     def leaf(self, level: int, code: int, cells: Array, records: Array) -> Iterator[tuple[Key, Array]]:
@@ -76,7 +76,7 @@ class OctreeSorter:
         level, code
             Of the leaf: level and Morton number.
         cells
-            (n, 3) cell numbers of the points at level `deepest + CELL_LEVELS`.
+            (n, 3) cell numbers of the points at level `deepest + cell_levels`.
         records
             (n,) what is stored of each, in an order that is random in space.
         """
@@ -95,7 +95,8 @@ class OctreeSorter:
             chosen = np.sort(first[free])
             if len(chosen):
                 ancestor.records.append(records[rest[chosen]])
-                _remember(ancestor, unique[free], level - depth)
+                if level - depth > self.cell_levels:  # cells that are larger than a leaf are shared by later leaves
+                    ancestor.taken.update(unique[free].tolist())
                 rest = np.delete(rest, chosen)
         if len(rest):
             yield key, records[rest]
@@ -114,12 +115,6 @@ class OctreeSorter:
             if shift > 0 and tuple(number >> shift for number in key[1:]) == last[1:]:
                 return
             yield from _complete(self.path.pop())
-
-
-def _remember(ancestor: _Ancestor, cells: Array, below: int) -> None:
-    """Keep what is taken of cells that later leaves share: those that are larger than a leaf."""
-    if below > CELL_LEVELS:
-        ancestor.taken.update(cells.tolist())
 
 
 def _complete(ancestor: _Ancestor) -> Iterator[tuple[Key, Array]]:

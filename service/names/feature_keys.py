@@ -8,6 +8,8 @@ from service.ports import Json
 
 FEATURE_VERSION = 15
 """Raise when extraction gives other features for the same scan and options."""
+VIEWER_POINTS_VERSION = 1
+"""Raise when the viewer is given points in another form."""
 
 
 FEATURES = "features/"
@@ -64,3 +66,14 @@ def feature_key(
     extras += [{"reading": reading}] if reading else []
     what = json.dumps([FEATURE_VERSION, scan_index, options, *extras], sort_keys=True)
     return f"{features_of_content(sha256)}/{hashlib.sha256(what.encode()).hexdigest()}.npz"
+
+
+def viewer_points_of_step(arguments: Json) -> tuple[str, str]:
+    """Name the blobs that a step `viewer-points` makes, by its arguments: the blocks of points, and the list of them.
+
+    They lie with the features of the scan: shared by all jobs of the project, removed with the content.
+    """
+    reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
+    what = json.dumps([VIEWER_POINTS_VERSION, arguments["index"], arguments.get("owner", ""), reading], sort_keys=True)
+    stem = f"{features_of_content(arguments['sha256'])}/{hashlib.sha256(what.encode()).hexdigest()}"
+    return f"{stem}.points", f"{stem}.points.json"

@@ -1,11 +1,9 @@
 """COPC 1.0: LAZ 1.4 in the order of an octree, so that viewers load what they show."""
 
-import os
 import struct
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, final
 
@@ -13,6 +11,7 @@ import numpy as np
 
 from algorithms.arrays import Array, Vector3
 from algorithms.progress import Progress, ProgressSection
+from algorithms.scans.octree import Key
 from service.formats.writers.base import StationCloud, Written
 from service.formats.writers.las import DATE_OFFSET, las_notes
 from service.formats.writers.las_records import (
@@ -23,14 +22,12 @@ from service.formats.writers.las_records import (
     LasLayout,
     names_record,
 )
-from service.formats.writers.octree import CELL_LEVELS, CELLS, OctreeSorter, morton
+from service.formats.writers.octree_spool import OctreeShape, octree_nodes
 from service.formats.writers.placed import PlacedClouds, placed
 from service.formats.writers.whole_files import require_length, whole_file
 
-DEEPEST_LEAF = 10
-"""Levels of the octree; the cells of its deepest nodes divide it 131072 times a side."""
-MOST_IN_LEAF = 100_000
-"""A node with more points is divided."""
+SHAPE = OctreeShape(most_in_leaf=100_000)
+CELLS = 1 << SHAPE.cell_levels
 EXTRA_BYTES_RECORD = 4
 RECORD_HEAD = struct.Struct("<2x16sHH32s")
 """User, number, length and description of a record; 20 bytes before the end of its head stands the length."""
@@ -51,13 +48,10 @@ class CopcWriter:
         """Write stations into one file in the world frame; the points lie in a file beside it in between."""
         everything = placed(clouds, with_stations=True)
         layout = LasLayout.of(everything, path.name)
-        cube = _Cube.around(everything, layout)
-        leaves = _leaves(everything, layout, cube, ProgressSection(progress, 0.0, 0.25))
+        points = _LasPoints(everything, layout, _Cube.around(everything, layout))
         with whole_file(path) as partial, tempfile.TemporaryFile(dir=path.parent) as spool:
-            _spool(spool, everything, layout, cube, leaves, ProgressSection(progress, 0.25, 0.5))
-            written = _write_nodes(
-                partial, spool, everything, layout, cube, leaves, ProgressSection(progress, 0.5, 1.0)
-            )
+            nodes = octree_nodes(points, spool, SHAPE, ProgressSection(progress, 0.0, 0.5))
+            written = _write_nodes(partial, points, nodes, ProgressSection(progress, 0.5, 1.0))
             require_length(partial, written)
             _name_extra_bytes(partial, layout, everything)
         return Written(everything.points, las_notes(everything))
@@ -83,88 +77,30 @@ class _Cube:
 
 
 @dataclass(frozen=True, eq=False)
-class _Leaves:
-    """The leaves of the octree in Morton order."""
+class _LasPoints:
+    """The records of a file, for the octree."""
 
-    levels: Array
-    codes: Array
-    """Morton number of each at its own level."""
-    starts: Array
-    """Morton number of the first cell of each at the deepest level."""
-    offsets: Array
-    """(leaves + 1,) number of points before each."""
+    clouds: PlacedClouds
+    layout: LasLayout
+    cube: _Cube
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.layout.dtype
 
-def _leaves(clouds: PlacedClouds, layout: LasLayout, cube: _Cube, progress: Progress) -> _Leaves:
-    """Count the points of the deepest cells and join cells to leaves that are not too large."""
-    codes, counts = np.zeros(0, dtype=np.uint64), np.zeros(0, dtype=np.int64)
-    for number, cloud, piece in clouds.pieces(progress):
-        code = morton(cube.cells(layout.records(number, cloud, piece), DEEPEST_LEAF))
-        fresh, count = np.unique(code, return_counts=True)
-        merged, inverse = np.unique(np.concatenate([codes, fresh]), return_inverse=True)
-        counts = np.bincount(inverse, weights=np.concatenate([counts, count]), minlength=len(merged)).astype(np.int64)
-        codes = merged
-    levels = np.zeros(len(codes), dtype=np.int64)
-    for level in range(DEEPEST_LEAF):
-        above = codes >> np.uint64(3 * (DEEPEST_LEAF - level))
-        _, inverse = np.unique(above, return_inverse=True)
-        crowded = np.bincount(inverse, weights=counts)[inverse] > MOST_IN_LEAF
-        levels[crowded] = level + 1
-    shifts = (3 * (DEEPEST_LEAF - levels)).astype(np.uint64)
-    starts, first = np.unique((codes >> shifts) << shifts, return_index=True)
-    sums = np.add.reduceat(counts, first) if len(first) else counts
-    return _Leaves(levels[first], codes[first] >> shifts[first], starts, np.concatenate([[0], np.cumsum(sums)]))
+    def pieces(self, progress: Progress) -> Iterator[Array]:
+        for number, cloud, piece in self.clouds.pieces(progress):
+            yield self.layout.records(number, cloud, piece)
+
+    def cells(self, records: Array, level: int) -> Array:
+        return self.cube.cells(records, level)
 
 
-def _spool(
-    spool: Any, clouds: PlacedClouds, layout: LasLayout, cube: _Cube, leaves: _Leaves, progress: Progress
-) -> None:
-    """Write the records of each leaf to its place in a file."""
-    size, descriptor = layout.dtype.itemsize, spool.fileno()
-    places = leaves.offsets[:-1].copy()
-    for number, cloud, piece in clouds.pieces(progress):
-        records = layout.records(number, cloud, piece)
-        leaf = np.searchsorted(leaves.starts, morton(cube.cells(records, DEEPEST_LEAF)), side="right") - 1
-        if len(leaves.starts) < 1 << 16:
-            leaf = leaf.astype(np.uint16)  # sorted by counting, in a fraction of the time
-        order = np.argsort(leaf, kind="stable")
-        records, leaf = records[order], leaf[order]
-        ends = np.flatnonzero(np.diff(leaf)) + 1
-        for start, end in pairwise([0, *ends.tolist(), len(leaf)]):
-            at = leaf[start]
-            _write_all(descriptor, records[start:end].tobytes(), int(places[at]) * size)
-            places[at] += end - start
-
-
-def _write_all(descriptor: int, data: bytes, place: int) -> None:
-    written = 0
-    while written < len(data):
-        written += os.pwrite(descriptor, data[written:], place + written)
-
-
-def _sorted_nodes(spool: Any, layout: LasLayout, cube: _Cube, leaves: _Leaves) -> Iterator[Any]:
-    size, descriptor = layout.dtype.itemsize, spool.fileno()
-    sorter, rng = OctreeSorter(DEEPEST_LEAF), np.random.default_rng(0)
-    for at, (start, end) in enumerate(pairwise(leaves.offsets.tolist())):
-        data = os.pread(descriptor, (end - start) * size, start * size)
-        records = rng.permutation(np.frombuffer(data, dtype=layout.dtype))
-        cells = cube.cells(records, DEEPEST_LEAF + CELL_LEVELS)
-        yield from sorter.leaf(int(leaves.levels[at]), int(leaves.codes[at]), cells, records)
-    yield from sorter.ends()
-
-
-def _write_nodes(
-    path: Path,
-    spool: Any,
-    clouds: PlacedClouds,
-    layout: LasLayout,
-    cube: _Cube,
-    leaves: _Leaves,
-    progress: Progress,
-) -> int:
+def _write_nodes(path: Path, points: _LasPoints, nodes: Iterator[tuple[Key, Array]], progress: Progress) -> int:
     """Compress node after node; give the bytes that the file must have at least."""
     import copclib
 
+    clouds, layout, cube = points.clouds, points.layout, points.cube
     extra = sum(np.dtype(field.kind).itemsize for field in layout.scalars)
     config = copclib.CopcConfigWriter(
         layout.point_format,
@@ -184,7 +120,7 @@ def _write_nodes(
     header.points_by_return = [clouds.points, *[0] * 14]
     writer = copclib.FileWriter(str(path), config)
     end, done, total = 0, 0, max(1, clouds.points)
-    for key, records in _sorted_nodes(spool, layout, cube, leaves):
+    for key, records in nodes:
         node = writer.AddNode(copclib.VoxelKey(*key), copclib.VectorChar(records.view(np.int8)))
         end = max(end, node.offset + node.byte_size)
         done += len(records)

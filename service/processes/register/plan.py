@@ -1,4 +1,7 @@
-"""Stages of a registration: features of each scan, pairs, of many stations their adjustment together, one report."""
+"""Stages of a registration: features of each scan, pairs, of many stations their adjustment together, one report.
+
+Beside the report the points of each scan are put into the order in which a viewer loads them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +10,13 @@ from itertools import combinations
 from algorithms.network.options import ALL_PAIRS_UP_TO
 from service.ports import Json, StepCall
 from service.use_cases.steps.registered_calls import WRITING_WEIGHT, registered_calls
-from service.use_cases.steps.station_calls import REPORT_WEIGHT, features_call, scan_of
+from service.use_cases.steps.station_calls import (
+    REPORT_WEIGHT,
+    VIEWER_WEIGHT,
+    features_call,
+    scan_of,
+    viewer_points_call,
+)
 
 PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT = 2.0, 0.3, 0.3
 REGISTERED = "registered"
@@ -42,6 +51,7 @@ class RegisterPlan:
             return _comparing_calls(job, outputs[0], pairs.outputs, others)
         compared = outputs[done] if others else []
         if len(outputs) == done + bool(others):
+            points = [viewer_points_call(job, station) for station in stations]
             return [
                 StepCall(
                     "report-registration",
@@ -52,11 +62,13 @@ class RegisterPlan:
                         "features": outputs[0],
                         "pairs": pairs.outputs,
                         "network": outputs[done - 1][0]["network"] if is_network else None,
+                        "viewer_points": [call.arguments for call in points],
                         **({"compared": compared} if inputs.get("compare_methods") else {}),
                     },
                     "writing the report",
                     weight=REPORT_WEIGHT,
-                )
+                ),
+                *points,
             ]
         return _registered_stage(job, outputs, len(outputs) - done - bool(others) - 1)
 
@@ -68,7 +80,8 @@ class RegisterPlan:
         network = NETWORK_WEIGHT if stations > 2 else 0.0
         files = stations * WRITING_WEIGHT + REPORT_WEIGHT if REGISTERED in job.get("wanted", {}) else 0.0
         methods = 1 + len(other_methods(inputs))
-        return 2.0 * stations + PAIR_WEIGHT * pairs * methods + network + REPORT_WEIGHT + files
+        before = (2.0 + VIEWER_WEIGHT) * stations + PAIR_WEIGHT * pairs * methods
+        return before + network + REPORT_WEIGHT + files
 
 
 def _registered_stage(job: Json, outputs: Sequence[Sequence[Json]], after_report: int) -> Sequence[StepCall] | None:

@@ -22,10 +22,20 @@ from schemas.registration_result import (
     Station,
 )
 from schemas.report_options import ReportOptions
+from schemas.scene import StoredScene
 from schemas.tolerance_check import ToleranceCheck
+from service.names.feature_keys import viewer_points_of_step
+from service.names.scene_keys import scene_key
 from service.ports import Json, StepContext
 from service.use_cases.documents.comparison_documents import comparison_documents
 from service.use_cases.documents.pose_documents import fixed_pose_document, pose_document
+from service.use_cases.documents.scene_documents import (
+    feature_fits,
+    scene_pair,
+    scene_stages,
+    scene_station,
+    with_pose,
+)
 from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
 from service.use_cases.reports.method_files import method_files
 from service.use_cases.reports.report_page import ReportFrame, report_page
@@ -61,10 +71,10 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     pairs = _with_warnings(_judged_by_loops(found, network), arguments["features"])
     poses = _station_poses([station["name"] for station in inputs["stations"]], pairs, network)
     stations = [pose.station for pose in poses]
-    scans = {
-        output["counts"]["station"]: ScanLines.of_features(load_features(context.blobs.local_path(output["features"])))
-        for output in arguments["features"]
-    }
+    scans, shown, fits = {}, {}, feature_fits(pairs)
+    for output in arguments["features"]:
+        name, features = output["counts"]["station"], load_features(context.blobs.local_path(output["features"]))
+        scans[name], shown[name] = ScanLines.of_features(features), scene_station(name, features, fits)
     unregistered = sum(station.status == "unregistered" for station in stations)
     comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
     methods = compared_methods(context, arguments, pairs)
@@ -90,6 +100,13 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     document, data = _with_itself(document, job_id)
     for name, (_, content) in {**files, "result.json": ("", data)}.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
+    scene = StoredScene(
+        stations=[with_pose(shown[station.name], station) for station in stations],
+        stages=scene_stages(stations, pairs),
+        pairs=[scene_pair(pair) for pair in pairs],
+        points=[viewer_points_of_step(each) for each in arguments.get("viewer_points", [])],
+    )
+    context.blobs.write_bytes(scene_key(job_id), scene.model_dump_json(by_alias=True).encode())
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", data)
     return {"status": document.status}
 

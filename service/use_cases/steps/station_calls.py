@@ -3,7 +3,7 @@
 from service.ports import Json, StepCall
 from service.use_cases.documents.scan_warnings import warnings_of_scan
 
-REPORT_WEIGHT = 0.1
+REPORT_WEIGHT, VIEWER_WEIGHT = 0.1, 0.5
 
 
 def features_call(job: Json, station: Json, options: Json | None, photo_options: Json | None) -> StepCall:
@@ -53,3 +53,14 @@ def scan_of(job: Json, station: Json) -> Json:
     scan = station["scan"]
     stated = {"columns": scan.get("columns"), "unit": scan.get("unit")}
     return {"sha256": file["sha256"], "filename": file["name"], "index": scan["index"], **stated}
+
+
+def viewer_points_call(job: Json, station: Json) -> StepCall:
+    """Call for the points of a station's scan as a viewer loads them."""
+    arguments = features_call(job, station, None, None).arguments
+    return StepCall(
+        "viewer-points",
+        {name: arguments[name] for name in ("name", "filename", "sha256", "owner", "index", "columns", "unit")},
+        f"points of {station['name']} for the viewer",
+        weight=VIEWER_WEIGHT,
+    )

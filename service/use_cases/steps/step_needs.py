@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from service.names.content_keys import content_key, incoming_key
-from service.names.feature_keys import FEATURES, features_of_step
+from service.names.feature_keys import FEATURES, features_of_step, viewer_points_of_step
 from service.ports import Json
 from service.use_cases.limits.machine_shares import INSPECT
 
@@ -13,6 +13,8 @@ FETCH = "fetch-file"
 """The step that reaches other servers."""
 FEATURES_OF_SCAN, EDGES = "features", "detect-edges"
 """Those that always read what was uploaded; others hardly ever do, though they know of it."""
+VIEWER_POINTS = "viewer-points"
+"""The step that puts the points of a scan into the order in which a viewer loads them."""
 READS = "reads"
 """Member of arguments in which a plan lists other blobs, such as results of other jobs of the project."""
 SAID_BY_CLIENTS = "inputs"
@@ -54,6 +56,9 @@ def needs_of(step: str, arguments: Json) -> StepNeeds:
     if step == FEATURES_OF_SCAN:
         key = features_of_step(arguments)
         return StepNeeds(contents | {key}, makes=(key,), done_before=key)
+    if step == VIEWER_POINTS:
+        blocks, listed = viewer_points_of_step(arguments)
+        return StepNeeds(contents | {listed}, makes=(blocks, listed), done_before=listed)
     own = f"jobs/{arguments['job_id']}/" if arguments.get("job_id") else ""
     made = frozenset(text for _, text in _texts(named) if text.startswith((FEATURES, own or FEATURES)))
     made |= frozenset(arguments.get(READS, ()))

@@ -7,5 +7,6 @@ SHARED_STEPS: Mapping[str, str] = {
     "fetch-file": "service.use_cases.steps.run_fetch:fetch_file",
     "read-poses": "service.use_cases.steps.job_poses:read_poses",
     "features": "service.use_cases.steps.run_features:extract_features_with_kernels",
+    "viewer-points": "service.use_cases.steps.run_viewer_points:write_points_of_scan",
     "write-registered": "service.use_cases.steps.registered_files:write_registered",
 }

@@ -23,6 +23,16 @@ def test_a_pair_needs_features_always_and_scans_seldom() -> None:
     assert (needs.reads, needs.seldom_reads) == ({FEATURES}, {f"files/{SCAN}"})
 
 
+def test_points_for_the_viewer_are_made_once_for_all_jobs_of_a_project() -> None:
+    arguments = {"name": "S1", "filename": "a.e57", "sha256": SCAN, "index": 0, "owner": "office"}
+    needs = needs_of("viewer-points", arguments)
+    blocks, listed = needs.makes
+    assert (needs.reads, needs.done_before) == ({f"files/{SCAN}", listed}, listed)
+    assert needs_of("viewer-points", {**arguments, "name": "S2", "filename": "b.e57"}).makes == (blocks, listed)
+    for other in ({"owner": "stranger"}, {"index": 1}, {"unit": "mm"}, {"columns": "x,y,z"}):
+        assert set(needs_of("viewer-points", {**arguments, **other}).makes).isdisjoint(needs.makes)
+
+
 def test_edges_need_their_photo() -> None:
     assert needs_of("detect-edges", {"job_id": "j1", "sha256": PHOTO}).reads == {f"files/{PHOTO}"}
 
