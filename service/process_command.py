@@ -45,6 +45,8 @@ class _Files:
     many: bool
     of_job: bool
     """Whether the stations of a finished job may stand there instead."""
+    needed: bool
+    """Whether there must be any."""
     help: str
 
 
@@ -153,7 +155,7 @@ def _inputs(model: type[BaseModel]) -> Iterator[_Files | _Option]:
         lists = [(get_args(each) or (None,))[0] for each in members if get_origin(each) is list]
         for kind, many in [*((each, False) for each in members), *((each, True) for each in lists)]:
             if inspect.isclass(kind) and issubclass(kind, FileReference | Station | PosedStation):
-                yield _Files(name, kind, many, StationsOfJob in members, text)
+                yield _Files(name, kind, many, StationsOfJob in members, field.is_required(), text)
                 break
         else:
             yield from _of_field(members, ("inputs", field.alias or name), text)
@@ -197,7 +199,8 @@ def _file_parameters(files: Sequence[_Files]) -> Iterator[inspect.Parameter]:
         flag, text = each.name.replace("_", "-"), escape(each.help)
         if number == 0:
             said = typer.Argument(exists=True, dir_okay=False, help=text)
-            yield _parameter(each.name, kind | None if each.of_job else kind, said, None if each.of_job else ...)
+            optional = each.of_job or not each.needed
+            yield _parameter(each.name, kind | None if optional else kind, said, None if optional else ...)
         else:
             yield _parameter(each.name, kind | None, typer.Option(f"--{flag}", exists=True, help=text), None)
         if each.of_job:

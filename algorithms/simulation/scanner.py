@@ -19,6 +19,8 @@ NOT_NEGATIVE = (
     "beam_exit_diameter_m",
     "echo_separation_m",
     "intensity_noise",
+    "intensity_reference_m",
+    "attenuation_db_per_km",
 )
 
 
@@ -72,6 +74,11 @@ class VirtualScanner:
     """Share of beams lost without any reason."""
     intensity_noise: float = 0.03
     """Relative standard deviation of the intensity (speckle)."""
+    intensity_reference_m: float = 0.0
+    """Distance at which a white surface that faces the beam has intensity 1; it falls with the square of the distance
+    (radar equation). 0: the instrument takes the distance out."""
+    attenuation_db_per_km: float = 0.0
+    """Of the air in one direction: 0.2 to 0.8 where it is clear, 3.9 in haze; it weakens intensity and reach."""
     systematic: SystematicErrors = IN_ADJUSTMENT
     """What the instrument measures wrong in the same way each time; nothing unless given."""
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points, Scalars
 from algorithms.scans.scan import Scan, ScanGrid
+from algorithms.simulation.beam_physics import relative_power, transmission
 from algorithms.simulation.footprint import mixed_hits, near_depth_edges
 from algorithms.simulation.ray_casting import Hits, RayCaster
 from algorithms.simulation.scanner import VirtualScanner, directions_of
@@ -212,13 +213,20 @@ def _measure(
     lost = rng.uniform(size=len(beams)) < scanner.dropout_probability
     ranges, cosines = readings.hits.ranges_m[beams], readings.hits.cosines[beams]
     reflectances = scene.reflectances[readings.hits.triangles[beams]]
-    reach = scanner.max_range_m * np.sqrt(np.minimum(1.0, reflectances * cosines / scanner.reach_reflectance))
+    bright = reflectances * cosines
+    if scanner.attenuation_db_per_km > 0.0:
+        bright = bright * transmission(ranges, scanner.attenuation_db_per_km)
+    reach = scanner.max_range_m * np.sqrt(np.minimum(1.0, bright / scanner.reach_reflectance))
     seen = readings.hits.found[beams] & ~lost & (cosines > np.cos(scanner.max_incidence_rad))
     seen &= (ranges >= scanner.min_range_m) & (ranges <= reach)
     ranges, cosines, reflectances = ranges[seen], cosines[seen], reflectances[seen]
     noisy = ranges + range_std_m(scanner, ranges, cosines, reflectances) * unit_noise[seen]
     noisy += scanner.systematic.range_errors_m(ranges, cosines)
-    intensity = reflectances * cosines * (1.0 + scanner.intensity_noise * speckle[seen])
+    signal = reflectances * cosines
+    if scanner.intensity_reference_m > 0.0:
+        reference, attenuation = scanner.intensity_reference_m, scanner.attenuation_db_per_km
+        signal = relative_power(reflectances, ranges, cosines, reference, attenuation)
+    intensity = signal * (1.0 + scanner.intensity_noise * speckle[seen])
     return seen, np.asarray(noisy), np.asarray(np.maximum(intensity, 0.0))
 
 

@@ -17,6 +17,7 @@ from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
 from service.processes.register import REGISTER
+from service.processes.simulate import SIMULATE
 from service.processes.transform import TRANSFORM
 from service.use_cases.steps.fetching_plan import FetchingPlan
 from service.use_cases.steps.table import SHARED_STEPS
@@ -29,6 +30,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     CLEAN,
     COLOUR,
     COMPARE,
+    SIMULATE,
     ECHO,
 )
 

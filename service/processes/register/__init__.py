@@ -22,10 +22,8 @@ REGISTER = Process(
     outputs=RegistrationDocument,
     plan=RegisterPlan(),
     steps={
-        "register-pair": "service.use_cases.steps.run_pair:register_pair",
         "compare-method": "service.use_cases.steps.run_method_comparison:compare_method",
         "choose-pairs": "service.use_cases.steps.run_network_growth:choose_pairs",
-        "adjust-network": "service.use_cases.steps.run_network:adjust_network",
         "report-registration": "service.use_cases.steps.run_registration_report:report_registration",
         "list-registered": "service.use_cases.steps.run_registration_report:list_registered",
     },

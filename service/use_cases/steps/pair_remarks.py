@@ -65,7 +65,8 @@ def distrusted_if_copied(
     from algorithms.registration.base import PairStatus
 
     found = result.final or result.fine
-    if found is None or not _may_be_copies(result, problem):
+    simulated = arguments["target"]["scan"] is None
+    if found is None or simulated or not _may_be_copies(result, problem):
         return result
     pose = found.pose.target_from_source
     target, source = (

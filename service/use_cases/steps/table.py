@@ -8,5 +8,7 @@ SHARED_STEPS: Mapping[str, str] = {
     "read-poses": "service.use_cases.steps.job_poses:read_poses",
     "features": "service.use_cases.steps.run_features:extract_features_with_kernels",
     "viewer-points": "service.use_cases.steps.run_viewer_points:write_points_of_scan",
+    "register-pair": "service.use_cases.steps.run_pair:register_pair",
+    "adjust-network": "service.use_cases.steps.run_network:adjust_network",
     "write-registered": "service.use_cases.steps.registered_files:write_registered",
 }
