@@ -24,6 +24,7 @@ from algorithms.registration import DEFAULT_METHOD, RegistrationMethod, pair_ver
 from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
+from algorithms.registration.method import ProposingMethod
 from algorithms.registration.ndt import NdtMethod
 from algorithms.registration.own_estimates import register_own_way
 from algorithms.registration.own_procedures import OwnProcedure, Proposal
@@ -37,6 +38,12 @@ FAR_ORIGIN_M = np.array([500_000.0, 5_300_000.0, 400.0])
 LARGEST_NEES = 22.5
 """99.9 % of chi-square with six degrees of freedom: one scene, one seed."""
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+quick_method = pytest.mark.parametrize(
+    "method",
+    [pytest.param(each, marks=[pytest.mark.slow] if issubclass(each, ProposingMethod) else []) for each in METHODS],
+    ids=lambda method: method.name,
+)
+"""Every method, and those that search anew for themselves with the slow tests."""
 usual_method = pytest.mark.parametrize(
     "method",
     [pytest.param(each, marks=[] if each is DEFAULT_METHOD else pytest.mark.slow) for each in METHODS],
@@ -109,7 +116,7 @@ def error_of(estimate: RigidTransform, truth: RigidTransform) -> np.ndarray:
     return np.concatenate([turn, np.asarray(truth.translation) - np.asarray(estimate.translation)])
 
 
-@every_method
+@quick_method
 def test_a_known_pose_is_recovered_and_accepted_with_an_honest_covariance(method: Any) -> None:
     result = registered(method, "pipe_hall")
     assert result.status is PairStatus.ACCEPTED
@@ -227,7 +234,7 @@ def test_a_tilted_instrument_changes_nothing(method: Any) -> None:
     assert np.linalg.norm(error[3:]) < 0.005
 
 
-@every_method
+@quick_method
 def test_a_pose_that_is_not_the_rigorous_one_comes_with_it_and_with_what_the_method_claims(method: Any) -> None:
     result = registered(method, "pipe_hall")
     if result.own_figures is None:
