@@ -205,7 +205,9 @@ def register(
 
 @app.command(epilog=EXIT_CODES)
 def demo(
-    scans: Annotated[Path | None, typer.Option(help="Folder to leave the simulated scan files in.")] = None,
+    scans: Annotated[
+        Path | None, typer.Option(help="Folder to leave the simulated scan files and the report in.")
+    ] = None,
     plan: Annotated[Path | None, typer.Option(help="SVG file for a plan of the lines with the verdict.")] = None,
 ) -> None:
     """Simulate two stations of a house, register them over HTTP, print truth beside estimate."""

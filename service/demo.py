@@ -14,12 +14,13 @@ from rich.console import Console
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.register_command import start_job, stations_of, upload_files, wait_for_job
-from service.result_tables import DECIMALS, PARAMETERS, number, parameter_table
+from service.result_tables import DECIMALS, PARAMETERS, number, parameter_table, print_pairs, print_report_place
 
 Document = dict[str, Any]
 SEED = 2026
 ROWS, COLUMNS = 1000, 2400
 """About a million points per station."""
+REPORTS = ("report.html", "report.pdf")
 
 
 def run_demo(console: Console, scans: Path | None = None, plan: Path | None = None) -> bool:
@@ -30,7 +31,7 @@ def run_demo(console: Console, scans: Path | None = None, plan: Path | None = No
     console
         Where to print.
     scans
-        Folder in which the simulated scan files stay; None leaves nothing behind.
+        Folder in which the simulated scan files and the report stay; None leaves nothing behind.
     plan
         SVG file for a plan of the lines with the verdict; None for none.
 
@@ -59,10 +60,16 @@ def run_demo(console: Console, scans: Path | None = None, plan: Path | None = No
         stations = stations_of(files)
         job = start_job(client, "register", {"stations": stations}, console)
         result = wait_for_job(client, job, console)
+        for name in client.artifacts(job):
+            if name in REPORTS:
+                client.download(job, name, folder / name)
         if plan is not None:
-            client.download(job, "report.html", folder / "report.html")
             plan.write_text(plan_of((folder / "report.html").read_text(), result))
     print_comparison(console, result, truth)
+    if scans is None:
+        console.print("the report goes with the demo; --scans FOLDER keeps it and the scans", style="dim")
+    else:
+        print_report_place(console, scans)
     console.print(f"{time.perf_counter() - started:.0f} s in all", style="dim")
     return bool(result["status"] == "registered")
 
@@ -91,15 +98,13 @@ def simulate_scans(folder: Path) -> tuple[Sequence[Path], dict[str, float]]:
 
 
 def print_comparison(console: Console, result: Document, truth: dict[str, float]) -> None:
-    """Print verdict and reasons, then each parameter of the second station beside its truth."""
+    """Print verdict, each parameter of the second station beside its truth, then the reasons."""
     second = result["stations"][1]
-    for pair in result["pairs"]:
-        console.print(f"{pair['source']} -> {pair['target']}: [bold]{pair['status']}[/bold]")
-        for reason in pair["reasons"]:
-            console.print(f"  {reason}", style="dim")
+    console.print(f"[bold]{result['status']}[/bold]")
     pose = second["world_from_scan"]
     if pose is None:
         console.print(f"{second['name']}: {second['status']}")
+        print_pairs(console, result["pairs"])
         return
     columns = ("truth", "estimate", "", "error / std", "error", "std")
     table = parameter_table(f"{second['name']} in the frame of {result['stations'][0]['name']}", columns)
@@ -116,6 +121,7 @@ def print_comparison(console: Console, result: Document, truth: dict[str, float]
             f"m{unit}",
         )
     console.print(table)
+    print_pairs(console, result["pairs"])
 
 
 def plan_of(report: str, result: Document) -> str:

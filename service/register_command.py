@@ -20,7 +20,7 @@ from service.embedded import embedded_service
 from service.errors import InvalidRequestError
 from service.processes.register import REGISTER
 from service.register_request import RequestOptions, read_request
-from service.result_tables import print_result
+from service.result_tables import print_report_place, print_result
 from service.settings import Settings
 from service.use_cases.access.service_proof import secret_of
 from service.use_cases.documents.scan_warnings import is_usable
@@ -84,6 +84,7 @@ def register_files(
         keep_results(client, job_id, result, output)
     print_result(console, result)
     console.print(f"results: {output}")
+    print_report_place(console, output)
     return bool(result["status"] == "registered")
 
 

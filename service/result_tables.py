@@ -1,10 +1,13 @@
 """Results as tables for the terminal."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.table import Table
+
+from service.names.messages.catalogue import messages_in
 
 Document = dict[str, Any]
 PARAMETERS = (
@@ -19,19 +22,13 @@ PARAMETERS = (
 DECIMALS = {"gon": 5, "m": 5}
 MOST_REMOVED = 5
 """So many removed lines and planes are told by name."""
+MOST_PAIRS = 10
+"""So many pairs are told with their reasons."""
 
 
 def print_result(console: Console, result: Document) -> None:
-    """Print verdict, pairs with their reasons, and the parameters of each station with standard deviations."""
-    console.print(f"[bold]{result['status']}[/bold]")
-    for pair in result["pairs"]:
-        console.print(f"{pair['source']} -> {pair['target']}: {pair['status']}")
-        for reason in pair["reasons"]:
-            console.print(f"  {reason}", style="dim")
-        for line in _agreement(pair):
-            console.print(f"  {line}", style="dim", highlight=False, markup=False)
-    if compared := result.get("method_comparison"):
-        console.print(_methods(compared))
+    """Print verdict and poses first, then what was compared, the pairs with their reasons, and at most five outliers."""
+    console.print(f"[bold]{result['status']}[/bold]{_tolerance(result.get('tolerance'))}")
     for station in result["stations"]:
         console.print(*_station(station), sep="\n")
     for compared in result.get("comparison_summary") or []:
@@ -39,10 +36,44 @@ def print_result(console: Console, result: Document) -> None:
             f"{compared['station']} against its reference: {compared['verdict']} (on average "
             f"{compared['mean_difference_rotation_gon']:.4f} gon, {compared['mean_difference_translation_m']:.4f} m)"
         )
+    if methods := result.get("method_comparison"):
+        console.print(_methods(methods))
+    print_pairs(console, result["pairs"])
+
+
+def print_pairs(console: Console, pairs: Sequence[Document]) -> None:
+    """Print each pair with its verdict and reasons, then at most five of all removed lines and planes."""
+    for pair in pairs[:MOST_PAIRS]:
+        console.print(f"{pair['source']} -> {pair['target']}: {pair['status']}")
+        for line in (*pair["reasons"], *_agreement(pair)):
+            console.print(f"  {line}", style="dim", highlight=False, markup=False)
+    if len(pairs) > MOST_PAIRS:
+        console.print(f"and {len(pairs) - MOST_PAIRS} more pairs, see the report", style="dim")
+    removed = [each for pair in pairs for each in pair.get("outliers", []) if each["change"] == "removed"]
+    for outlier in removed[:MOST_REMOVED]:
+        console.print(f"removed {outlier['line']}: {outlier['why']}", style="dim", highlight=False, markup=False)
+    if len(removed) > MOST_REMOVED:
+        console.print(f"and {len(removed) - MOST_REMOVED} more removed, see the report", style="dim")
+
+
+def print_report_place(console: Console, folder: Path) -> None:
+    """Tell where the report lies."""
+    there = [folder / name for name in ("report.html", "report.pdf") if (folder / name).is_file()]
+    for path in there[:1]:
+        beside = f" (and {', '.join(other.name for other in there[1:])})" if there[1:] else ""
+        console.print(f"report: {path}{beside}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _tolerance(check: Document | None) -> str:
+    """Tell in a few words whether the order is kept; nothing where there was none."""
+    if check is None or check["verdict"] == "none":
+        return ""
+    messages = messages_in("en")
+    return f"; {messages.word('tolerance', check['verdict'])}"
 
 
 def _agreement(pair: Document) -> Iterator[str]:
-    """Tell how well the lines of a pair agree, and which were removed."""
+    """Tell how well the lines of a pair agree."""
     accuracy = pair.get("accuracy")
     if accuracy and accuracy["max_offset_m"] is not None:
         counts = accuracy["lines"]
@@ -55,11 +86,6 @@ def _agreement(pair: Document) -> Iterator[str]:
             f"lines of photos: {photos['target_found']} in {pair['target']}, {photos['source_found']} in "
             f"{pair['source']}; {photos['matched']} matched, {photos['used']} used, {photos['removed']} removed"
         )
-    removed = [outlier for outlier in pair.get("outliers", []) if outlier["change"] == "removed"]
-    for outlier in removed[:MOST_REMOVED]:
-        yield f"removed {outlier['line']}: {outlier['why']}"
-    if len(removed) > MOST_REMOVED:
-        yield f"and {len(removed) - MOST_REMOVED} more, see report.html"
 
 
 def number(value: float | None, decimals: int) -> str:

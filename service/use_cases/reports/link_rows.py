@@ -55,7 +55,7 @@ def link_rows(pairs: Sequence[Pair], network: Network | None) -> list[LinkRow]:
     for pair in pairs:
         link = found.get((pair.target, pair.source))
         state = link.state if link is not None else _state_alone(pair, network)
-        reason = (link.reason if link is not None else None) or (pair.reasons[0] if pair.reasons else None)
+        reason = (link.reason if link is not None else None) or "; ".join(pair.reasons[:2]) or None
         rows.append(_row(pair, state, None if state in CARRYING else reason))
     return sorted(rows, key=lambda row: not row.carries)
 

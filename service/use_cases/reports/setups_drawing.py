@@ -166,10 +166,12 @@ def _link(link: SetupLink, places: Mapping[str, tuple[float, float]], messages: 
 
 def _station(name: str, place: tuple[float, float], *, fixed: bool) -> str:
     x, y = place
+    width = 7.4 * len(name)
+    left = x + 12.0 if x + 14.0 + width < WIDTH else x - 14.0 - width
     return (
         f'<path d="M{x:.1f} {y - 9:.1f} l8 14 h-16 z" fill="{"#111" if fixed else "#fff"}" stroke="#111" '
-        f'stroke-width="1.6"/><text x="{x:.1f}" y="{y + 19:.1f}" text-anchor="middle" font-weight="bold">'
-        f"{escape(name)}</text>"
+        f'stroke-width="1.6"/><rect x="{left:.1f}" y="{y - 8:.1f}" width="{width + 4:.1f}" height="16" fill="#fff" '
+        f'fill-opacity="0.8"/><text x="{left + 2:.1f}" y="{y + 5:.1f}" font-weight="bold">{escape(name)}</text>'
     )
 
 

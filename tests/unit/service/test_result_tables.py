@@ -1,10 +1,11 @@
 """What the terminal tells of a result."""
 
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from service.result_tables import MOST_REMOVED, print_result
+from service.result_tables import MOST_REMOVED, print_report_place, print_result
 
 
 def told(**pair: Any) -> str:
@@ -48,5 +49,46 @@ def test_agreement_of_lines_is_told_in_millimetres_and_gon() -> None:
     assert "23 lines agree within 1.23 mm and 0.0456 gon" in text
 
 
-def test_the_comparison_with_the_reference_ends_the_output() -> None:
-    assert told().rstrip().endswith("the poses differ (on average 0.0123 gon, 0.0050 m)")
+def test_the_comparison_with_the_reference_stands_before_the_pairs() -> None:
+    text = told()
+    assert text.index("the poses differ (on average 0.0123 gon, 0.0050 m)") < text.index("B -> A: accepted")
+
+
+def test_verdict_and_poses_come_before_reasons_and_outliers() -> None:
+    keys = ("omega_gon", "phi_gon", "kappa_gon", "tx_m", "ty_m", "tz_m")
+    pose = {**dict.fromkeys(keys, 0.0), "std": dict.fromkeys(keys, 0.001)}
+    pair = {"target": "A", "source": "B", "status": "accepted", "reasons": ["it fits"], "outliers": [outlier(1)]}
+    result = {
+        "status": "registered",
+        "tolerance": {"verdict": "not-met"},
+        "stations": [{"name": "A", "status": "fixed", "world_from_scan": pose},
+                     {"name": "B", "status": "registered", "world_from_scan": pose}],
+        "pairs": [pair],
+    }  # fmt: skip
+    console = Console(record=True, width=120)
+    print_result(console, result)
+    text = console.export_text()
+    assert text.startswith("registered; tolerance NOT kept\n")
+    assert text.index("B: registered") < text.index("it fits") < text.index("removed A/L1")
+
+
+def test_of_all_pairs_together_five_outliers_are_told() -> None:
+    pairs = [
+        {"target": "A", "source": f"S{k}", "status": "accepted", "reasons": [], "outliers": [outlier(k)]}
+        for k in range(8)
+    ]
+    console = Console(record=True, width=120)
+    print_result(console, {"status": "registered", "pairs": pairs, "stations": []})
+    text = console.export_text()
+    assert text.count("removed A/") == MOST_REMOVED
+    assert "and 3 more removed" in text
+
+
+def test_the_terminal_says_where_the_report_lies_if_there_is_one(tmp_path: Path) -> None:
+    console = Console(record=True, width=400)
+    print_report_place(console, tmp_path)
+    assert console.export_text() == ""
+    (tmp_path / "report.html").write_text("page")
+    (tmp_path / "report.pdf").write_text("pdf")
+    print_report_place(console, tmp_path)
+    assert console.export_text() == f"report: {tmp_path / 'report.html'} (and report.pdf)\n"

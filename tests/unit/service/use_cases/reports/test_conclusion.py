@@ -48,7 +48,7 @@ def document(verdict: str, pair_status: str = "accepted", *reasons: tuple[str, s
         comparison=None,
         comparison_summary=None,
         artifacts=[],
-        provenance=Provenance(software="s", method={}, seed=0, inputs=[], timings_s={}),
+        provenance=Provenance(software="s", method={"method": "auto"}, seed=0, inputs=[], timings_s={}),
     )
 
 
