@@ -1,6 +1,8 @@
 """The report as PDF: the same page, laid out on A4 by PlutoPrint, which needs no browser and no library of the system.
 
-Nothing is fetched: fonts come from this folder, and whatever else the page might name is refused.
+A browser, or WeasyPrint with the system's Pango, would have to be installed beside Python; libraries of pure Python lay
+out their own documents, and the report would be written twice. Nothing is fetched: fonts come from this folder, and
+whatever else the page might name is refused.
 """
 
 import importlib.util

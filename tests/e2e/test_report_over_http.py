@@ -1,0 +1,67 @@
+"""The report as a client gets it: in the language asked for, with the order's tolerance, as a page and as PDF."""
+
+from pathlib import Path
+
+import pytest
+
+from service.use_cases.reports.report_pdf import can_print
+from tests.e2e.running_service import RunningService
+
+ORDER = {
+    "report": {"project": "Umbau <b>7</b>", "client": "Stadt", "operator": "Büro", "lang": "de"},
+    "tolerance": {"std_m": 0.02, "std_gon": 0.5},
+}
+
+
+@pytest.fixture(scope="module")
+def job(service: RunningService, house: list[Path]) -> str:
+    files = [service.upload(path) for path in house]
+    stations = [{"name": f"S{k}", "scan": {"file": file["id"]}} for k, file in enumerate(files, start=1)]
+    done = service.execute("register", {"stations": stations, **ORDER})
+    assert service.result(done)["status"] == "registered"
+    return done
+
+
+def test_the_page_is_in_the_language_of_the_request_and_loads_nothing(service: RunningService, job: str) -> None:
+    answer = service.http.get(f"/jobs/{job}/artifacts/report.html")
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "script-src" not in answer.headers["content-security-policy"]
+    assert all(
+        word in answer.text for word in ("Registrierungsbericht", "Schlussfolgerung", "Umbau &lt;b&gt;7&lt;/b&gt;")
+    )
+    assert job in answer.text
+
+
+def test_the_order_stands_beside_what_was_reached(service: RunningService, job: str) -> None:
+    check = service.result(job)["tolerance"]
+    assert (check["std_m"], check["std_gon"], check["verdict"]) == (0.02, 0.5, "met")
+    assert 0.0 < check["reached_std_m"] < 0.02
+    assert check["stations"][0]["middle_std_m"] <= check["stations"][0]["std_m"]
+
+
+@pytest.mark.skipif(not can_print(), reason="PlutoPrint has no wheel for this machine")
+def test_the_report_is_there_as_pdf_with_its_size(service: RunningService, job: str) -> None:
+    listed = {artifact["name"]: artifact for artifact in service.result(job)["artifacts"]}
+    answer = service.http.get(f"/jobs/{job}/artifacts/report.pdf")
+    assert answer.headers["content-type"] == "application/pdf"
+    assert len(answer.content) == listed["report.pdf"]["bytes"]
+    assert answer.content.startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "pointer"),
+    [
+        ({"report": {"lang": "fr"}}, "/inputs/report/lang"),
+        ({"report": {"projekt": "x"}}, "/inputs/report/projekt"),
+        ({"report": {"client": "a\nb"}}, "/inputs/report/client"),
+        ({"tolerance": {}}, "/inputs/tolerance"),
+        ({"tolerance": {"std_m": -1.0}}, "/inputs/tolerance/std_m"),
+    ],
+)
+def test_an_order_that_makes_no_sense_is_refused_with_its_place(
+    service: RunningService, wrong: dict[str, object], pointer: str
+) -> None:
+    stations = [{"name": name, "scan": {"file": "f" * 32}} for name in ("A", "B")]
+    answer = service.http.post("/processes/register/execution", json={"inputs": {"stations": stations, **wrong}})
+    assert answer.status_code == 400
+    assert pointer in [error["pointer"].removeprefix("#") for error in answer.json()["errors"]]
