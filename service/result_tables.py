@@ -27,7 +27,7 @@ MOST_PAIRS = 10
 
 
 def print_result(console: Console, result: Document) -> None:
-    """Print verdict and poses first, then what was compared, the pairs with their reasons, and at most five outliers."""
+    """Print verdict and poses, then what was compared, the pairs with their reasons, and at most five outliers."""
     console.print(f"[bold]{result['status']}[/bold]{_tolerance(result.get('tolerance'))}")
     for station in result["stations"]:
         console.print(*_station(station), sep="\n")
