@@ -11,7 +11,7 @@ from schemas.execution import FileOutputRequest
 from schemas.file_references import FileReference
 from schemas.method_options import options_model
 from schemas.posed_stations import PosedStations
-from schemas.register_inputs import StationName
+from schemas.station_names import StationName
 from schemas.units import StatedUnit
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from pydantic import Discriminator, Field, Tag
 from schemas.base import RequestModel
 from schemas.photos import StationPhoto
 from schemas.reference_poses import ReferencePose
-from schemas.register_inputs import MAX_PHOTOS, ScanReference, StationName
+from schemas.register_inputs import MAX_PHOTOS, ScanReference
 from schemas.rigid_matrix import RigidMatrix
+from schemas.station_names import StationName
 
 JobId: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
 

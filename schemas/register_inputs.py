@@ -12,12 +12,10 @@ from schemas.photos import StationPhoto
 from schemas.reference_poses import Reference
 from schemas.registration_methods import ComparedMethod, DefaultMethod, MethodRequest
 from schemas.report_options import ReportOptions, Tolerance
+from schemas.starts import ChosenStart
+from schemas.station_names import StationName
 from schemas.text_columns import StatedColumns
 from schemas.units import StatedUnit
-
-StationName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^\w[\w .()+-]*$")]
-"""Letters, digits, `_`, blank, `.`, `(`, `)`, `+`, `-`; it names stations in results and downloads."""
-
 
 PairChoice: TypeAlias = Annotated[
     Annotated[Literal["auto"], Tag("auto")]
@@ -26,7 +24,7 @@ PairChoice: TypeAlias = Annotated[
 ]
 
 
-MAX_PHOTOS = 200
+MAX_PHOTOS, MAX_STARTS = 200, 1000
 MAX_METHODS = 20
 
 
@@ -88,6 +86,11 @@ class RegisterInputs(RequestModel):
     """Whose frame becomes the world frame."""
     control: NotYetList = Field(default=[], title="Control")
     """Control points; not supported yet."""
+    starts: list[ChosenStart] = Field(default=[], max_length=MAX_STARTS, title="Chosen starts")
+    """Where a person says that stations lie to each other, a pair each, where the scans alone do not tell: by points
+    picked in both scans, or by a pose such as one of two alternatives. The pair is adjusted from there on and judged as
+    strictly as any other, the search's own pose standing beside it as its rival; where the scans leave several poses
+    possible, the choice decides. The result document says who chose (`pairs[].start`)."""
     reference: dict[StationName, Reference] | None = Field(default=None, title="Reference poses")
     """Known poses (world_from_scan) by station name, to compare the answer with: the 4×4 matrix, row by row, or an
     object with matrix and standard deviations."""

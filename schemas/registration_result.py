@@ -13,6 +13,7 @@ from schemas.method_comparison import MethodComparison
 from schemas.network import Network
 from schemas.own_figures import OwnFigures
 from schemas.poses import Document, Pose, Row4
+from schemas.starts import StartDocument
 from schemas.tolerance_check import ToleranceCheck
 
 
@@ -191,6 +192,9 @@ class Pair(Document):
     pose_parts: list[PosePart] = Field(default=[], description="What that pose is made of, the largest share first.")
     surfaces: SurfaceFigures | None = Field(default=None, description="Null: the method does not use surfaces.")
     model: ModelTests | None = Field(default=None, description="Null: there is no pose to test.")
+    start: StartDocument | None = Field(
+        default=None, description="The start that somebody chose; null: the scans alone were asked."
+    )
     coarse: Coarse | None
     """How it was found; null: the method searches nothing."""
     adjustment: Adjustment | None = Field(

@@ -101,7 +101,7 @@ class SceneStage(Document):
 class ScenePose(Document):
     """A pose in which two stations may lie to each other."""
 
-    name: str = Field(description="answer, search or runner-up")
+    name: str = Field(description="answer, start, search or runner-up")
     title: str
     """What it is, in words."""
     target_from_source: Matrix

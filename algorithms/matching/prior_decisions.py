@@ -105,7 +105,7 @@ def _names(priors: PairPriors) -> str:
 def _left_out(priors: PairPriors) -> str:
     known = [
         what
-        for what, fact in (("the levelling", priors.tilt_std_rad), ("the approximate poses", priors.target_from_source))
+        for what, fact in (("the levelling", priors.tilt_std_rad), (priors.in_words, priors.target_from_source))
         if fact is not None
     ]
     return (

@@ -49,6 +49,14 @@ class PairPriors:
 
     target: StationPrior
     source: StationPrior
+    chosen_by: str | None = None
+    """Who chose the pose between them for the search to start from; None: nobody did, the approximate poses of the
+    stations tell it."""
+
+    @property
+    def in_words(self) -> str:
+        """What tells the approximate pose of the pair."""
+        return "the approximate poses" if self.chosen_by is None else f"the start that {self.chosen_by} chose"
 
     @property
     def tilt_std_rad(self) -> float | None:
@@ -66,7 +74,7 @@ class PairPriors:
 
     def exchanged(self) -> "PairPriors":
         """Give the same with target and source exchanged."""
-        return PairPriors(self.source, self.target)
+        return PairPriors(self.source, self.target, self.chosen_by)
 
     def proposed(self, found: Motions) -> Motions:
         """Leave out hypotheses that tilt levelled instruments, and add the approximate pose as one more.
@@ -146,7 +154,7 @@ class PairPriors:
             tests = self._statistics(rotations, translations, *slack)
             if max(float(test[0]) for test in tests) > _critical():
                 said.append(
-                    f"this pose contradicts the approximate poses of {names}: it is turned by "
+                    f"this pose contradicts {self.in_words} of {names}: it is turned by "
                     f"{np.linalg.norm(turn[0]) * GON_PER_RAD:.1f} gon and shifted by {np.linalg.norm(shift[0]):.2f} m "
                     f"(statistics {float(tests[0][0]):.3g} and {float(tests[1][0]):.3g}, limit {_critical():.1f})"
                 )

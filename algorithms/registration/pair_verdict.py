@@ -20,6 +20,7 @@ from algorithms.matching.coarse_registration import CoarseRegistration, match_fe
 from algorithms.matching.degeneracy import features_in_words
 from algorithms.matching.directions import comes_first
 from algorithms.matching.options import MatchingOptions
+from algorithms.matching.polish import polished
 from algorithms.matching.surface_fit import surface_pose_covariance, surface_pose_near
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
@@ -34,6 +35,8 @@ WORST_STD_M = 0.02
 """Where the worst determined motion has a larger standard deviation, the geometry does not carry the pose."""
 OTHER_POSE_RAD, OTHER_POSE_M = np.radians(4.5), 0.3
 """Poses farther apart than this are clearly different ones, as for the runner-up of the search."""
+POLISH_M, POLISH_POINTS = (0.6, 0.3, 0.15), 3000
+"""From a proposed pose to one that the estimate may start from: largest distances of corresponding surface."""
 MOST_SIGMA0 = 4.0
 """Residuals so many times what the noise explains are no unevenness of walls (up to 2): the model is wrong."""
 LEAST_PHOTO_LINES = 10
@@ -53,7 +56,7 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
         Of the search.
     """
     try:
-        return match_features(problem.target, problem.source, options, priors=problem.priors)
+        return _from_choice(problem, match_features(problem.target, problem.source, options, priors=problem.priors))
     except DegenerateGeometryError as error:
         return replace(
             PairResult.without_pose(PairStatus.DEGENERATE, str(error)),
@@ -69,6 +72,22 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
         return PairResult.without_pose(
             PairStatus.REJECTED, f"no pose lays the scans on each other: {error} ({'; '.join(found)})"
         )
+
+
+def _from_choice(problem: RegistrationProblem, search: CoarseRegistration) -> CoarseRegistration:
+    """Go on from the pose that somebody chose, laid surface on surface; the search's own becomes its rival."""
+    if problem.priors is None or problem.priors.chosen_by is None:
+        return search
+    chosen = problem.priors.target_from_source
+    if chosen is None:
+        return search
+    surfaces = problem.target.index, problem.source.index
+    start = polished(chosen, *surfaces, distances_m=POLISH_M, points=POLISH_POINTS)
+    remark = f"{problem.priors.chosen_by} chose where the search starts"
+    found = beside(problem.source, search, start)
+    if found.support:  # the search has found the same, and knows more of it
+        found = search
+    return replace(found, remarks=(*found.remarks, remark))
 
 
 def rigidity_of(problem: RegistrationProblem, pose: PoseEstimate, verdict: Verdict) -> Rigidity | None:

@@ -21,11 +21,9 @@ from algorithms.matching.polish import polished
 from algorithms.progress import Progress
 from algorithms.registration.auto_registration import estimated_and_judged
 from algorithms.registration.base import ConvergenceStep, OwnFigures, PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.pair_verdict import beside, searched
+from algorithms.registration.pair_verdict import POLISH_M, POLISH_POINTS, beside, searched
 from algorithms.registration.surface_options import SurfaceOptions
 
-POLISH_M, POLISH_POINTS = (0.6, 0.3, 0.15), 3000
-"""From a proposed pose to one that the estimate may start from: largest distances of corresponding surface."""
 SIGNIFICANT = 0.001
 """Probability with which a pose is said to contradict the rigorous one by chance."""
 

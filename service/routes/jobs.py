@@ -119,6 +119,12 @@ def get_log(job_id: str, adapters: AdaptersDependency) -> Response:
     return PlainTextResponse("".join(lines), headers={"X-Content-Type-Options": "nosniff"})
 
 
+@router.get("/jobs/{job_id}/inputs", summary="Inputs of a job")
+def get_inputs(job_id: str, adapters: AdaptersDependency) -> dict[str, Any]:
+    """Give what the job was asked for, defaults filled in, as it may be sent again with something changed."""
+    return find_job(job_id, adapters.jobs).inputs
+
+
 @router.get("/jobs/{job_id}/artifacts", summary="Downloads of a job")
 def list_artifacts(job_id: str, adapters: AdaptersDependency, url: BaseUrlDependency) -> ArtifactList:
     """List the downloads of a job."""

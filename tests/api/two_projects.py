@@ -1,6 +1,7 @@
 """A service whose stores are those of production, with two projects that know nothing of each other."""
 
 import asyncio
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -18,6 +19,7 @@ from service.adapters.database.jobs import DatabaseJobStore, migrate
 from service.adapters.database.keys import DatabaseKeyStore
 from service.adapters.database.tables import connect
 from service.dependencies import AccessStores, Adapters
+from service.names.scene_keys import scene_key
 from service.ports import LogLine
 from service.settings import Settings
 from service.use_cases.access.manage_keys import create_key
@@ -32,6 +34,14 @@ FILE_OF_ALICE = "bridge-of-alice.xyz"
 CONTENT_OF_ALICE = b"1 2 3 of alice\n"
 LINE_OF_ALICE = "features of the bridge of alice"
 REPEATED = "the-key-of-alice"
+STATION_OF_ALICE: dict[str, Any] = {
+    "name": "of alice", "status": "fixed", "world_from_scan": None, "covariance": None, "noise_std_m": 0.002,
+    "points": 1, "sensor_m": None, "bounds_m": [[0, 0, 0], [1, 1, 1]], "lines": [], "planes": [], "cylinders": [],
+}  # fmt: skip
+SCENE_OF_ALICE = {
+    "stations": [STATION_OF_ALICE], "stages": [], "pairs": [],
+    "points": [["features/a/points", "features/a/points.json"]],
+}  # fmt: skip
 
 
 class TwoProjects:
@@ -65,6 +75,9 @@ class TwoProjects:
         self.adapters.log.write(job_id, [LogLine(NOW, "info", LINE_OF_ALICE)])
         self.adapters.blobs.write_bytes(f"jobs/{job_id}/result.json", b'{"stringInput": "of alice"}')
         self.adapters.blobs.write_bytes(f"jobs/{job_id}/artifacts/report.html", b"<p>of alice</p>")
+        self.adapters.blobs.write_bytes(scene_key(job_id), json.dumps(SCENE_OF_ALICE).encode())
+        self.adapters.blobs.write_bytes("features/a/points", b"points of alice")
+        self.adapters.blobs.write_bytes("features/a/points.json", b"{}")
         return job_id
 
     def _pending_upload(self) -> str:

@@ -174,6 +174,8 @@ def _grown(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
         if stage == len(outputs):
             return _Pairs([_choice_call(job, outputs[0], done)], done, stage)
         chosen = outputs[stage][0]["pairs"]
+        if stage == 1:
+            chosen = _with_starts(chosen, job["inputs"])
         if not chosen:
             return _Pairs(None, done, stage + 1)
         if stage + 1 == len(outputs):
@@ -205,6 +207,7 @@ def _pair_calls(
                 "target": sides[target],
                 "source": sides[source],
                 "method": job["inputs"]["method"],
+                **_start_of(job["inputs"], target, source),
             },
             f"registering {source} to {target}",
             weight=PAIR_WEIGHT,
@@ -228,6 +231,19 @@ def _comparing_calls(
         for number, (name, method) in enumerate(methods.items())
         for call in _pair_calls(job, features, tried, 0)
     ]
+
+
+def _start_of(inputs: Json, target: str, source: str) -> Json:
+    """Give the start that somebody chose for a pair, if there is one."""
+    chosen = [each for each in inputs.get("starts", ()) if {each["target"], each["source"]} == {target, source}]
+    return {"start": chosen[0]} if chosen else {}
+
+
+def _with_starts(chosen: Sequence[Sequence[str]], inputs: Json) -> Sequence[Sequence[str]]:
+    """Add the pairs for which somebody chose a start to those of the first round."""
+    known = [set(pair) for pair in chosen]
+    starts = [[each["target"], each["source"]] for each in inputs.get("starts", ())]
+    return [*chosen, *(pair for pair in starts if set(pair) not in known)]
 
 
 def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:

@@ -153,6 +153,10 @@ def scene_pair(pair: Pair) -> ScenePair:
 def _poses_of(pair: Pair) -> Iterable[ScenePose]:
     if pair.target_from_source is not None:
         yield ScenePose(name="answer", title="the answer, adjusted", target_from_source=pair.target_from_source.matrix)
+    if pair.start is not None:
+        yield ScenePose(
+            name="start", title=f"what {pair.start.chosen_by} chose", target_from_source=pair.start.target_from_source
+        )
     coarse = pair.coarse
     if coarse is None:
         return

@@ -56,13 +56,16 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     from algorithms.registration.base import RegistrationProblem
     from service.use_cases.documents.line_counts import line_counts
     from service.use_cases.documents.pair_documents import pair_document, photo_line_counts
+    from service.use_cases.steps.chosen_starts import chosen_start
     from service.use_cases.steps.pair_remarks import distrusted_if_copied, remarks_on_scans
     from service.use_cases.steps.station_priors import priors_of_pair
     from service.use_cases.steps.timed_progress import TimedProgress
 
     target, source = arguments["target"], arguments["source"]
     features = [load_features(context.blobs.local_path(side["features"])) for side in (target, source)]
-    priors = priors_of_pair(target, source, features[0].origin_m, features[1].origin_m)
+    origins = features[0].origin_m, features[1].origin_m
+    start = None if arguments.get("start") is None else chosen_start(arguments["start"], target["name"], *origins)
+    priors = priors_of_pair(target, source, *origins) if start is None else start.priors(target, source)
     problem = RegistrationProblem(features[0], features[1], priors)
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
@@ -78,7 +81,8 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     sides = (result.fine, problem.target, problem.source)
     names = {"target": target["name"], "source": source["name"]}
     counts = {"line_counts": line_counts(*sides, **names), "photo_lines": photo_line_counts(*sides, **names)}
-    document = document.model_copy(update=counts)
+    chosen = None if start is None else start.document(result, problem.target, problem.source)
+    document = document.model_copy(update={**counts, "start": chosen})
     return RegisteredPair(problem, result, document, seconds)
 
 

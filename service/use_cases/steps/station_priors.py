@@ -27,7 +27,7 @@ def priors_of_pair(target: Json, source: Json, target_origin_m: Vector3, source_
     """
     if not (target.get("known") and source.get("known")):
         return None
-    return PairPriors(*(_prior(side, at) for side, at in ((target, target_origin_m), (source, source_origin_m))))
+    return PairPriors(_prior(target, target_origin_m), _prior(source, source_origin_m))
 
 
 def approximate_pose(request: Json | list[list[float]], origin_m: Vector3) -> PoseEstimate:
