@@ -7,7 +7,7 @@ from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
 from schemas.file_references import FileReference
-from schemas.register_inputs import StationName
+from schemas.station_names import StationName
 from schemas.units import StatedUnit
 
 SceneName: TypeAlias = Literal[
