@@ -51,6 +51,9 @@ def report_pdf(page: str, messages: Messages, *, footer: str, created: str | Non
                 raise ValueError(f"a report refers to {url[:100]}")
             return plutoprint.ResourceData((FONTS / name).read_bytes(), "font/ttf")
 
+    own_settings = Path(plutoprint.__file__).parent / "fontconfig"
+    if own_settings.is_dir():  # those of the system are out of reach of a computing process
+        plutoprint.plutobook_set_fontconfig_path(str(own_settings))
     book = plutoprint.Book(plutoprint.PAGE_SIZE_A4)
     book.custom_resource_fetcher = OwnFonts()
     book.load_html(page, user_style=_print_style(messages, footer))
