@@ -124,8 +124,10 @@ def _checks(document: RegistrationDocument, messages: Messages) -> Iterator[str]
         yield messages("conclusion.no-loops")
     else:
         failed = sum(not loop.passed for loop in network.loops)
-        key = "conclusion.loops-close" if failed == 0 else "conclusion.loops-fail"
-        yield messages(key, count=len(network.loops), failed=failed)
+        if failed:
+            yield messages("conclusion.loops-fail", count=len(network.loops), failed=failed)
+        else:
+            yield messages.counted("conclusion.loops-close", len(network.loops))
         alone = [f"{link.source} → {link.target}" for link in network.links if link.state == "uncontrolled"]
         if alone:
             yield messages("conclusion.uncontrolled", names=_names(alone, messages))

@@ -1,5 +1,6 @@
 """The report for people: one HTML file with tables, drawings and pictures that needs nothing beside it."""
 
+import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,6 +43,8 @@ MOST_PAIRS = 40
 """Longer protocols are of nobody's use on paper; the downloads have all pairs."""
 FEWEST_ROWS, ALL_ROWS = 20, 240
 """Rows of the tables of a pair, and of those of all pairs together about; what is left out stands in the CSV."""
+MOST_PICTURE_POINTS = 1_000_000
+"""Of all stations together: some 100 MB while the pictures are drawn."""
 LETTERS = {"omega_gon": "ω", "phi_gon": "φ", "kappa_gon": "κ", "tx_m": "X", "ty_m": "Y", "tz_m": "Z"}
 
 
@@ -196,11 +199,12 @@ def _pictures(
 ) -> dict[str, Any] | None:
     """Draw the clouds of all stations that have a pose; nothing where that is one alone."""
     parts = []
+    every = math.ceil(sum(len(scan.surface_m) for scan in scans.values()) / MOST_PICTURE_POINTS)
     for station in document.stations:
         if station.world_from_scan is not None and len(scans[station.name].surface_m):
             scan = scans[station.name]
             world_from_scan = RigidTransform.from_matrix(np.array(station.world_from_scan.matrix))
-            points = world_from_scan.apply(scan.surface_m + scan.origin_m)
+            points = world_from_scan.apply(scan.surface_m[::every] + scan.origin_m)
             parts.append(StationCloudPart(station.name, points, scan.spacing_m))
     found: CloudPictures | None = cloud_pictures(parts) if len(parts) > 1 else None
     if found is None:

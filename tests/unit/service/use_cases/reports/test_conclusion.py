@@ -4,11 +4,13 @@ from typing import Any
 
 import pytest
 
+from schemas.network import LoopClosure
 from schemas.registration_result import Provenance, RegistrationDocument, Station
 from schemas.tolerance_check import StationPrecision, ToleranceCheck, ToleranceReason
 from service.names.messages.catalogue import LANGUAGES, Language, messages_in
 from service.use_cases.documents.pose_documents import fixed_pose_document
 from service.use_cases.reports.conclusion import conclusion, tolerance_headline
+from tests.unit.service.use_cases.documents.test_tolerance_documents import network
 from tests.unit.service.use_cases.steps.test_registration_report import motion, pair
 
 KEPT = {"en": "is kept", "de": "ist eingehalten"}
@@ -114,3 +116,17 @@ def test_two_stations_have_no_loop_and_the_conclusion_says_so() -> None:
 def test_an_older_document_without_tolerance_is_not_judged() -> None:
     found: Any = document("met").model_copy(update={"tolerance": None})
     assert "No tolerance was stated" in said(found, "en")
+
+
+@pytest.mark.parametrize(("passed", "words"), [
+    ([True], "The 1 loop of registrations closes"),
+    ([True, True], "All 2 loops of registrations close"),
+    ([True, False], "Of 2 loops of registrations 1 do not close"),
+])  # fmt: skip
+def test_loops_are_told_as_they_close(passed: list[bool], words: str) -> None:
+    loops = [
+        LoopClosure(stations=["A", "B"], rotation_gon=0.0, translation_m=0.0, statistic=1.0, critical=2.0, passed=each)
+        for each in passed
+    ]
+    found = document("met").model_copy(update={"network": network("used").model_copy(update={"loops": loops})})
+    assert words in said(found, "en")
