@@ -22,3 +22,7 @@ class InstrumentDocument(ResponseModel):
     """End of the measurement, UTC."""
     file_date: str | None = None
     """Day on which the file was written; of LAS, which does not state the time of measurement."""
+
+
+class MeasuringInstrument(InstrumentDocument):
+    """What the file of a scan says of its instrument, in the result of a job."""

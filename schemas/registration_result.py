@@ -8,7 +8,7 @@ from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDir
 from schemas.cleaning_figures import CleaningStep
 from schemas.comparison import ComparedParameter, StationComparison
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
-from schemas.instruments import InstrumentDocument
+from schemas.instruments import MeasuringInstrument
 from schemas.method_comparison import MethodComparison
 from schemas.network import Network
 from schemas.own_figures import OwnFigures
@@ -318,7 +318,7 @@ class InputFile(Document):
     """Hash of the file's content."""
     unit: str | None = Field(default=None, description="Of the coordinates, as the request states it.")
     columns: str | None = Field(default=None, description="Of a text table, as the request of the job states them.")
-    instrument: InstrumentDocument | None = Field(
+    instrument: MeasuringInstrument | None = Field(
         default=None, description="What the scan's file says of instrument and time; null: nothing."
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from schemas.instruments import InstrumentDocument
+from schemas.instruments import MeasuringInstrument
 from schemas.registration_result import InputFile
 from service.names.messages.catalogue import Messages
 
@@ -53,7 +53,7 @@ def settings_in_rows(method: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [(name, _short(value)) for name, value in _flat(method, "")]
 
 
-def _identity(stated: InstrumentDocument) -> tuple[str, str, str] | None:
+def _identity(stated: MeasuringInstrument) -> tuple[str, str, str] | None:
     found = (stated.make or "", stated.model or "", stated.serial or "")
     return found if any(found) else None
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
-from schemas.instruments import InstrumentDocument
+from schemas.instruments import MeasuringInstrument
 from schemas.registration_result import InputFile, Overlap, RegistrationDocument
 from schemas.report_options import ReportOptions
 from service.names.messages.catalogue import all_messages, messages_in
@@ -70,7 +70,7 @@ def test_hostile_names_are_text_and_nothing_else() -> None:
     found = document("met")
     hostile = found.pairs[0].model_copy(update={"reasons": [HOSTILE]})
     file = InputFile(
-        station="A", file="f", name=HOSTILE, index=0, sha256="ab", instrument=InstrumentDocument(make=HOSTILE)
+        station="A", file="f", name=HOSTILE, index=0, sha256="ab", instrument=MeasuringInstrument(make=HOSTILE)
     )
     inputs = found.provenance.model_copy(update={"inputs": [file]})
     page = rendered(
@@ -145,7 +145,7 @@ def test_a_report_without_any_pose_is_a_report_all_the_same(status: str) -> None
 
 def test_instruments_are_named_once_and_the_span_of_time_is_that_of_all() -> None:
     def scan(station: str, serial: str, begun: str, ended: str) -> InputFile:
-        stated = InstrumentDocument(
+        stated = MeasuringInstrument(
             make="RIEGL", model="VZ", serial=serial, measured_from=f"2026-11-{begun}Z", measured_to=f"2026-11-{ended}Z"
         )
         return InputFile(station=station, file="f", index=0, sha256="ab", instrument=stated)
