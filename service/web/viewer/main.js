@@ -298,14 +298,16 @@ class Application {
     if (found) this._tellPoint(found);
   }
 
+  // Distance between two marks ({station, point}) and its standard deviation, where the stations lie now.
+  distance(marks) { return distanceWithStd(...marks.map((mark) => this.viewer.end(mark))); }
+
   _measured(found) {
     if (this.measured.length === 2) this.measured = [];
     this.measured.push(found);
     const marks = this.measured.map((mark, k) => ({ ...mark, text: "AB"[k] }));
     this.viewer.setMarks(marks, marks.length === 2 ? [marks] : []);
     if (marks.length < 2) { this.say(`A: a point of ${found.station}. Choose the second point.`); return; }
-    this.lastDistance = distanceWithStd(...marks.map((mark) => this.viewer.end(mark)));
-    const { distance_m: distance, std_m: std, difference } = this.lastDistance;
+    const { distance_m: distance, std_m: std, difference } = this.distance(marks);
     const same = marks[0].station === marks[1].station;
     this._tell("Distance", [
       ["A, B", `${marks[0].station}, ${marks[1].station}`],
@@ -457,8 +459,17 @@ class Application {
   }
 }
 
+// The page may leave the style sheet to the viewer: it lies beside the script.
+function addStyle() {
+  if (document.querySelector('link[href$="viewer.css"]')) return;
+  const script = document.querySelector('script[src$="viewer.js"]');
+  const href = script ? script.src.replace(/viewer\.js$/, "viewer.css") : "/static/viewer.css";
+  document.head.append(element("link", { rel: "stylesheet", href }));
+}
+
 const root = document.getElementById("viewer");
 if (root?.dataset.job) {
+  addStyle();
   const application = new Application(root);
   window.tielineViewer = application; // for tests, and for whoever is curious
   application.start();

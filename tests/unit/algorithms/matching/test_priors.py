@@ -179,6 +179,54 @@ def test_approximate_poses_that_fit_no_possible_pose_decide_nothing() -> None:
     assert registered(features, approximate(target, wrong * source)).status is PairStatus.AMBIGUOUS
 
 
+def chosen(target: RigidTransform, source: RigidTransform, std_m: float = 0.1) -> PairPriors:
+    """Give what a person says who picked points, or confirmed one of several poses."""
+    fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
+    said = PoseEstimate(target.inv() * source, np.diag([0.02**2] * 3 + [std_m**2] * 3))
+    north, south = StationPrior("North", None, fixed), StationPrior("South", None, said)
+    return PairPriors(north, south, chosen_by="a person")
+
+
+def test_a_start_that_a_person_chose_decides_what_a_symmetric_room_leaves_open_and_is_told() -> None:
+    features, poses = symmetric_room()
+    result = registered(features, chosen(*reduced(poses, features)))
+    assert (result.status, is_right(result, poses)) == (PairStatus.ACCEPTED, True)
+    assert "a person chose where the search starts" in result.reasons
+
+
+def test_a_person_may_confirm_the_other_pose_of_an_ambiguous_pair() -> None:
+    features, _poses = symmetric_room()
+    open_ = registered(features, None)
+    assert open_.status is PairStatus.AMBIGUOUS
+    assert open_.coarse is not None
+    assert open_.coarse.runner_up is not None
+    confirmed = registered(features, chosen(RigidTransform.identity(), open_.coarse.runner_up))
+    assert confirmed.fine is not None
+    off = confirmed.fine.adjustment.pose.target_from_source.inv() * open_.coarse.runner_up
+    assert np.linalg.norm(off.translation) < 0.1
+    assert confirmed.status is PairStatus.ACCEPTED
+
+
+def test_a_start_that_the_scans_refute_is_followed_but_not_accepted_and_the_searchs_own_pose_is_its_rival() -> None:
+    features, poses = scene_features("pipe_hall")
+    target, source = reduced(poses, features)
+    wrong = RigidTransform.from_translation([6.0, 2.0, 0.0])
+    result = registered(features, chosen(target, wrong * source))
+    assert result.status not in {PairStatus.ACCEPTED, PairStatus.DOUBTFUL}
+    assert result.coarse is not None
+    assert result.coarse.runner_up is not None
+    rival = result.coarse.runner_up.inv() * (target.inv() * source)
+    assert np.linalg.norm(rival.translation) < 0.1
+
+
+def test_a_rough_but_right_start_changes_no_clear_answer() -> None:
+    features, poses = scene_features("pipe_hall")
+    target, source = reduced(poses, features)
+    rough = RigidTransform.from_components([0.15, -0.1, 0.1], Rotation.from_rotvec([0.01, 0.0, 0.03]))
+    result = registered(features, chosen(target, source * rough, std_m=0.2))
+    assert (result.status, is_right(result, poses)) == (PairStatus.ACCEPTED, True)
+
+
 def test_a_wrong_approximate_pose_neither_bends_the_answer_nor_goes_unsaid() -> None:
     features, poses = scene_features("pipe_hall")
     target, source = reduced(poses, features)
