@@ -15,6 +15,7 @@ import structlog
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.staticfiles import StaticFiles
 
 from service.adapters.database.audit import DatabaseAuditLog
 from service.adapters.database.executors import DatabaseExecutors
@@ -48,6 +49,7 @@ from service.routes import (
     landing,
     metrics,
     openapi_30,
+    pages,
     processes,
     registrations,
     scenes,
@@ -62,6 +64,7 @@ from service.routes.gate import Doorway, Gate
 from service.routes.problems import PROBLEM_SCHEMA, install_error_handlers
 from service.routes.repeated_requests import RepeatedRequests
 from service.settings import Settings
+from service.use_cases.access.browser_sessions import BrowserSessions
 from service.use_cases.access.check_access import Gatekeeper
 from service.use_cases.limits.check_readiness import ReadinessWatch, check_readiness
 from service.use_cases.limits.quotas import Belongings
@@ -69,6 +72,7 @@ from service.use_cases.uploads.clean_up import Cleaner
 from service.use_cases.uploads.forget_old import forget_old
 from service.use_cases.uploads.receive_uploads import UploadDesk
 from service.use_cases.uploads.upload_threads import step_back
+from service.web.page_rendering import STATIC
 
 THREADS = 16
 """In which requests are answered. More would not answer more, only wait for each other and keep memory."""
@@ -174,6 +178,8 @@ def create_app(
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
+    app.state.sessions = BrowserSessions(settings)
+    app.router.routes.extend(pages.ROUTES)  # before those that answer programs at the same addresses
     app.include_router(jobs.status_router)
     for resource in (
         landing,
@@ -191,6 +197,7 @@ def create_app(
         metrics,
     ):
         app.include_router(resource.router)
+    app.mount("/static", StaticFiles(directory=STATIC))
     install_error_handlers(app)
     app.state.gatekeeper = Gatekeeper(access.keys, settings)
     app.add_middleware(DescribedOnce)

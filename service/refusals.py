@@ -64,6 +64,30 @@ class ForeignRequestError(ServiceError):
         )
 
 
+class ForeignPageError(ServiceError):
+    """Say that a browser's session is good for requests of this service's own pages only."""
+
+    status, title = 403, "Not from a page of this service"
+
+    def __init__(self) -> None:
+        super().__init__(
+            "a browser sent its session along with a change that no page of this service has asked for; a program "
+            "sends its key in the header `Authorization: Bearer …`"
+        )
+
+
+class NoSessionsError(ServiceError):
+    """Say that browsers cannot log in."""
+
+    status, title = 503, "No sessions for browsers"
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the machines of this service share no secret with which sessions could be sealed; its operator gives all "
+            "of them the same TIELINE_CALLBACK_SECRET"
+        )
+
+
 class OpenToAllError(ServiceError):
     """Say that a service would be open to everybody."""
 

@@ -1,11 +1,14 @@
 """What a client wants to get, from its Accept header (RFC 9110, 12.5.1)."""
 
+from functools import lru_cache
+
 
 def accepts_plain_json_only(accept: str) -> bool:
     """Tell whether `application/json` is all that a client takes."""
     return {name for name, _ in _ranges(accept)} == {"application/json"}
 
 
+@lru_cache(maxsize=200)
 def prefers_html(accept: str) -> bool:
     """Tell whether a client, such as a browser, would rather see a page than JSON."""
     weights = dict(_ranges(accept))

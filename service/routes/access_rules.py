@@ -8,8 +8,8 @@ PUBLIC = frozenset(
         "/",
         "/conformance",
         "/docs",
-        "/docs/oauth2-redirect",
         "/healthz",
+        "/login",
         "/openapi-3.0.json",
         "/openapi.json",
         "/processes",
@@ -18,14 +18,18 @@ PUBLIC = frozenset(
     }
 )
 """What describes the service and tells how it is; it says nothing of anybody's files and jobs."""
-PUBLIC_BELOW = ("/processes/",)
+PUBLIC_BELOW = ("/processes/", "/static/")
+SESSIONS = frozenset({"/login", "/logout"})
+"""Where a browser's session begins and ends: by what a page of this service sends, and without a key."""
 KEYS_ONLY = ("/keys", "/audit")
 """Nobody sees or changes these as long as everybody may come in without a key."""
 
 
 def is_public(method: str, path: str) -> bool:
     """Tell whether a request needs no key."""
-    return method == "OPTIONS" or (method in SAFE and (path in PUBLIC or path.startswith(PUBLIC_BELOW)))
+    if method == "OPTIONS" or (method == "POST" and path in SESSIONS):
+        return True
+    return method in SAFE and (path in PUBLIC or path.startswith(PUBLIC_BELOW))
 
 
 def needs_keys_in_use(path: str) -> bool:

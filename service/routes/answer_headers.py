@@ -50,7 +50,10 @@ def add_headers(headers: MutableHeaders, *, public: bool = False) -> None:
     """Add what an answer does not say by itself; `public`: it is the same for everybody."""
     for name, value in ALWAYS.items():
         headers.setdefault(name, value)
-    page = headers.get("content-type", "").startswith(("text/html", "image/svg"))
+    kind = headers.get("content-type", "")
+    if kind.startswith(("text/html", "application/json", "application/problem+json")):
+        headers.add_vary_header("Accept")  # many addresses have a page for people and a document for programs
+    page = kind.startswith(("text/html", "image/svg"))
     headers.setdefault("Content-Security-Policy", PAGE if page else NOTHING)
     if not public:
         headers.setdefault("Cache-Control", OWN)

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.routes.access_rules import PUBLIC, PUBLIC_BELOW
+from service.routes.accepted_types import prefers_html
+from service.routes.access_rules import PUBLIC
 from service.use_cases.access.service_proof import CHALLENGE_HEADER
 
-CHANGING = frozenset({"/healthz", "/readyz"})
+CHANGING = frozenset({"/healthz", "/login", "/readyz"})
+BELOW = "/processes/"
 MOST_BYTES = 16_000_000
 """Of all answers that are kept: each has the links of the name by which it was asked for."""
 LONGEST_KEY = 2000
@@ -77,9 +79,11 @@ class DescribedOnce:
 
 
 def _describes(scope: Scope) -> bool:
-    path = scope["path"]
-    fixed = (path in PUBLIC and path not in CHANGING) or path.startswith(PUBLIC_BELOW)
-    return fixed and scope["method"] in {"GET", "HEAD"} and CHALLENGE_HEADER not in Headers(scope=scope)
+    path, headers = scope["path"], Headers(scope=scope)
+    fixed = (path in PUBLIC and path not in CHANGING) or path.startswith(BELOW)
+    # a page says to whom it is shown
+    asked_alike = CHALLENGE_HEADER not in headers and not prefers_html(headers.get("accept", ""))
+    return fixed and scope["method"] in {"GET", "HEAD"} and asked_alike
 
 
 async def _send(kept: _Kept, known: str, send: Send, *, head: bool) -> None:

@@ -12,10 +12,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import ServiceError
 from service.ports import AuditEntry, AuditLog
-from service.refusals import ForbiddenError, KeysNotInUseError, UnauthenticatedError
-from service.routes.access_rules import SAFE, is_public, needs_keys_in_use, scopes_for
+from service.refusals import ForbiddenError, ForeignPageError, KeysNotInUseError, UnauthenticatedError
+from service.routes.accepted_types import prefers_html
+from service.routes.access_rules import SAFE, SESSIONS, is_public, needs_keys_in_use, scopes_for
 from service.routes.correlation import request_id_of
 from service.routes.problems import away, error_response
+from service.routes.session_cookies import PAGE_HEADER, session_key
 from service.routes.trusted_requests import TrustedRequests
 from service.settings import Settings
 from service.use_cases.access.check_access import LOOK_AGAIN_S, NOBODY, WITHOUT_KEY, Access, Gatekeeper
@@ -104,9 +106,11 @@ class Gate:
             self._trusted.require(visit.request.scope)
         elif public:
             self._address_rate.require(network_of(visit.remote))
+        if path in SESSIONS and method not in SAFE and not self._trusted.is_of_own_page(visit.request.scope):
+            raise ForeignPageError
         if public:
-            return NOBODY
-        access = await self._gatekeeper.access(visit.request.headers.get("authorization"), visit.remote)
+            return await self._reader_of_page(visit) if visit.wants_page else NOBODY
+        access = await self._gatekeeper.access(self._authorization(visit), visit.remote)
         visit.access = access
         if access is WITHOUT_KEY:
             if needs_keys_in_use(path):
@@ -117,6 +121,31 @@ class Gate:
         if access.scopes.isdisjoint(wanted):
             raise ForbiddenError(wanted[0].value)
         return access
+
+    def _authorization(self, visit: "_Visit") -> str | None:
+        """Give the key that a request brings itself, or that of the session which a browser sends along.
+
+        Raises
+        ------
+        ForeignPageError
+            A browser sends its session along with a change that no page of this service has asked for.
+        """
+        brought = visit.request.headers.get("authorization")
+        key = session_key(visit.request) if brought is None else None
+        if key is None:
+            return brought
+        scope = visit.request.scope
+        own = PAGE_HEADER in visit.request.headers and self._trusted.is_of_own_page(scope)
+        if visit.request.method not in SAFE and not own:
+            raise ForeignPageError
+        return f"Bearer {key}"
+
+    async def _reader_of_page(self, visit: "_Visit") -> Access:
+        """Tell who reads a page that everybody may read."""
+        try:
+            return await self._gatekeeper.access(self._authorization(visit), visit.remote)
+        except UnauthenticatedError:
+            return NOBODY
 
     async def _needs_keys(self, *, public: bool) -> bool:
         """Tell whether nobody may come in without a key; what describes the service is told without its database."""
@@ -168,6 +197,7 @@ class _Visit:
         self.path: str = request.scope["path"]
         self.access = NOBODY
         self.remote = request.client.host if request.client else ""
+        self.wants_page = request.method in SAFE and prefers_html(request.headers.get("accept", ""))
         self.began = time.monotonic()
         self.answered = False
 

@@ -9,12 +9,11 @@ from schemas.landing import Conformance, LandingPage
 from schemas.links import Link
 from service.dependencies import BaseUrl, BaseUrlDependency, SettingsDependency
 from service.routes import openapi_30
-from service.routes.accepted_types import prefers_html
 from service.routes.readable_router import ReadableRouter
 from service.settings import Settings
 from service.use_cases.access.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
 from service.web.interface_page import interface_html
-from service.web.landing_page import landing_html
+from service.web.page_rendering import DOCUMENTATION_POLICY, documentation_html
 
 OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
 CLASS = "http://www.opengis.net/spec/ogcapi-processes-1/1.0/conf/"
@@ -38,10 +37,7 @@ router = ReadableRouter(tags=["service"])
 async def landing(request: Request, url: BaseUrlDependency, settings: SettingsDependency) -> Response:
     """Link to everything else; a page for browsers."""
     page = _page(url, request.app.version)
-    headers = {"Vary": "Accept", **await _proof(request, settings)}
-    if prefers_html(request.headers.get("accept", "")):
-        return HTMLResponse(landing_html(page), headers=headers)
-    return JSONResponse(page.model_dump(mode="json"), headers=headers)
+    return JSONResponse(page.model_dump(mode="json"), headers=await _proof(request, settings))
 
 
 async def _proof(request: Request, settings: Settings) -> dict[str, str]:
@@ -55,10 +51,14 @@ async def _proof(request: Request, settings: Settings) -> dict[str, str]:
 
 
 @router.get("/docs", include_in_schema=False)
-@router.get("/docs/oauth2-redirect", include_in_schema=False)
+def documentation() -> HTMLResponse:
+    """Describe the interface for people, who can try it there."""
+    return HTMLResponse(documentation_html(TITLE), headers={"Content-Security-Policy": DOCUMENTATION_POLICY})
+
+
 @router.get("/redoc", include_in_schema=False)
-def documentation(request: Request) -> HTMLResponse:
-    """Describe the interface for people."""
+def documentation_without_scripts(request: Request) -> HTMLResponse:
+    """Describe the interface for people in a page without scripts."""
     return HTMLResponse(interface_html(request.app.openapi()))
 
 

@@ -15,9 +15,11 @@ from starlette.requests import ClientDisconnect
 from algorithms.errors import AlgorithmError
 from schemas.problem import ProblemDocument
 from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
-from service.routes.accepted_types import accepts_plain_json_only
+from service.routes.accepted_types import accepts_plain_json_only, prefers_html
+from service.routes.access_rules import SAFE
 from service.routes.answer_headers import ALWAYS, NOTHING, OWN
 from service.routes.correlation import request_id_of
+from service.routes.page_answers import page
 from service.use_cases.inputs.validate_request import pointer_to
 
 PROBLEM_JSON = "application/problem+json"
@@ -49,7 +51,9 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 def problem_response(problem: Problem, request: Request, headers: dict[str, str] | None = None) -> Response:
-    """Answer with a problem document, as plain JSON for clients that accept nothing else."""
+    """Answer with a problem document, as plain JSON for clients that accept nothing else; with a page for browsers."""
+    if request.method in SAFE and prefers_html(request.headers.get("accept", "")):
+        return _problem_page(problem, request, headers or {})
     plain = accepts_plain_json_only(request.headers.get("accept", ""))
     return JSONResponse(
         bounded({**problem, "instance": problem.get("instance", request.scope["path"])}),
@@ -58,6 +62,17 @@ def problem_response(problem: Problem, request: Request, headers: dict[str, str]
         headers={**ALWAYS, "Content-Security-Policy": NOTHING, "Cache-Control": OWN, **(headers or {})},
         media_type="application/json" if plain else PROBLEM_JSON,
     )
+
+
+def _problem_page(problem: Problem, request: Request, headers: dict[str, str]) -> Response:
+    """Say what is wrong; to whom a key is missing, ask for it."""
+    status = problem["status"]
+    if status == HTTPStatus.UNAUTHORIZED:
+        query = request.scope["query_string"].decode("latin-1")
+        back = request.scope["path"] + (f"?{query}" if query else "")
+        return page(request, "login", {"back": back, "refused": False}, status=status, headers=headers)
+    values = {"problem": bounded(problem), "request_id": request_id_of(request.scope)}
+    return page(request, "problem", values, status=status, headers=headers)
 
 
 def error_response(error: Exception, request: Request) -> Response:

@@ -69,6 +69,15 @@ class TrustedRequests:
         if scope["method"] not in SAFE:
             self._require_own_page(scope, headers, place)
 
+    def is_of_own_page(self, scope: Scope) -> bool:
+        """Tell whether a browser says that a page of this service sent a request; silence is no such word."""
+        headers = Headers(scope=scope)
+        site = headers.get("sec-fetch-site")
+        if site is not None:  # no page can write it, and it knows what a proxy has changed of the address
+            return site.strip().lower() == "same-origin"
+        place, origin = _place(headers.get("host", "")), headers.getlist("origin")
+        return place is not None and len(origin) == 1 and self._is_own(origin[0], scope, place)
+
     def _require_no_proxy(self, scope: Scope, headers: Headers) -> None:
         told = [name for name in headers if name in FORWARDED or name.startswith(FORWARDED_BEGINNING)]
         if not told:

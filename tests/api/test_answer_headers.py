@@ -26,7 +26,7 @@ def test_no_answer_can_be_framed_sniffed_or_loaded_by_other_pages(client: Client
     assert answer.status_code == ERRORS.get(path, 200)
     policy = answer.headers["content-security-policy"]
     assert {"default-src 'none'", "frame-ancestors 'none'", "base-uri 'none'"} <= set(policy.split("; "))
-    assert "script" not in policy
+    assert "unsafe" not in policy if path == "/docs" else "script" not in policy
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["cross-origin-resource-policy"] == "same-origin"
 
@@ -97,15 +97,14 @@ def test_descriptions_are_put_together_once(client: Client, monkeypatch: pytest.
     assert client.get("/processes/register").status_code == 200
 
 
-@pytest.mark.parametrize("path", ["/docs", "/redoc", "/"])
-def test_pages_load_nothing_and_run_nothing(client: Client, path: str) -> None:
-    page = client.get(path, headers={"Accept": "text/html"})
+def test_the_description_without_scripts_loads_nothing_and_runs_nothing(client: Client) -> None:
+    page = client.get("/redoc", headers={"Accept": "text/html"})
     assert page.headers["content-type"].startswith("text/html")
     assert re.findall(r"<(?:script|link|img|iframe|object|embed)|\ssrc=|url\(|@import", page.text) == []
 
 
 def test_the_documentation_has_every_operation(client: Client) -> None:
-    page = client.get("/docs").text
+    page = client.get("/redoc").text
     for path in client.get("/openapi.json").json()["paths"]:
         assert f"<code>{path}</code>" in page
 

@@ -115,7 +115,7 @@ def test_what_a_json_body_calls_itself_does_not_matter(client: Client, kind: str
     assert answer.json() == {"stringInput": "a"}
 
 
-@pytest.mark.parametrize("accept", ["", "text/html", "image/png", "*/*;q=0", "application/json;q=x", "," * 5000])
+@pytest.mark.parametrize("accept", ["", "image/png", "*/*;q=0", "application/json;q=x", "," * 5000])
 def test_whatever_a_client_accepts_it_is_answered(client: Client, accept: str) -> None:
     answer = client.get("/jobs", headers={"Accept": accept})
     assert (answer.status_code, answer.headers["content-type"]) == (200, "application/json")

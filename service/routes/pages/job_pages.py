@@ -1,0 +1,100 @@
+"""Jobs: their list, how one goes, what came out."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request, Response
+from fastapi.responses import RedirectResponse
+
+from service.dependencies import Adapters, adapters_of
+from service.names.identifiers import is_identifier
+from service.ports import Job, JobFilter, JobStatus
+from service.processes import OFFERED_PROCESSES, PROCESSES
+from service.routes.page_answers import PageRoute, language_of, page
+from service.routes.pages.pieces_of_lists import piece_of
+from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result
+from service.web.links_graph import links_graph
+from service.web.result_view import result_view
+
+MOST_LINES = 200
+LARGEST_DOCUMENT = 50_000_000
+"""A result that is longer is only offered for download."""
+
+
+def list_jobs(request: Request) -> Response:
+    """List the jobs of a project, newest first."""
+    piece = piece_of(request, ("status", "processID", "lang"))
+    status, process = (request.query_params.get(name, "") for name in ("status", "processID"))
+    which = JobFilter(
+        statuses=tuple(each for each in JobStatus if each.value == status),
+        process_ids=(process,) if is_identifier(process) else (),
+        limit=piece.size,
+        offset=piece.begin,
+    )
+    found, total = adapters_of(request).jobs.find(which)
+    values = {
+        "jobs": found,
+        "piece": piece.of(total),
+        "chosen_status": status,
+        "chosen_process": process,
+        "statuses": [each.value for each in JobStatus],
+        "processes": [each.id for each in PROCESSES],
+    }
+    return page(request, "jobs", values)
+
+
+def show_job(request: Request) -> Response:
+    """Show where a job stands, and follow it."""
+    adapters = adapters_of(request)
+    return _job_page(request, find_job(request.path_params["job_id"], adapters.jobs), adapters)
+
+
+def show_result(request: Request) -> Response:
+    """Show what came out of a job; what there is to see of it until then, or of one that failed, is on its own page."""
+    adapters = adapters_of(request)
+    job = find_job(request.path_params["job_id"], adapters.jobs)
+    if job.status is not JobStatus.SUCCESSFUL:
+        return RedirectResponse(f"/jobs/{job.id}", 303)
+    result = find_result(job.id, adapters.jobs, adapters.blobs)
+    document = _document(result) if isinstance(result, Path) else result
+    values = {
+        "job": job,
+        "title": _title(job),
+        "artifacts": find_artifacts(job.id, adapters.jobs, adapters.blobs),
+        "view": None if document is None else result_view(job.process_id, document, language_of(request)),
+        "graph": None if document is None else links_graph(document, language_of(request)),
+        "document": document,
+    }
+    return page(request, "result", values)
+
+
+def _document(result: Path) -> dict[str, Any] | None:
+    if result.stat().st_size > LARGEST_DOCUMENT:
+        return None
+    document = json.loads(result.read_bytes())
+    return document if isinstance(document, dict) else None
+
+
+def _job_page(request: Request, job: Job, adapters: Adapters) -> Response:
+    values = {
+        "job": job,
+        "title": _title(job),
+        "lines": adapters.log.read(job.id, MOST_LINES),
+        "stations": [each for each in job.inputs.get("stations", []) if isinstance(each, dict)]
+        if isinstance(job.inputs.get("stations"), list)
+        else [],
+    }
+    return page(request, "job", values)
+
+
+def _title(job: Job) -> str:
+    process = OFFERED_PROCESSES.get(job.process_id)
+    return job.process_id if process is None else process.title
+
+
+ROUTES = (
+    PageRoute("/jobs", list_jobs),
+    PageRoute("/jobs/{job_id}", show_job),
+    PageRoute("/jobs/{job_id}/results", show_result),
+)

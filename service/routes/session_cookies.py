@@ -1,0 +1,40 @@
+"""The cookie in which a browser keeps its session."""
+
+from datetime import UTC, datetime
+from typing import cast
+
+from fastapi import Request, Response
+
+from service.settings import Settings
+from service.use_cases.access.browser_sessions import LASTS, BrowserSessions
+
+COOKIE = "tieline-session"
+PAGE_HEADER = "tieline-page"
+"""Pages of this service send it with every change; pages of others cannot (they would have to ask first, in vain)."""
+
+
+def session_key(request: Request) -> str | None:
+    """Give the key of the session that a browser sends along."""
+    kept = request.cookies.get(COOKIE, "")
+    return _sessions(request).key_of(kept, datetime.now(UTC)) if kept else None
+
+
+def begin_session(request: Request, answer: Response, key: str) -> None:
+    """Let a browser keep a key, sealed: no script can read it, and no page of others sends it."""
+    kept = _sessions(request).begin(key, datetime.now(UTC))
+    lasts_s = int(LASTS.total_seconds())
+    answer.set_cookie(COOKIE, kept, lasts_s, httponly=True, samesite="strict", secure=_is_secure(request))
+
+
+def end_session(request: Request, answer: Response) -> None:
+    """Let a browser forget its session."""
+    answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=_is_secure(request))
+
+
+def _sessions(request: Request) -> BrowserSessions:
+    return cast("BrowserSessions", request.app.state.sessions)
+
+
+def _is_secure(request: Request) -> bool:
+    public = cast("Settings", request.app.state.settings).public_url or ""
+    return request.url.scheme == "https" or public.startswith("https:")
