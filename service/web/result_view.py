@@ -5,7 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
+from schemas.registration_result import RegistrationDocument
 from service.names.messages.catalogue import Language, Messages, messages_in
+from service.use_cases.reports.conclusion import conclusion
 
 TONES = {"registered": "good", "partly-registered": "doubtful", "not-registered": "bad"}
 STATES = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
@@ -46,26 +50,25 @@ def result_view(process_id: str, document: Mapping[str, Any], language: Language
 
 
 def _registration(document: Mapping[str, Any], t: Messages) -> ResultView:
-    status, stations = str(document.get("status")), document["stations"]
-    placed = [each for each in stations if each.get("world_from_scan")]
-    sentences = [t("pages.result.placed", placed=len(placed), all=len(stations))]
-    counts = Counter(str(pair.get("status")) for pair in document.get("pairs", ()))
-    known = [f"{counts[state]} {t.word('status', state)}" for state in STATES if counts[state]]
-    if known:
-        sentences.append(t("pages.result.links", links=", ".join(known)))
-    largest = max((std for each in placed if (std := _largest_std(each)) is not None), default=None)
-    if largest is not None:
-        sentences.append(t("pages.result.largest_std", std=t.milli(largest, 2)))
-    sound = status == "registered" and set(counts) <= {"accepted"}
+    status = str(document.get("status"))
+    states = Counter(str(pair.get("status")) for pair in document.get("pairs", ()))
+    sound = status == "registered" and set(states) <= {"accepted"}
     tone = "good" if sound else "doubtful" if status == "registered" else TONES.get(status, "bad")
+    sentences = _conclusion(document, states, t)
     if tone != "good":
         sentences.append(t("pages.result.look"))
     return ResultView(tone, t.word("registration", status), sentences)
 
 
-def _largest_std(station: Mapping[str, Any]) -> float | None:
-    stds = station["world_from_scan"].get("std_at_centroid_m") or {}
-    return max((value for value in stds.values() if isinstance(value, float)), default=None)
+def _conclusion(document: Mapping[str, Any], states: Mapping[str, int], t: Messages) -> list[str]:
+    """Say what the report says; of a document that an older version of the service has made, what is sure to be in it."""
+    try:
+        return conclusion(RegistrationDocument.model_validate(document), t)
+    except ValidationError:
+        stations = document["stations"]
+        placed = sum(bool(each.get("world_from_scan")) for each in stations)
+        known = ", ".join(f"{states[state]} {t.word('status', state)}" for state in STATES if states.get(state))
+        return [t("pages.result.placed", placed=placed, all=len(stations)), t("pages.result.links", links=known or "–")]
 
 
 def _figures(document: Mapping[str, Any], above: str, t: Messages) -> Sequence[tuple[str, str]]:
