@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from typing import Annotated, cast
+from urllib.parse import urlsplit
 
 from fastapi import Depends, Header, Request
 
@@ -91,6 +92,11 @@ def base_url_of(request: Request) -> BaseUrl:
     """Give the beginning of all links of the answer to a request."""
     public = cast("Settings", request.app.state.settings).public_url
     return BaseUrl((public or str(request.base_url)).rstrip("/"))
+
+
+def base_path_of(request: Request) -> str:
+    """Give what stands before the paths of all addresses, where a proxy has put the service below a path."""
+    return urlsplit(cast("Settings", request.app.state.settings).public_url or "").path.rstrip("/")
 
 
 # coroutines, though they wait for nothing: the framework would run functions in a thread each, for every request

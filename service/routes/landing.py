@@ -7,13 +7,13 @@ from fastapi.responses import HTMLResponse, JSONResponse
 
 from schemas.landing import Conformance, LandingPage
 from schemas.links import Link
-from service.dependencies import BaseUrl, BaseUrlDependency, SettingsDependency
+from service.dependencies import BaseUrl, BaseUrlDependency, SettingsDependency, base_path_of
 from service.routes import openapi_30
 from service.routes.readable_router import ReadableRouter
 from service.settings import Settings
 from service.use_cases.access.service_proof import CHALLENGE, CHALLENGE_HEADER, PROOF_HEADER, proof_of, secret_of
 from service.web.interface_page import interface_html
-from service.web.page_rendering import DOCUMENTATION_POLICY, documentation_html
+from service.web.page_rendering import POLICY, documentation_html
 
 OGC = "http://www.opengis.net/def/rel/ogc/1.0/"
 CLASS = "http://www.opengis.net/spec/ogcapi-processes-1/1.0/conf/"
@@ -51,9 +51,9 @@ async def _proof(request: Request, settings: Settings) -> dict[str, str]:
 
 
 @router.get("/docs", include_in_schema=False)
-def documentation() -> HTMLResponse:
+def documentation(request: Request) -> HTMLResponse:
     """Describe the interface for people, who can try it there."""
-    return HTMLResponse(documentation_html(TITLE), headers={"Content-Security-Policy": DOCUMENTATION_POLICY})
+    return HTMLResponse(documentation_html(TITLE, base_path_of(request)), headers={"Content-Security-Policy": POLICY})
 
 
 @router.get("/redoc", include_in_schema=False)

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from fastapi import Request, Response
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.datastructures import Headers
 from starlette.routing import Match, Route
 from starlette.types import Scope as RequestScope
 
+from service.dependencies import base_path_of
 from service.names.messages.catalogue import LANGUAGES, Language, preferred_language
 from service.ports import Scope
 from service.routes.accepted_types import prefers_html
@@ -17,6 +18,7 @@ from service.use_cases.access.check_access import NOBODY, Access
 from service.use_cases.access.manage_keys import shown_project
 from service.web.page_rendering import POLICY, Reader, rendered
 
+SEE_OTHER = 303
 LANGUAGE = "lang"
 """Query parameter by which a reader has another language than the browser's."""
 
@@ -53,6 +55,11 @@ def page(
     return HTMLResponse(text, status, {**own, **(headers or {})})
 
 
+def elsewhere(request: Request, path: str) -> Response:
+    """Answer that a browser goes to another page of this service."""
+    return RedirectResponse(base_path_of(request) + path, SEE_OTHER)
+
+
 def language_of(request: Request) -> Language:
     """Give the language of the page that answers a request."""
     wanted = request.query_params.get(LANGUAGE, "")
@@ -73,4 +80,5 @@ def reader_of(request: Request) -> Reader:
         project=None if access is NOBODY else shown_project(access.owner),
         has_session=bool(access.key_id) and COOKIE in request.cookies,
         may_write=Scope.WRITE in access.scopes,
+        base=base_path_of(request),
     )

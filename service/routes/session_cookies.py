@@ -5,6 +5,7 @@ from typing import cast
 
 from fastapi import Request, Response
 
+from service.dependencies import base_path_of
 from service.settings import Settings
 from service.use_cases.access.browser_sessions import LASTS, BrowserSessions
 
@@ -23,16 +24,22 @@ def begin_session(request: Request, answer: Response, key: str) -> None:
     """Let a browser keep a key, sealed: no script can read it, and no page of others sends it."""
     kept = _sessions(request).begin(key, datetime.now(UTC))
     lasts_s = int(LASTS.total_seconds())
-    answer.set_cookie(COOKIE, kept, lasts_s, httponly=True, samesite="strict", secure=_is_secure(request))
+    answer.set_cookie(
+        COOKIE, kept, lasts_s, httponly=True, samesite="strict", secure=_is_secure(request), path=_place(request)
+    )
 
 
 def end_session(request: Request, answer: Response) -> None:
     """Let a browser forget its session."""
-    answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=_is_secure(request))
+    answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=_is_secure(request), path=_place(request))
 
 
 def _sessions(request: Request) -> BrowserSessions:
     return cast("BrowserSessions", request.app.state.sessions)
+
+
+def _place(request: Request) -> str:
+    return base_path_of(request) or "/"
 
 
 def _is_secure(request: Request) -> bool:

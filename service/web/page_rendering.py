@@ -19,8 +19,6 @@ POLICY = (
     "font-src 'self'; worker-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 """Pages run and load what this service sends, nothing that stands in them, and nothing of other hosts."""
-DOCUMENTATION_POLICY = POLICY
-"""The viewer of the interface's description is a page like the others."""
 UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
@@ -34,6 +32,8 @@ class Reader:
     """Whether he has logged in, and can log out."""
     may_write: bool
     """Whether he may upload, start and remove."""
+    base: str = ""
+    """What stands before the paths of all addresses, where a proxy has put the service below a path."""
 
 
 def rendered(template: str, language: Language, reader: Reader, path: str, values: Mapping[str, Any]) -> str:
@@ -53,13 +53,13 @@ def rendered(template: str, language: Language, reader: Reader, path: str, value
         What it shows; names and texts of users are escaped.
     """
     t = messages_in(language)
-    shown = {"t": t, "reader": reader, "path": path, "in_bytes": in_bytes(t), **values}
+    shown = {"t": t, "reader": reader, "base": reader.base, "path": path, "in_bytes": in_bytes(t), **values}
     return _environment().get_template(f"{template}.html.jinja").render(shown)
 
 
-def documentation_html(title: str) -> str:
+def documentation_html(title: str, base: str) -> str:
     """Render the page of the interface's description, the same for everybody."""
-    return _environment().get_template("docs.html.jinja").render(title=title)
+    return _environment().get_template("docs.html.jinja").render(title=title, base=base)
 
 
 def in_bytes(t: Messages) -> Callable[[float], str]:

@@ -61,7 +61,7 @@ def _registration(document: Mapping[str, Any], t: Messages) -> ResultView:
 
 
 def _conclusion(document: Mapping[str, Any], states: Mapping[str, int], t: Messages) -> list[str]:
-    """Say what the report says; of a document that an older version of the service has made, what is sure to be in it."""
+    """Say what the report says; of a document of an older version, what is sure to be in it."""
     try:
         return conclusion(RegistrationDocument.model_validate(document), t)
     except ValidationError:

@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import Request, Response
-from fastapi.responses import RedirectResponse
 
 from service.dependencies import Adapters, adapters_of
 from service.names.identifiers import is_identifier
 from service.ports import Job, JobFilter, JobStatus
 from service.processes import OFFERED_PROCESSES, PROCESSES
-from service.routes.page_answers import PageRoute, language_of, page
+from service.routes.page_answers import PageRoute, elsewhere, language_of, page
 from service.routes.pages.pieces_of_lists import piece_of
 from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result
 from service.web.links_graph import links_graph
@@ -55,7 +54,7 @@ def show_result(request: Request) -> Response:
     adapters = adapters_of(request)
     job = find_job(request.path_params["job_id"], adapters.jobs)
     if job.status is not JobStatus.SUCCESSFUL:
-        return RedirectResponse(f"/jobs/{job.id}", 303)
+        return elsewhere(request, f"/jobs/{job.id}")
     result = find_result(job.id, adapters.jobs, adapters.blobs)
     document = _document(result) if isinstance(result, Path) else result
     values = {

@@ -3,23 +3,21 @@
 from urllib.parse import parse_qs
 
 from fastapi import Request, Response
-from fastapi.responses import RedirectResponse
 from starlette.routing import Route
 
 from service.refusals import UnauthenticatedError
-from service.routes.page_answers import PageRoute, access_of, page
+from service.routes.page_answers import PageRoute, access_of, elsewhere, page
 from service.routes.request_bodies import body_of, read_within
 from service.routes.session_cookies import begin_session, end_session
 from service.use_cases.access.check_access import NOBODY, WITHOUT_KEY
 
 LONGEST_FORM = 4000
-SEE_OTHER = 303
 
 
 async def login_page(request: Request) -> Response:
     """Ask for a key, unless it is known already."""
     if access_of(request) is not NOBODY:
-        return RedirectResponse("/", SEE_OTHER)
+        return elsewhere(request, "/")
     return page(request, "login", {"back": _local(request.query_params.get("next", "/")), "refused": False})
 
 
@@ -32,7 +30,7 @@ async def log_in(request: Request) -> Response:
         access = await request.app.state.gatekeeper.access(f"Bearer {key}", remote)
     except UnauthenticatedError:
         return page(request, "login", {"back": back, "refused": True}, status=UnauthenticatedError.status)
-    answer = RedirectResponse(back, SEE_OTHER)
+    answer = elsewhere(request, back)
     if access is not WITHOUT_KEY:
         begin_session(request, answer, key)
     return answer
@@ -40,7 +38,7 @@ async def log_in(request: Request) -> Response:
 
 async def log_out(request: Request) -> Response:
     """End the session."""
-    answer = RedirectResponse("/", SEE_OTHER)
+    answer = elsewhere(request, "/")
     end_session(request, answer)
     return answer
 

@@ -1,5 +1,5 @@
 // Buttons that remove or cancel, and times in the zone of the browser.
-import { ask, showProblem } from "./api.js";
+import { ask, BASE, showProblem } from "./api.js";
 
 export function showTimes(root) {
   const language = document.documentElement.lang;
@@ -18,7 +18,7 @@ export function wireActions() {
     if (!button || !window.confirm(button.dataset.really)) return;
     button.disabled = true;
     try {
-      await ask("DELETE", button.dataset.delete);
+      await ask("DELETE", button.dataset.delete.slice(BASE.length));
       const then = button.dataset.then;
       if (then) location.assign(then);
       else location.reload();

@@ -1,4 +1,6 @@
 // Requests to the service, as any program would send them, with the word that one of its own pages asks.
+// where the service is, below which path of its host
+export const BASE = document.documentElement.dataset.base || "";
 export const PAGE = { "Tieline-Page": "1" };
 
 export class Refused extends Error {
@@ -13,7 +15,7 @@ export async function ask(method, path, body) {
   if (body !== undefined) headers["Content-Type"] = "application/json";
   let answer;
   try {
-    answer = await fetch(path, { method, headers, body: body === undefined ? undefined : JSON.stringify(body) });
+    answer = await fetch(BASE + path, { method, headers, body: body === undefined ? undefined : JSON.stringify(body) });
   } catch {
     throw new Refused({ title: words().unreachable || "unreachable", detail: "" });
   }

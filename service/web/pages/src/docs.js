@@ -2,7 +2,7 @@
 import SwaggerUIBundle from "swagger-ui-dist/swagger-ui-bundle.js";
 
 SwaggerUIBundle({
-  url: "/openapi.json",
+  url: `${document.documentElement.dataset.base}/openapi.json`,
   domNode: document.getElementById("docs"),
   deepLinking: true,
   docExpansion: "list",

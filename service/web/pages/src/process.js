@@ -1,5 +1,5 @@
 // The form of any process, from its description.
-import { ask, showProblem } from "./api.js";
+import { ask, BASE, showProblem } from "./api.js";
 import { fields } from "./schema_form.js";
 
 export async function storedLists() {
@@ -68,7 +68,7 @@ export async function start(form, body) {
   place.hidden = true;
   try {
     const job = await ask("POST", `/processes/${form.dataset.process}/execution`, body());
-    location.assign(job?.jobID ? `/jobs/${job.jobID}` : "/jobs");
+    location.assign(`${BASE}${job?.jobID ? `/jobs/${job.jobID}` : "/jobs"}`);
   } catch (error) {
     showProblem(place, error);
   }

@@ -1,6 +1,6 @@
 // A new registration: files are sent (and go on after a break), stations are named after them, options chosen.
 import * as tus from "tus-js-client";
-import { ask, element, PAGE, put, read, showProblem, words } from "./api.js";
+import { ask, BASE, element, PAGE, put, read, showProblem, words } from "./api.js";
 import { field } from "./schema_form.js";
 import { processForm, showRequest, start, storedLists } from "./process.js";
 
@@ -59,7 +59,7 @@ export async function wireRegistration(form) {
     const made = entry(file.name);
     made.busy = true;
     made.sending = new tus.Upload(file, {
-      endpoint: "/uploads",
+      endpoint: `${BASE}/uploads`,
       retryDelays: RETRY_AFTER_MS,
       headers: PAGE,
       metadata: { filename: file.name },
