@@ -111,7 +111,7 @@ def register(
     method: Annotated[
         str | None,
         typer.Option(
-            help="auto, lines, planes, icp-plane, icp-point, icp-d2, planes-triples, ndt, egi, lines-compat, "
+            help="auto, lines, planes, icp-plane, icp-point, icp-d2, planes-triples, ndt, ndt-3d, egi, lines-compat, "
             "lines-alshawa or icl."
         ),
     ] = None,

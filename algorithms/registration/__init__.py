@@ -10,6 +10,7 @@ from algorithms.registration.lines import LinesMethod
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
 from algorithms.registration.lines_compat import LinesCompatMethod
 from algorithms.registration.ndt import NdtMethod
+from algorithms.registration.ndt_3d import Ndt3dMethod
 from algorithms.registration.planes import PlanesMethod
 from algorithms.registration.planes_triples import PlanesTriplesMethod
 
@@ -23,6 +24,7 @@ RegistrationMethod = (
     | IclMethod
     | PlanesTriplesMethod
     | NdtMethod
+    | Ndt3dMethod
     | EgiMethod
     | IcpPointMethod
     | IcpD2Method

@@ -1,7 +1,5 @@
 """The work of the method `ndt`: heading and shift from slices, height from what lies flat, estimated from there on."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -17,12 +15,16 @@ from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.progress import Progress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.ndt import LayerOptions, NdtMethod
-from algorithms.registration.proposals import PoseProposal, ProposingProcedure, register_by_proposal
-from algorithms.scans.pose_scores import score_poses, strict_limits
+from algorithms.registration.proposals import (
+    PoseProposal,
+    ProposingProcedure,
+    best_on_surfaces,
+    register_by_proposal,
+)
 
 LABEL = "Normal distributions in horizontal slices (Dold, Ripperda and Brenner 2007; Biber and Strasser 2003)"
-FINALISTS, TEST_POINTS, WIDE_M = 12, 3000, 0.15
-"""Distinct answers between which the surfaces decide, with so many points of each scan, as far as so apart [m]."""
+FINALISTS = 12
+"""Distinct answers between which the surfaces decide."""
 LEAST_POINTS = 50
 """Points of slices below which there is nothing to lay on each other."""
 FLAT = 0.95
@@ -82,7 +84,7 @@ def proposed_by_layers(problem: RegistrationProblem, options: LayerOptions) -> P
     matches = matches[:FINALISTS]
     heights = [_height(*flat, Rotation.from_euler("z", match.pose[2]), match.pose[:2]) for match in matches]
     poses = [_between_scans(match, height, levels) for match, (height, _) in zip(matches, heights, strict=True)]
-    chosen = _best_pose(problem, poses)
+    chosen = best_on_surfaces(problem, poses)
     best, (_, height_std), pose = matches[chosen], heights[chosen], poses[chosen]
     rival = next((match for match in matches if match is not best), None)
     horizontal = _covariance(best)
@@ -135,23 +137,6 @@ def _between_scans(match: LayerMatch, height_m: float, levels: tuple[Rotation, R
         [match.pose[0], match.pose[1], height_m], Rotation.from_euler("z", match.pose[2])
     )
     return RigidTransform.from_rotation(levels[0].inv()) * between * RigidTransform.from_rotation(levels[1])
-
-
-def _best_pose(problem: RegistrationProblem, poses: list[RigidTransform]) -> int:
-    """Choose the answer in which most surface lies on surface and least in space that was seen through."""
-    target, source = problem.target, problem.source
-    limits = strict_limits(
-        max(target.noise_std_m, source.noise_std_m), max(target.index.spacing_m, source.index.spacing_m)
-    )
-    scores = score_poses(
-        np.array([pose.rotation.as_matrix() for pose in poses]),
-        np.array([pose.translation for pose in poses], dtype=np.float64),
-        target.index,
-        source.index,
-        points=TEST_POINTS,
-        limits=replace(limits, max_distance_m=max(limits.max_distance_m, WIDE_M)),
-    )
-    return int(np.argmax(scores.score))
 
 
 def _turned(covariance: Array, rotation: Rotation) -> Array:

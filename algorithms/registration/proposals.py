@@ -4,11 +4,12 @@ The search over surfaces and free space is always made too. Where it finds a cle
 the rival of the proposed one; so no method is judged more mildly than `auto`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.adjustment.options import AdjustmentOptions
@@ -23,7 +24,10 @@ from algorithms.registration.auto_registration import estimated_and_judged
 from algorithms.registration.base import ConvergenceStep, OwnFigures, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.pair_verdict import POLISH_M, POLISH_POINTS, beside, searched
 from algorithms.registration.surface_options import SurfaceOptions
+from algorithms.scans.pose_scores import score_poses, strict_limits
 
+TEST_POINTS, WIDE_M = 3000, 0.15
+"""Points of each scan by which surfaces choose between answers, and how far apart they count [m]."""
 SIGNIFICANT = 0.001
 """Probability with which a pose is said to contradict the rigorous one by chance."""
 
@@ -96,6 +100,31 @@ def register_by_proposal(problem: RegistrationProblem, procedure: ProposingProce
         progress,
     )
     return _with_own_figures(problem, procedure, replace(result, coarse=search), proposal)
+
+
+def best_on_surfaces(problem: RegistrationProblem, poses: Sequence[RigidTransform]) -> int:
+    """Choose the answer in which most surface lies on surface and least in space that was seen through.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    poses
+        Target from source between the reduced frames, at least one.
+    """
+    target, source = problem.target, problem.source
+    limits = strict_limits(
+        max(target.noise_std_m, source.noise_std_m), max(target.index.spacing_m, source.index.spacing_m)
+    )
+    scores = score_poses(
+        np.array([pose.rotation.as_matrix() for pose in poses]),
+        np.array([pose.translation for pose in poses], dtype=np.float64),
+        target.index,
+        source.index,
+        points=TEST_POINTS,
+        limits=replace(limits, max_distance_m=max(limits.max_distance_m, WIDE_M)),
+    )
+    return int(np.argmax(scores.score))
 
 
 def _with_own_figures(
