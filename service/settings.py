@@ -66,6 +66,8 @@ class Settings(BaseSettings):
     """Most pixels of one photo."""
     max_stations: int = Field(default=500, ge=2)
     """Most stations of one job."""
+    max_network_observations: int = Field(default=400_000, ge=1)
+    """Most observed numbers of one network that is adjusted."""
     max_queued_jobs: int = Field(default=10_000, ge=1)
     """Most unfinished jobs of all projects together."""
     max_project_jobs: int = Field(default=2000, ge=1)

@@ -10,6 +10,7 @@ from typing import Any
 
 from service.errors import NoSuchProcessError
 from service.ports import Json, Plan, Process, StepContext
+from service.processes.adjust import ADJUST
 from service.processes.clean import CLEAN
 from service.processes.colour import COLOUR
 from service.processes.compare import COMPARE
@@ -31,6 +32,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     COLOUR,
     COMPARE,
     SIMULATE,
+    ADJUST,
     ECHO,
 )
 

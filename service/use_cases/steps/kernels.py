@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from service.ports import StepProgress
-from service.use_cases.steps.warm_up import practise, practise_on_photos
+from service.use_cases.steps.warm_up import practise, practise_on_networks, practise_on_photos
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
 LOOK_S = 0.5
 KERNELS = Path(__file__).parents[3] / "algorithms"
-SCANS, PHOTOS = "scans", "photos"
-PRACTICES = {SCANS: practise, PHOTOS: practise_on_photos}
+SCANS, PHOTOS, NETWORKS = "scans", "photos", "networks"
+PRACTICES = {SCANS: practise, PHOTOS: practise_on_photos, NETWORKS: practise_on_networks}
 
 
 def ensure_compiled(progress: StepProgress, part: str = SCANS) -> None:

@@ -4,6 +4,7 @@ from service.ports import Json, StepProgress
 from service.use_cases.limits.machine_shares import INSPECT
 from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
+NETWORK_STEPS = {"adjust"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 
 
@@ -20,6 +21,7 @@ def prepare(step: str, arguments: Json, progress: StepProgress) -> None:
     if step in WITHOUT_KERNELS:
         return
     from service.use_cases.steps.kernels import (
+        NETWORKS,
         PHOTOS,
         SCANS,
         ensure_compiled,
@@ -27,7 +29,9 @@ def prepare(step: str, arguments: Json, progress: StepProgress) -> None:
         keep_kernels_as_they_are,
     )
 
-    if step != EDGES:
+    if step in NETWORK_STEPS:
+        ensure_compiled(progress, NETWORKS)
+    elif step != EDGES:
         ensure_compiled(progress, SCANS)
     if step == EDGES or (step == FEATURES_OF_SCAN and arguments.get("photos")):
         ensure_compiled(progress, PHOTOS)

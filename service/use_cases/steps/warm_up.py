@@ -73,6 +73,24 @@ def _practise_on_deviations() -> None:
         m3c2(points, points, points[::20], exact_poses(), options, rng=np.random.default_rng(0))
 
 
+def practise_on_networks() -> None:
+    """Factorise and invert tiny normal equations, for the same reason."""
+    from scipy import sparse
+
+    from algorithms.adjustment.hybrid.sparse_factor import Factor, Ordering
+
+    rows = np.repeat(np.arange(8, dtype=np.int32), 2)
+    columns = np.stack([np.arange(8) % 4, (np.arange(8) + 1) % 4], axis=1).ravel().astype(np.int32)
+    values = 1.0 + np.arange(16.0)
+    jacobian = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(8, 4)))
+    factor = Factor(jacobian, np.ones(8), Ordering.of(jacobian), np.zeros(4))
+    factor.solved(np.ones(4))
+    every = np.arange(4, dtype=np.int64)
+    factor.elements(every, every)
+    factor.row_products(jacobian, every, every)
+    factor.row_gains(jacobian, every, columns.reshape(8, 2)[:4].astype(np.int64))
+
+
 def practise_on_photos() -> None:
     """Find the edges of a tiny photo in all ways, as `practise`; starts threads."""
     from algorithms.photos.detector import detect_edges

@@ -1,0 +1,130 @@
+"""The normal equations of a large network: ordered once, factorised, solved, and inverted where it matters."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import qdldl
+from scipy import sparse
+
+from algorithms.adjustment.hybrid.factor_kernels import (
+    assemble,
+    elimination_tree,
+    factorise,
+    inverse_elements,
+    row_gains,
+    row_products,
+    scale_to_unit_diagonal,
+    selected_inverse,
+    solve_in_place,
+)
+from algorithms.arrays import Array
+
+SMALLEST_PIVOT = 1e-11
+"""A pivot of the normal equations, scaled to a unit diagonal, below this is zero up to rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ordering:
+    """Order of elimination, and where N and its factor have elements; the same for all adjustments of a network."""
+
+    order: Array
+    """(u,) unknown that is eliminated k-th."""
+    places: Array
+    """(u,) when an unknown is eliminated."""
+    upper_starts: Array
+    """(u + 1,) first element of each column of the permuted upper triangle of N."""
+    upper_rows: Array
+    """Rows of its elements, the diagonal last in each column."""
+    parents: Array
+    """(u,) elimination tree."""
+    starts: Array
+    """(u + 1,) first element of each column of L."""
+
+    @staticmethod
+    def of(jacobian: sparse.csr_array) -> "Ordering":
+        """Order by approximate minimum degree (Amestoy, Davis and Duff 1996), which qdldl brings (MATH 3.1)."""
+        n = jacobian.shape[1]
+        ones = sparse.csr_array((np.ones(len(jacobian.data)), jacobian.indices, jacobian.indptr), shape=jacobian.shape)
+        pattern = sparse.csc_array(ones.T @ ones)
+        pattern.data[:] = 1.0
+        # any matrix of that pattern will do: a dominant diagonal makes all its pivots positive
+        dominant = sparse.csc_array(pattern + sparse.diags_array(np.asarray(pattern.sum(axis=0)).ravel() + 1.0))
+        order = np.asarray(qdldl.Solver(sparse.csc_matrix(dominant)).factors()[2], dtype=np.int64)
+        places = np.empty(n, dtype=np.int64)
+        places[order] = np.arange(n)
+        upper = sparse.csc_array(sparse.triu(sparse.csc_array(dominant[order][:, order]), format="csc"))
+        upper.sort_indices()
+        starts, rows = upper.indptr.astype(np.int64), upper.indices.astype(np.int64)
+        parents, counts = elimination_tree(n, starts, rows)
+        return Ordering(order, places, starts, rows, parents, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64))
+
+
+class Factor:
+    """Normal equations N = Aᵀ P A, scaled to a unit diagonal and factorised as L D Lᵀ."""
+
+    def __init__(
+        self, jacobian: sparse.csr_array, weights: Array, ordering: Ordering, added: Array | None = None
+    ) -> None:
+        """Factorise N plus a diagonal.
+
+        Parameters
+        ----------
+        jacobian
+            (m, u) derivatives with the pattern that was ordered.
+        weights
+            (m,) weights of the rows, 0 for those that are left out.
+        ordering
+            Order of elimination.
+        added
+            (u,) to add to the diagonal of the scaled matrix: datum, damping, fictitious observations.
+        """
+        self._n = n = jacobian.shape[1]
+        self.ordering = ordering
+        values = assemble(
+            ordering.upper_starts, ordering.upper_rows, ordering.places, jacobian.indptr.astype(np.int64),
+            jacobian.indices.astype(np.int64), jacobian.data, weights,
+        )  # fmt: skip
+        extra = np.zeros(n) if added is None else np.ascontiguousarray(added[ordering.order])
+        scale = scale_to_unit_diagonal(ordering.upper_starts, ordering.upper_rows, values, extra)
+        self._rows, self._values, self._pivots, helped = factorise(
+            n, ordering.upper_starts, ordering.upper_rows, values, ordering.parents, ordering.starts, SMALLEST_PIVOT
+        )
+        self.scale = scale[ordering.places]
+        """(u,) 1/sqrt(N_kk); 1 for unknowns without observations."""
+        self.helped: Array = helped[ordering.places]
+        """(u,) True where a zero pivot was answered by a fictitious observation."""
+
+    def solved(self, right: Array) -> Array:
+        """Solve N x = b for b (u,) or (u, k) (MATH 3.1)."""
+        columns = right[:, None] if right.ndim == 1 else right
+        work = np.ascontiguousarray((columns * self.scale[:, None])[self.ordering.order])
+        solve_in_place(self._n, self.ordering.starts, self._rows, self._values, self._pivots, work)
+        solution = work[self.ordering.places] * self.scale[:, None]
+        return np.asarray(solution[:, 0] if right.ndim == 1 else solution)
+
+    @cached_property
+    def _inverse(self) -> tuple[Array, Array]:
+        inverse, diagonal = selected_inverse(self._n, self.ordering.starts, self._rows, self._values, self._pivots)
+        return inverse, diagonal
+
+    def pieces(self) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Give what compiled loops look elements up in (MATH 3.1)."""
+        inverse, diagonal = self._inverse
+        return self.ordering.places, self.ordering.starts, self._rows, inverse, diagonal, self.scale
+
+    def elements(self, first: Array, second: Array) -> Array:
+        """Give elements of N⁻¹ whose unknowns meet in an observation; NaN for others (MATH 3.1)."""
+        inverse, diagonal = self._inverse
+        found = inverse_elements(
+            self.ordering.places, self.ordering.starts, self._rows, inverse, diagonal, first.ravel(), second.ravel()
+        )
+        return np.asarray(found * self.scale[first.ravel()] * self.scale[second.ravel()]).reshape(first.shape)
+
+    def row_products(self, rows: sparse.csr_array, first: Array, second: Array) -> Array:
+        """Give a_i N⁻¹ a_jᵀ for pairs of rows of one observation (MATH 3.1)."""
+        return np.asarray(row_products(*self.pieces(), rows.indptr, rows.indices, rows.data, first, second))
+
+    def row_gains(self, rows: sparse.csr_array, numbers: Array, targets: Array) -> Array:
+        """Give elements of N⁻¹ aᵀ at unknowns (k, t) that meet in rows (k,), (k, t) (MATH 3.1)."""
+        return np.asarray(row_gains(*self.pieces(), rows.indptr, rows.indices, rows.data, numbers, targets))

@@ -1,0 +1,71 @@
+"""Tables of an adjusted network as CSV."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from schemas.adjust_result import AdjustedStation, PointDocument
+
+
+def observations_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Give every component of every observation, one a row."""
+    columns = list(rows[0]) if rows else []
+    return _table(columns, ([row[column] for column in columns] for row in rows))
+
+
+def points_csv(points: Sequence[PointDocument]) -> str:
+    """Give the points, one a row."""
+    columns = ["id", "x_m", "y_m", "z_m", "std_x_m", "std_y_m", "std_z_m", "observations", "redundancy"]
+    return _table(
+        columns,
+        ([p.id, *p.xyz_m, *(p.std_m or ("", "", "")), p.observations, p.redundancy] for p in points),
+    )
+
+
+def stations_csv(stations: Sequence[AdjustedStation]) -> str:
+    """Give the stations and photos, one a row."""
+    columns = [
+        "id",
+        "type",
+        "x_m",
+        "y_m",
+        "z_m",
+        "angles",
+        "angle_1_gon",
+        "angle_2_gon",
+        "angle_3_gon",
+        "std_x_m",
+        "std_y_m",
+        "std_z_m",
+        "std_1_gon",
+        "std_2_gon",
+        "std_3_gon",
+        "observations",
+        "redundancy",
+    ]
+    return _table(
+        columns,
+        (
+            [
+                s.id,
+                s.type,
+                *s.xyz_m,
+                s.angles,
+                *s.angles_gon,
+                *(s.std_xyz_m or ("", "", "")),
+                *(s.std_gon or ("", "", "")),
+                s.observations,
+                s.redundancy,
+            ]
+            for s in stations
+        ),
+    )
+
+
+def _table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(rows)
+    return text.getvalue()
