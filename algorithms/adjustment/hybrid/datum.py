@@ -108,7 +108,9 @@ def defect_of(network: Network, linearised: Linearised, weights: Array, state: S
         Where they were taken.
     """
     motions = common_motions(network.layout, state)
-    roots = np.sqrt(weights)
+    # a form is the same wherever it is; its linearisation at a misfit is not quite
+    forms = np.repeat([each.is_form for each in network.observations], [len(e) * e.size for e in network.observations])
+    roots = np.where(forms, 0.0, np.sqrt(weights))
     jacobian = linearised.jacobian
     sizes = np.sqrt(np.asarray(jacobian.multiply(jacobian).T @ weights))
     scaled = sizes[:, None] * motions

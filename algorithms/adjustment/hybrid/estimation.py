@@ -91,11 +91,10 @@ def estimate(
     state, linearised = start, network.linearised(start)
     omega, damping, converged, iterations = _omega(linearised, weights), 0.0, False, 0
     limit = ROUGH_STEP_IN_STD if rough else STEP_IN_STD
-    ordering = network.ordering(linearised.jacobian)
     while not converged and iterations < max_iterations:
         iterations += 1
         defect = defect_of(network, linearised, weights, state)
-        factor = Factor(linearised.jacobian, weights, ordering, _held(defect, network, damping))
+        factor = factorised(network, linearised, weights, defect, damping)
         step = -factor.solved(linearised.jacobian.T @ (weights * linearised.residuals))
         moved = linearised.jacobian @ step
         length = float(np.sqrt(weights @ (moved * moved)))
@@ -106,19 +105,22 @@ def estimate(
         if not settled and not trial_omega <= omega * (1.0 + WORSE) and damping < MOST_DAMPING:
             damping = max(FIRST_DAMPING, damping * DAMPING_GROWTH)
             continue
-        converged = settled and damping == 0.0
+        converged = bool(settled) and damping == 0.0
         damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
         state, linearised, omega = trial, trial_linearised, trial_omega
     defect = defect_of(network, linearised, weights, state)
-    factor = Factor(linearised.jacobian, weights, ordering, _held(defect, network, 0.0))
+    factor = factorised(network, linearised, weights, defect)
     fictitious = np.flatnonzero(factor.helped)
     return Estimate(state, linearised, weights, factor, defect, fictitious, omega, iterations, converged)
 
 
-def _held(defect: Defect, network: Network, damping: float) -> Array:
+def factorised(
+    network: Network, linearised: Linearised, weights: Array, defect: Defect, damping: float = 0.0
+) -> Factor:
+    """Factorise the normal equations with the free motions held (MATH 3.1, 6.2)."""
     added = np.full(network.layout.count, damping)
     added[defect.columns] += 1.0
-    return added
+    return Factor(linearised.jacobian, weights, network.ordering(linearised.jacobian), added)
 
 
 def _omega(linearised: Linearised, weights: Array) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ class Observations:
 
     covariances: Array
     """(n, d, d) a-priori covariances."""
+    is_form: ClassVar[bool] = False
+    """Whether it says something of a form only, which no common motion and no scale changes."""
 
     @property
     def size(self) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -121,6 +122,7 @@ class InPlane(Observations):
     """(n,)."""
     points: Indices
     """(n,)."""
+    is_form: ClassVar[bool] = True
 
     @property
     def places(self) -> Sequence[tuple[Kind, Indices]]:
@@ -147,6 +149,7 @@ class OnLine(Observations):
     """(n,)."""
     points: Indices
     """(n,)."""
+    is_form: ClassVar[bool] = True
 
     @property
     def places(self) -> Sequence[tuple[Kind, Indices]]:

@@ -281,6 +281,8 @@ class _Chain:
             if seen[spatial]:
                 numbers, origins, vectors = (np.concatenate(part) for part in zip(*seen[spatial], strict=True))
                 waiting = ~self.points[numbers]
+                if not waiting.any():
+                    continue
                 found, places = place(numbers[waiting], origins[waiting], vectors[waiting])
                 points[found], self.points[found] = places, True
                 placed |= len(found) > 0
