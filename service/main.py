@@ -180,30 +180,37 @@ def create_app(
     app.state.callbacks = HttpCallbacks(settings)
     app.state.sessions = BrowserSessions(settings)
     app.router.routes.extend(pages.ROUTES)  # before those that answer programs at the same addresses
-    app.include_router(jobs.status_router)
-    for resource in (
-        landing,
-        openapi_30,
-        processes,
-        jobs,
-        job_events,
-        scenes,
-        files,
-        uploads,
-        registrations,
-        keys,
-        audit,
-        health,
-        metrics,
-    ):
-        app.include_router(resource.router)
+    routers = [jobs.status_router]
+    routers += [
+        resource.router
+        for resource in (
+            landing,
+            openapi_30,
+            processes,
+            jobs,
+            job_events,
+            scenes,
+            files,
+            uploads,
+            registrations,
+            keys,
+            audit,
+            health,
+            metrics,
+        )
+    ]
+    routes = list(app.router.routes)
+    for router in routers:
+        app.include_router(router)
+        routes += router.routes
     app.mount("/static", StaticFiles(directory=STATIC))
+    routes.append(app.router.routes[-1])
     install_error_handlers(app)
     app.state.gatekeeper = Gatekeeper(access.keys, settings)
     app.add_middleware(DescribedOnce)
     app.add_middleware(RepeatedRequests, answers=access.answers)
     app.add_middleware(Gate, doorway=Doorway(app.state.gatekeeper, access.audit, settings))
-    metrics.count_requests(app)
+    metrics.count_requests(app, routes)
     app.add_middleware(AnswerHeaders)
     app.add_middleware(RequestIds)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]

@@ -1,13 +1,14 @@
 """Figures for Prometheus: requests of all API processes, jobs and workers."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from fastapi import FastAPI, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric, SummaryMetricFamily
 from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
+from starlette.routing import BaseRoute
 
 from service.dependencies import Adapters, WholeServiceDependency
 from service.errors import (
@@ -91,11 +92,19 @@ def _of_steps(figures: StepFigures) -> Iterator[Metric]:
     yield CounterMetricFamily("tieline_interrupted_steps", "Steps whose worker died meanwhile.", value=deaths)
 
 
-def count_requests(app: FastAPI) -> None:
-    """Count requests and how long they take, by route and status; files and events last until they begin to come."""
+def count_requests(app: FastAPI, routes: Sequence[BaseRoute]) -> None:
+    """Count requests and how long they take, by route and status; files and events last until they begin to come.
+
+    Parameters
+    ----------
+    app
+        Answers the requests.
+    routes
+        What it answers, as it was written: the framework's own list builds every route anew when it is asked.
+    """
     registry = CollectorRegistry()
     app.state.metrics = registry
-    app.add_middleware(RequestCounts, figures=RequestFigures(registry))
+    app.add_middleware(RequestCounts, figures=RequestFigures(registry), routes=routes)
 
 
 @router.get("/metrics", summary="Figures for Prometheus", response_class=Response)

@@ -1,11 +1,11 @@
 """Count requests for Prometheus: by route, method and status, with their sizes and times."""
 
 import time
+from collections.abc import Sequence
 from functools import lru_cache
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, Summary
-from prometheus_fastapi_instrumentator.routing import get_route_name
-from starlette.requests import Request
+from starlette.routing import BaseRoute, Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 NOT_COUNTED = frozenset({"/healthz", "/readyz", "/metrics"})
@@ -79,11 +79,14 @@ class RequestCounts:
         Answers the requests.
     figures
         Where they are counted.
+    routes
+        By whose paths.
     """
 
-    def __init__(self, app: ASGIApp, figures: RequestFigures) -> None:
+    def __init__(self, app: ASGIApp, figures: RequestFigures, routes: Sequence[BaseRoute]) -> None:
         self._app = app
         self._figures = figures
+        self._routes = routes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -103,17 +106,26 @@ class RequestCounts:
         try:
             await self._app(scope, receive, send_watched)
         finally:
-            handler = _handler(scope)
+            handler = self._handler(scope)
             if handler not in NOT_COUNTED:
                 if seconds is None:
                     seconds = time.perf_counter() - began
                 self._figures.count(handler, scope["method"], status, (_content_length(scope), sent), seconds)
 
+    def _handler(self, scope: Scope) -> str:
+        """Give the path of the route that has answered, or would have if the request had not been refused before."""
+        path: str | None = getattr(scope.get("route"), "path", None)
+        return path or self._would_have_answered(scope) or NO_ROUTE
 
-def _handler(scope: Scope) -> str:
-    """Give the path of the route that has answered, or would have if the request had not been refused before."""
-    path = getattr(scope.get("route"), "path", None)
-    return path or get_route_name(Request(scope), should_include_root_path=False) or NO_ROUTE
+    def _would_have_answered(self, scope: Scope) -> str | None:
+        by_path: str | None = None
+        for route in self._routes:
+            match, _ = route.matches(scope)
+            if match is Match.FULL:
+                return getattr(route, "path", None)
+            if match is Match.PARTIAL and by_path is None:
+                by_path = getattr(route, "path", None)
+        return by_path
 
 
 def _content_length(holder: Message | Scope) -> int:
