@@ -68,10 +68,19 @@ export async function start(form, body) {
   place.hidden = true;
   try {
     const job = await ask("POST", `/processes/${form.dataset.process}/execution`, body());
-    location.assign(`${BASE}${job?.jobID ? `/jobs/${job.jobID}` : "/jobs"}`);
+    if (job?.jobID) location.assign(`${BASE}/jobs/${job.jobID}`);
+    else showAnswer(job);
   } catch (error) {
     showProblem(place, error);
   }
+}
+
+// of a process that answers at once
+function showAnswer(answer) {
+  const place = document.getElementById("answer");
+  place.textContent = JSON.stringify(answer, null, 2);
+  place.hidden = false;
+  place.focus();
 }
 
 export async function wireProcess(form) {
