@@ -46,22 +46,3 @@ def test_the_report_is_there_as_pdf_with_its_size(service: RunningService, job: 
     assert answer.headers["content-type"] == "application/pdf"
     assert len(answer.content) == listed["report.pdf"]["bytes"]
     assert answer.content.startswith(b"%PDF-")
-
-
-@pytest.mark.parametrize(
-    ("wrong", "pointer"),
-    [
-        ({"report": {"lang": "fr"}}, "/inputs/report/lang"),
-        ({"report": {"projekt": "x"}}, "/inputs/report/projekt"),
-        ({"report": {"client": "a\nb"}}, "/inputs/report/client"),
-        ({"tolerance": {}}, "/inputs/tolerance"),
-        ({"tolerance": {"std_m": -1.0}}, "/inputs/tolerance/std_m"),
-    ],
-)
-def test_an_order_that_makes_no_sense_is_refused_with_its_place(
-    service: RunningService, wrong: dict[str, object], pointer: str
-) -> None:
-    stations = [{"name": name, "scan": {"file": "f" * 32}} for name in ("A", "B")]
-    answer = service.http.post("/processes/register/execution", json={"inputs": {"stations": stations, **wrong}})
-    assert answer.status_code == 400
-    assert pointer in [error["pointer"].removeprefix("#") for error in answer.json()["errors"]]
