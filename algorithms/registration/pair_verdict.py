@@ -75,19 +75,21 @@ def searched(problem: RegistrationProblem, options: MatchingOptions) -> CoarseRe
 
 
 def _from_choice(problem: RegistrationProblem, search: CoarseRegistration) -> CoarseRegistration:
-    """Go on from the pose that somebody chose, laid surface on surface; the search's own becomes its rival."""
+    """Go on from the pose that somebody chose, unless it is what the search found: laid surface on surface.
+
+    The search's own pose stands as the rival of the chosen one then.
+    """
     if problem.priors is None or problem.priors.chosen_by is None:
         return search
     chosen = problem.priors.target_from_source
     if chosen is None:
         return search
-    surfaces = problem.target.index, problem.source.index
-    start = polished(chosen, *surfaces, distances_m=POLISH_M, points=POLISH_POINTS)
-    remark = f"{problem.priors.chosen_by} chose where the search starts"
-    found = beside(problem.source, search, start)
-    if found.support:  # the search has found the same, and knows more of it
-        found = search
-    return replace(found, remarks=(*found.remarks, remark))
+    found = search
+    if not problem.priors.agree_with((search.target_from_source,))[0]:
+        surfaces = problem.target.index, problem.source.index
+        start = polished(chosen, *surfaces, distances_m=POLISH_M, points=POLISH_POINTS)
+        found = beside(problem.source, search, start)
+    return replace(found, remarks=(*found.remarks, f"{problem.priors.chosen_by} chose where the search starts"))
 
 
 def rigidity_of(problem: RegistrationProblem, pose: PoseEstimate, verdict: Verdict) -> Rigidity | None:

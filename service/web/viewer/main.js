@@ -147,7 +147,7 @@ class Application {
       element("details", { class: "viewer-stations", open: stations.length < 9 },
         element("summary", { text: "Stations" }), element("div", { class: "viewer-row" }, ...stations)),
     );
-    this.root.querySelector(".viewer-side").append(this.help.panel);
+    this.root.querySelector(".viewer-side").prepend(this.help.panel);
     viewer.applyVisibility();
   }
 

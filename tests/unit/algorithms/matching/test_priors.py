@@ -259,6 +259,7 @@ def test_what_a_request_says_reaches_the_registration_of_a_pair() -> None:
         blobs.put_file(f"features/{name}.npz", path)
         std = {"omega_gon": 2.0, "phi_gon": 2.0, "kappa_gon": 2.0, "tx_m": 0.3, "ty_m": 0.3, "tz_m": 0.3}
         known = {"approximate_pose": {"matrix": pose.as_matrix().tolist(), "std": std}}
-        sides.append({"name": name, "features": f"features/{name}.npz", "known": known})
+        scan = {"sha256": name, "filename": f"{name}.e57", "index": 0}
+        sides.append({"name": name, "features": f"features/{name}.npz", "known": known, "scan": scan})
     arguments = {"job_id": "j", "number": 0, "target": sides[0], "source": sides[1], "method": {"method": "lines"}}
     assert register_pair(StepContext(blobs, NoProgress()), arguments)["status"] == "accepted"
