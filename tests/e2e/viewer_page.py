@@ -69,7 +69,7 @@ class ViewerPage:
 
     def settle(self) -> None:
         """Wait until nothing is loaded any more and the last change is drawn."""
-        self.page.wait_for_function("document.getElementById('viewer').dataset.loading === '0'", timeout=60_000)
+        self.page.locator("#viewer[data-loading='0']").wait_for(timeout=60_000)
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def colours(self) -> int:

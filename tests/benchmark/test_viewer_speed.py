@@ -1,0 +1,133 @@
+"""The viewer with 20 stations of two million points: time to the first picture, bytes before it, time of a frame.
+
+The scans are simulated rooms; the service is the web application over files on the disk, with all its routes. Chromium
+draws in software here, which is many times slower than any graphics card.
+"""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import uvicorn
+
+from algorithms.progress import NoProgress
+from algorithms.scans.scan import Scan
+from service.adapters.files.local_files import LocalFiles
+from service.dependencies import Adapters
+from service.formats.writers import cloud_of
+from service.formats.writers.viewer_points import write_viewer_points
+from service.names.scene_keys import scene_key
+from service.ports import Job, JobStatus
+from service.settings import Settings
+from tests.api.conftest import FakeSteps
+from tests.doubles.application import create_app
+from tests.doubles.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
+from tests.e2e.viewer_page import ViewerPage, browser
+
+pytestmark = pytest.mark.benchmark
+STATIONS, POINTS = 20, 2_000_000
+MOST_MS, MOST_BYTES = 2000.0, 20_000_000
+JOB, NOW = "job0", datetime(2026, 1, 1, tzinfo=UTC)
+HALF_M = np.array([12.0, 9.0, 3.0])
+
+
+def a_room(number: int) -> Scan:
+    """Look around in a room: as many points in each direction."""
+    rng = np.random.default_rng(number)
+    directions = rng.normal(size=(POINTS, 3))
+    points = directions * (HALF_M / np.abs(directions)).min(axis=1)[:, None]
+    return Scan(points=points, origin_m=np.zeros(3), intensity=rng.random(POINTS, dtype=np.float32))
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    home = tmp_path_factory.mktemp("viewer")
+    blobs = LocalFiles(home / "blobs")
+    stations, poses, keys, seconds = [], {}, [], []
+    for number in range(STATIONS):
+        name, began = f"S{number + 1}", time.perf_counter()
+        listed = write_viewer_points(home / "points", cloud_of(a_room(number)), NoProgress())
+        seconds.append(time.perf_counter() - began)
+        blobs.put_file(f"features/{number}/points", home / "points")
+        blobs.write_bytes(f"features/{number}/points.json", json.dumps(listed).encode())
+        keys.append([f"features/{number}/points", f"features/{number}/points.json"])
+        pose = np.eye(4)
+        pose[:2, 3] = 20.0 * (number % 5), 15.0 * (number // 5)
+        poses[name] = pose.tolist()
+        stations.append(
+            {
+                "name": name,
+                "status": "registered",
+                "world_from_scan": poses[name],
+                "covariance": (1e-6 * np.eye(6)).tolist(),
+                "noise_std_m": 0.002,
+                "points": POINTS,
+                "sensor_m": [0, 0, 0],
+                "bounds_m": [(-HALF_M).tolist(), HALF_M.tolist()],
+                "lines": [],
+                "planes": [],
+                "cylinders": [],
+            }
+        )
+    print(f"blocks of {POINTS} points: {np.median(seconds):.1f} s a station")
+    stage = {"name": "result", "title": "the result", "poses": poses}
+    scene = {"stations": stations, "stages": [stage], "pairs": [], "points": keys}
+    blobs.write_bytes(scene_key(JOB), json.dumps(scene).encode())
+    jobs = MemoryJobStore()
+    jobs.create_and_enqueue(Job(JOB, "register", {}, JobStatus.ACCEPTED, NOW, updated=NOW))
+    jobs.start(JOB, NOW)
+    jobs.succeed(JOB, NOW)
+    settings = Settings(data_dir=home / "data")
+    adapters = Adapters(jobs, MemoryFileStore(), blobs, MemoryQueue(), FakeSteps(blobs), MemoryJobLog())  # type: ignore[arg-type]
+    server = uvicorn.Server(uvicorn.Config(create_app(settings, adapters), port=0, log_level="warning"))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.05)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    yield f"http://127.0.0.1:{port}"
+    server.should_exit = True
+    thread.join()
+
+
+def test_the_first_picture_comes_soon_and_takes_little(address: str) -> None:
+    with browser() as running:
+        ViewerPage(running, address, JOB).wait_for_picture()  # the service is warm, and so is the browser
+        page = ViewerPage(running, address, JOB)
+        first_ms, size = page.wait_for_picture()
+        bundle = sum(path.stat().st_size for path in _static())
+        scene = len(page.page.request.get(f"{address}/jobs/{JOB}/scene").body())
+        page.settle()
+        frames: list[Any] = page.page.evaluate(
+            """async () => {
+              const {viewer} = tielineViewer, times = [];
+              for (let k = 0; k < 24; k += 1) {
+                viewer.views.step(1, 0, false);
+                const began = performance.now();
+                viewer.draw();
+                viewer.renderer.getContext().finish();
+                times.push(performance.now() - began);
+                await new Promise((done) => setTimeout(done, 0));
+              }
+              return times;
+            }"""
+        )
+        shown = page.page.locator("#viewer").get_attribute("data-points")
+        print(
+            f"first picture after {first_ms:.0f} ms, {(size + scene + bundle) / 1e6:.1f} MB before it (points "
+            f"{size / 1e6:.1f}, scene {scene / 1e6:.2f}, program {bundle / 1e6:.2f}); {shown} points on the screen in "
+            f"the end, a frame takes {np.median(frames):.0f} ms (drawn in software)"
+        )
+        assert size + scene + bundle <= MOST_BYTES
+        assert first_ms <= MOST_MS
+
+
+def _static() -> list[Path]:
+    folder = Path(__file__).resolve().parents[2] / "service" / "web" / "static"
+    return [folder / "viewer.js", folder / "viewer.css"]
