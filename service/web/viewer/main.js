@@ -15,6 +15,8 @@ const KIND_TITLES = {
   instruments: "instruments", pieces: "pieces that speak against a pair",
 };
 
+const MOST_ROWS = 500;
+
 class Application {
   constructor(root) {
     this.root = root;
@@ -26,7 +28,9 @@ class Application {
     root.append(this.status);
   }
 
-  get here() { return `/jobs/${encodeURIComponent(this.job)}`; }
+  get base() { return base(); }
+
+  get here() { return `${base()}/jobs/${encodeURIComponent(this.job)}`; }
 
   say(text) { if (this.status.textContent !== text) this.status.textContent = text; }
 
@@ -44,6 +48,7 @@ class Application {
       return;
     }
     this.data = await answer.json();
+    for (const cloud of this.data.clouds) if (cloud.href) cloud.href = base() + cloud.href;
     this._build();
   }
 
@@ -242,14 +247,25 @@ class Application {
       this.take(event.offsetX, event.offsetY);
     });
     canvas.addEventListener("keydown", (event) => this._key(event));
+    this._nameRows();
     document.addEventListener("click", (event) => this._row(event));
     document.addEventListener("keydown", (event) => {
       if (event.key === "Enter" || event.key === " ") this._row(event);
     });
   }
 
+  // Rows of the page that name pairs by number and stations by name become rows of the viewer.
+  _nameRows() {
+    for (const row of document.querySelectorAll("tr[data-pair], tr[data-station]")) {
+      const pair = this.data.pairs[Number(row.dataset.pair)];
+      if (row.dataset.station === undefined && !pair) continue;
+      row.dataset.feature ??= row.dataset.station === undefined ? `pair/${pair.target}/${pair.source}` : `station/${row.dataset.station}`;
+      row.tabIndex = 0;
+    }
+  }
+
   _row(event) {
-    if (!(event.target instanceof Element) || event.target.closest("a, button, input, select, summary, .viewer")) return;
+    if (!(event.target instanceof Element) || event.target.closest("a, button, input, select, summary, .viewer-picture")) return;
     const row = event.target.closest("[data-feature]");
     if (!row) return;
     if (event.type === "keydown") event.preventDefault();
@@ -386,13 +402,17 @@ class Application {
   _tellPair() {
     const pair = this.viewer.currentPair;
     if (!pair) { this.info.replaceChildren(); return; }
-    const against = pair.unexplained.map((piece) => `${piece.area_m2.toFixed(2)} m² of ${piece.station} stand where the `
-      + `other instrument looked through, ${piece.range_m.toFixed(1)} m from it`);
+    const rows = pair.unexplained.map((piece, k) => [`unexplained/${pair.target}/${pair.source}/${k}`, `${piece.area_m2.toFixed(2)} m² of `
+      + `${piece.station} stand where the other instrument looked through, ${piece.range_m.toFixed(1)} m from it`]);
     this._tell(`Pair ${pair.target} – ${pair.source}`, [
       ["status", pair.status],
       ["poses", pair.poses.map((pose) => pose.title).join("; ") || "none"],
       ["lines and planes in common", pair.correspondences.length],
-    ], [...pair.reasons, ...pair.weak_directions, ...against]);
+    ], [...pair.reasons, ...pair.weak_directions]);
+    if (rows.length) this.info.append(table("What speaks against it", ["piece of surface"], rows, true));
+    const matched = pair.correspondences.map(([target, source, state]) => [target, target, source, state]);
+    matched.sort((a, b) => (b[3] === "removed") - (a[3] === "removed"));
+    if (matched.length) this.info.append(table("Lines and planes in common", [pair.target, pair.source, "state"], matched.slice(0, MOST_ROWS), false));
   }
 
   _selected(id) {
@@ -457,6 +477,22 @@ class Application {
     }
     this.legend.replaceChildren(...parts);
   }
+}
+
+// A list whose rows show what they speak of: the first member of each is its feature.
+function table(title, heads, rows, open) {
+  return element("details", { open }, element("summary", { text: title }), element(
+    "table", {}, element("thead", {}, element("tr", {}, ...heads.map((text) => element("th", { scope: "col", text })))),
+    element("tbody", {}, ...rows.map(([id, ...cells]) => element(
+      "tr", { "data-feature": id, tabindex: "0" }, ...cells.map((text) => element("td", { text })),
+    ))),
+  ));
+}
+
+// Where the service lies: it may have a path before its own behind a proxy.
+function base() {
+  const script = document.querySelector('script[src$="/static/viewer.js"]');
+  return script ? new URL(script.src).pathname.replace(/\/static\/viewer\.js$/, "") : "";
 }
 
 // The page may leave the style sheet to the viewer: it lies beside the script.

@@ -146,16 +146,15 @@ export class ManualHelp {
       if (!asked.ok) throw new Error(await reason(asked));
       const inputs = await asked.json();
       const others = (inputs.starts ?? []).filter((each) => each.target !== target || each.source !== source);
-      const token = document.querySelector("meta[name=csrf-token]")?.content;
-      const answer = await fetch("/processes/register/execution", {
+      const answer = await fetch(`${this.application.base}/processes/register/execution`, {
         method: "POST",
         credentials: "same-origin",
-        headers: { "Content-Type": "application/json", Accept: "application/json", ...(token ? { "X-CSRF-Token": token } : {}) },
+        headers: { "Content-Type": "application/json", Accept: "application/json" },
         body: JSON.stringify({ inputs: { ...inputs, starts: [...others, start] } }),
       });
       if (!answer.ok) throw new Error(await reason(answer));
       const job = (await answer.json()).jobID;
-      this.told.replaceChildren(element("a", { href: `/jobs/${encodeURIComponent(job)}`, text: "The registration runs on: open its page" }));
+      this.told.replaceChildren(element("a", { href: `${this.application.base}/jobs/${encodeURIComponent(job)}`, text: "The registration runs on: open its page" }));
       this.application.root.dataset.newJob = job;
       this.told.querySelector("a").focus();
     } catch (error) {
