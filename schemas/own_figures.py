@@ -63,5 +63,11 @@ class OwnFigures(Document):
     convergence: list[OwnIteration] = Field(
         description="Its iterations one after the other; empty where it does not come to its pose step by step."
     )
+    convergence_rate: float | None = Field(
+        default=None, description="Factor by which its steps shrink from one to the next, at last; null: too few steps."
+    )
+    convergence_order: float | None = Field(
+        default=None, description="Order of its convergence, 1 linear, 2 quadratic; null: too few steps that shrink."
+    )
     remarks: list[str]
     """What else is to be said, in words."""

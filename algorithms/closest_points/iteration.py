@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -95,6 +96,15 @@ class IterationResult:
         return float(np.median(second[shrinking] / first[shrinking])) if shrinking.any() else None
 
 
+@runtime_checkable
+class Pairing(Protocol):
+    """Pairs points with a surface, as `SurfaceModel.nearest` does."""
+
+    def nearest(self, points: Points, max_distance_m: float) -> tuple[Array, Array]:
+        """Give the numbers of the points that have surface near, and of the surface's points."""
+        ...
+
+
 def iterated(
     surface: SurfaceModel,
     points: Points,
@@ -102,6 +112,7 @@ def iterated(
     start: RigidTransform,
     kind: ErrorKind,
     limits: IterationLimits,
+    pairing: Pairing | None = None,
 ) -> IterationResult:
     """Pair points with the nearest surface, take the best motion, and so on until nothing moves.
 
@@ -117,6 +128,8 @@ def iterated(
         What is minimised.
     limits
         When points correspond, and when to stop.
+    pairing
+        What pairs points with the surface, such as a `D2Tree`; None: the nearest points are searched.
 
     Raises
     ------
@@ -128,7 +141,7 @@ def iterated(
     matrix, variance = np.zeros((6, 6)), 0.0
     while not converged and len(steps) < limits.max_iterations:
         moved = pose.apply(points)
-        own, other = surface.nearest(moved, limits.max_distance_m)
+        own, other = (pairing or surface).nearest(moved, limits.max_distance_m)
         if limits.max_angle_rad < np.pi:
             cosines = np.einsum("ij,ij->i", pose.rotation.apply(normals[own]), surface.normals[other])
             own, other = own[cosines > np.cos(limits.max_angle_rad)], other[cosines > np.cos(limits.max_angle_rad)]

@@ -88,6 +88,10 @@ class OwnFigures:
     """What was chosen where the source of the method leaves a choice, in words."""
     convergence: tuple[ConvergenceStep, ...] = ()
     """Its iterations one after the other; empty where it does not iterate to one pose."""
+    rate: float | None = None
+    """By which factor its steps shrink at last; None: too few."""
+    order: float | None = None
+    """Its order of convergence: 1 linear, 2 quadratic; None: too few steps."""
 
 
 @dataclass(frozen=True)

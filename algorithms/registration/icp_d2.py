@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import ClassVar, final
 
-from algorithms.registration.icp_options import IcpOptions
+from algorithms.registration.icp_options import ApproximantOptions
 from algorithms.registration.method import ProposingMethod
 
 
@@ -13,12 +13,13 @@ class IcpD2Method(ProposingMethod):
     """Quadratic approximants of the squared distance from the surface, minimised in turns (Hofer and Pottmann 2004).
 
     Between point to point and point to plane by distance and curvature; each step is the helical motion of a velocity
-    field. Only points near the other surface take part, large distances count less, and every iteration is recorded.
-    The service estimates from there on; what the method says itself stands beside.
+    field. Cells of space keep the nearest surface (d2-tree): none is searched twice. Only points near the other surface
+    take part, large distances count less, and every iteration is recorded. The service estimates from there on; what
+    the method says itself stands beside.
     """
 
     name: ClassVar[str] = "icp-d2"
     work: ClassVar[str] = "algorithms.registration.icp_registration:register_by_approximants"
 
-    iteration: IcpOptions = field(default_factory=IcpOptions)
+    iteration: ApproximantOptions = field(default_factory=ApproximantOptions)
     """The method's own iteration."""

@@ -38,3 +38,11 @@ class IcpOptions:
     """Limit of rounds."""
     least_step_m: Annotated[float, Gt(0.0), Le(1.0)] = 1e-5
     """Steps that move the points by less end the iteration (rms) [m]."""
+
+
+@dataclass(frozen=True)
+class ApproximantOptions(IcpOptions):
+    """Those of squared-distance approximants as well."""
+
+    tree_cell_m: Annotated[float, Ge(0.0), Le(10.0)] = 0.02
+    """Edge of the smallest cells of space that keep the nearest surface (d2-tree); 0: it is searched every time [m]."""

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_estimate import EstimatorStep
+from algorithms.closest_points.d2_tree import D2Tree
 from algorithms.closest_points.iteration import ErrorKind, IterationLimits, IterationResult, iterated
 from algorithms.closest_points.motions import best_motion
 from algorithms.closest_points.surface_model import SurfaceModel
@@ -53,15 +54,19 @@ def register_by_approximants(problem: RegistrationProblem, method: IcpD2Method, 
     progress
         Is told the steps.
     """
-    return _by_iteration(problem, ErrorKind.D2, method, progress)
+    return _by_iteration(problem, ErrorKind.D2, method, progress, method.iteration.tree_cell_m)
 
 
 def _by_iteration(
-    problem: RegistrationProblem, kind: ErrorKind, method: IcpPointMethod | IcpD2Method, progress: Progress
+    problem: RegistrationProblem,
+    kind: ErrorKind,
+    method: IcpPointMethod | IcpD2Method,
+    progress: Progress,
+    tree_cell_m: float = 0.0,
 ) -> PairResult:
     def propose(problem: RegistrationProblem, search: CoarseRegistration) -> PoseProposal:
         start = start_of(problem, method.iteration, search)
-        return proposed_by_iteration(problem, start, method.iteration, kind)
+        return proposed_by_iteration(problem, start, method.iteration, kind, tree_cell_m)
 
     procedure = ProposingProcedure(LABELS[kind], method.matching, method.adjustment, method.surfaces, propose)
     return register_by_proposal(problem, procedure, progress)
@@ -103,7 +108,11 @@ def start_of(problem: RegistrationProblem, options: IcpOptions, search: CoarseRe
 
 
 def proposed_by_iteration(
-    problem: RegistrationProblem, start: RigidTransform, options: IcpOptions, kind: ErrorKind
+    problem: RegistrationProblem,
+    start: RigidTransform,
+    options: IcpOptions,
+    kind: ErrorKind,
+    tree_cell_m: float = 0.0,
 ) -> PoseProposal:
     """Iterate from a start.
 
@@ -117,6 +126,8 @@ def proposed_by_iteration(
         Correspondences and end.
     kind
         What is minimised.
+    tree_cell_m
+        Edge of the smallest cells of the d2-tree; 0: closest points are searched every time [m].
 
     Raises
     ------
@@ -129,7 +140,8 @@ def proposed_by_iteration(
         options.max_distance_m, options.max_angle_rad, options.max_iterations, options.least_step_m
     )
     points, normals = source.points[: options.max_points], source.normals[: options.max_points]
-    result = iterated(surface, points, normals, start, kind, limits)
+    tree = D2Tree(surface, tree_cell_m, options.max_distance_m) if tree_cell_m > 0.0 else None
+    result = iterated(surface, points, normals, start, kind, limits, tree)
     pairs = result.steps[-1].pairs
     step = EstimatorStep(
         "rotation and translation", pairs * (3 if kind is ErrorKind.POINT else 1), 6, result.variance_m2**0.5,
@@ -137,7 +149,10 @@ def proposed_by_iteration(
     )  # fmt: skip
     doubts = () if result.converged else (f"the iteration did not settle in {len(result.steps)} steps",)
     convergence = tuple(ConvergenceStep(each.misfit_m, each.step_m, each.pairs) for each in result.steps)
-    return PoseProposal(_claimed(result), (step,), _remarks(result), doubts, convergence)
+    remarks = _remarks(result)
+    if tree is not None:
+        remarks = (*remarks, f"{tree.cell_count} cells of the d2-tree were filled")
+    return PoseProposal(_claimed(result), (step,), remarks, doubts, convergence, result.linear_rate, result.order)
 
 
 def _claimed(result: IterationResult) -> PoseEstimate:

@@ -46,6 +46,10 @@ class PoseProposal:
     """What the method itself holds against its answer; it makes the pose doubtful."""
     convergence: tuple[ConvergenceStep, ...] = ()
     """Its iterations, if it comes to the pose step by step."""
+    rate: float | None = None
+    """By which factor its steps shrink at last."""
+    order: float | None = None
+    """Its order of convergence: 1 linear, 2 quadratic."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +151,8 @@ def _with_own_figures(
         max_distance_m=None,
         remarks=tuple(remarks),
         convergence=proposal.convergence,
+        rate=proposal.rate,
+        order=proposal.order,
     )
     return replace(
         result,

@@ -48,6 +48,8 @@ def own_figures_document(result: PairResult, *, target: str, source: str) -> Own
             OwnIteration(misfit_m=each.misfit_m, step_m=each.step_m, correspondences=each.correspondences)
             for each in own.convergence
         ],
+        convergence_rate=own.rate,
+        convergence_order=own.order,
         remarks=list(own.remarks),
     )
 
