@@ -16,9 +16,9 @@ class FreeDatum(RequestModel):
     type: Literal["free"]
     """A free network."""
     points: Annotated[list[NetworkName], Field(max_length=1_000_000)] | None = None
-    """Points that carry the datum; null: all."""
+    """Points that carry the datum; null: all, or none where stations are named."""
     stations: Annotated[list[NetworkName], Field(max_length=100_000)] | None = None
-    """Stations whose positions and angles carry it; null: all."""
+    """Stations whose positions and angles carry it; null: all, or none where points are named."""
     angles: bool = True
     """Whether angles of these stations take part, a radian counting as a metre."""
 

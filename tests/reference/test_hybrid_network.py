@@ -102,6 +102,7 @@ def test_groups_tests_and_detectable_errors_are_those_of_the_reference() -> None
         np.testing.assert_allclose(values, [expected[k] for k in ("w", "r", "mdb_in_sigma")], rtol=RELATIVE)
 
 
+@pytest.mark.slow
 def test_without_start_values_the_same_network_comes_out() -> None:
     network = without_start_values(vectors("hybrid_input"))
     datum = vectors("hybrid_expected_minimal")["datum"]

@@ -23,7 +23,7 @@ from algorithms.arrays import Array
 from algorithms.progress import NoProgress, Progress
 
 REFINED_ROWS = 20_000
-"""Smaller networks are adjusted, as far as they are active, after every new station."""
+"""Smaller networks are adjusted, as far as they are active, whenever some stations were added."""
 QUIET = 3.0
 """Residuals of so many standard deviations count half while the network grows: gross errors are among them."""
 ROUNDS_OF_REFINING = 2
@@ -153,6 +153,7 @@ class _Chain:
     def _grow(self) -> None:
         """Place points from stations and stations from points, the best connected first, until nothing more comes."""
         failed: set[int] = set()
+        next_refining = 2
         while True:
             fresh = self._place_points()
             if fresh:
@@ -172,7 +173,9 @@ class _Chain:
             done = float(self.poses.mean()) if len(self.poses) else 1.0
             self.progress.report(done, f"start values: {int(self.poses.sum())} of {len(self.poses)} stations")
             self._place_points()
-            self._refine()
+            if int(self.poses.sum()) >= next_refining:
+                self._refine()
+                next_refining = int(1.3 * int(self.poses.sum())) + 1
 
     def _candidates(self, failed: set[int]) -> list[int]:
         found = []

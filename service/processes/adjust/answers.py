@@ -13,7 +13,7 @@ from algorithms.adjustment.hybrid.datum import (
     defect_of,
     free_conditions,
 )
-from algorithms.adjustment.hybrid.estimation import Estimate, estimate
+from algorithms.adjustment.hybrid.estimation import Estimate, estimate, factorised
 from algorithms.adjustment.hybrid.gross_errors import Cleaned
 from algorithms.adjustment.hybrid.reliability import ObservationTests, observation_tests
 from algorithms.adjustment.hybrid.state import Kind, Layout, State
@@ -117,13 +117,12 @@ def answer_in_other_datum(answer: Answer, datum: Json, reference: State | None) 
         target = held_values(named, datum, target)
     if reference is not None or datum["type"] == "minimal":
         state = aligned(layout, state, target, chosen, named.photos, defect.combinations)
-    found = estimate(named.network, state, answer.estimate.weights if not answer.defect.count else without, 1)
     # the values are those of the answer, moved as a whole: what remains to do is the covariance
     linearised = named.network.linearised(state)
     defect = defect_of(named.network, linearised, without, state)
     found = Estimate(
-        state, linearised, found.weights, found.factor, defect, found.fictitious, answer.estimate.omega,
-        answer.estimate.iterations, answer.estimate.converged,
+        state, linearised, answer.estimate.weights, factorised(named.network, linearised, without, defect), defect,
+        answer.estimate.fictitious, answer.estimate.omega, answer.estimate.iterations, answer.estimate.converged,
     )  # fmt: skip
     conditions = _conditions(named, state, chosen, defect)
     cofactors = Cofactors.of(found.factor, defect.basis, conditions)
@@ -145,6 +144,8 @@ def chosen_unknowns(named: NamedNetwork, datum: Json) -> DatumUnknowns:
     wanted_points, wanted_stations = datum.get("points"), datum.get("stations")
     if datum["type"] != "free":
         wanted_points = wanted_stations = None
+    if wanted_points is not None or wanted_stations is not None:
+        wanted_points, wanted_stations = wanted_points or [], wanted_stations or []
     of_points = np.isin(named.points, wanted_points) if wanted_points is not None else np.ones(n, dtype=bool)
     stations = np.isin(named.stations, wanted_stations) if wanted_stations is not None else np.ones(p, dtype=bool)
     angles = stations & bool(datum.get("angles", True))
