@@ -18,7 +18,8 @@ LEAST_ANGLE_RAD = 0.03
 """Rays that meet at less say little of the distance."""
 DOUBTFUL_RAD = 0.005
 """Rays that miss their common point by more are looked at once more, robustly."""
-MOST_DOUBTFUL = 2000
+MANY_TIMES = 5.0
+MOST_DOUBTFUL = 300
 SEED = 7
 PHOTO_AXES = np.diag([1.0, -1.0, -1.0])
 """From camera axes of the network (y up, looking along -z) to those of OpenCV (y down, looking along z)."""
@@ -201,7 +202,9 @@ def intersections(numbers: Array, origins: Array, directions: Array) -> tuple[Ar
     angles = np.where(lengths > 0.0, across / np.maximum(np.abs(lengths), 1e-12), np.pi)
     worst = np.zeros(len(found))
     np.maximum.at(worst, of, angles)
-    doubtful = np.flatnonzero(good & (worst > DOUBTFUL_RAD) & (counts > 2))
+    # with rough poses all rays miss: only what misses by much more than usual is worth a second look
+    usual = float(np.median(worst[good])) if good.any() else 0.0
+    doubtful = np.flatnonzero(good & (worst > max(DOUBTFUL_RAD, MANY_TIMES * usual)) & (counts > 2))
     for k in doubtful[np.argsort(-worst[doubtful])][:MOST_DOUBTFUL]:
         rays = of == k
         place = intersection(origins[rays], directions[rays])
