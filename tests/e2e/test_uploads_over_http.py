@@ -155,7 +155,7 @@ def test_twins_that_come_and_go_at_the_same_time_do_not_take_their_content_from_
     def come_and_go(_number: int) -> list[int]:
         answers = []
         with httpx.Client(base_url=service.url, timeout=60.0 * patience()) as client:
-            for _ in range(5):
+            for _ in range(3):
                 file = client.post("/files", files={"file": (scan.name, content)}).raise_for_status().json()["id"]
                 answers.append(int(client.get(f"/files/{file}/content").content == content))
                 answers.append(client.delete(f"/files/{file}").status_code)
@@ -163,5 +163,5 @@ def test_twins_that_come_and_go_at_the_same_time_do_not_take_their_content_from_
 
     with ThreadPoolExecutor(4) as clients:
         found = list(clients.map(come_and_go, range(4)))
-    assert found == [[1, 204] * 5] * 4
+    assert found == [[1, 204] * 3] * 4
     assert not (service.data / "blobs" / "files" / hashlib.sha256(content).hexdigest()).exists()

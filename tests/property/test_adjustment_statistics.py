@@ -1,7 +1,7 @@
 """Standard deviations and tests keep their promises over many noisy scenes (fast form of the Monte Carlo, MATH 10).
 
-Each figure may leave the band that its own sampling distribution gives for this number of runs with 99.9 %. The long
-form, with the narrow limits of MATH 8, runs on request: tests/benchmark/test_monte_carlo.py.
+Each figure may leave the band that its own sampling distribution gives for this number of runs with 99.9 %. The
+long form, with the narrow limits of MATH 8, runs on request: tests/benchmark/test_monte_carlo.py.
 """
 
 from functools import cache
@@ -10,13 +10,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.measures.monte_carlo import NAMES, MonteCarlo, run_monte_carlo, scene_pairs
+from tests.measures.monte_carlo import NAMES, PLANE_ROOM, PLANE_ROOMS, MonteCarlo, run_monte_carlo, scene_pairs
 
 RUNS = 40
 TAIL = 0.0005
 """Each side of a band that holds 99.9 %."""
 PLANTS = {"generic 8": 2}
 """Errors of the detectable size planted in each scene: of one kind only, for speed."""
+
+LARGE = frozenset({"generic 8", PLANE_ROOM, PLANE_ROOMS})
+"""Kinds of scene whose adjustments take seconds: with the slow tests."""
+each_kind = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in NAMES]
+)
 
 
 @cache
@@ -30,19 +36,19 @@ def chi_square_band(degrees: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_kind
 def test_normalised_squared_error_of_the_pose_is_chi_square(name: str) -> None:
     low, high = chi_square_band(6 * RUNS)
     assert low < monte_carlo(name).mean_nees / 6.0 < high
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_kind
 def test_ellipsoids_cover_the_truth_as_often_as_they_promise(name: str) -> None:
     low, high = stats.binom.ppf([TAIL, 1.0 - TAIL], RUNS, 0.95) / RUNS
     assert low <= monte_carlo(name).ellipsoid_coverage <= high
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_kind
 def test_standard_deviation_of_each_parameter_is_that_of_its_errors(name: str) -> None:
     # six at once: a sixth of the tail for each
     low, high = stats.chi2.ppf([TAIL / 6.0, 1.0 - TAIL / 6.0], RUNS) / RUNS
@@ -51,13 +57,14 @@ def test_standard_deviation_of_each_parameter_is_that_of_its_errors(name: str) -
     assert (ratios < 1.0 / np.sqrt(low)).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_kind
 def test_omega_is_as_large_as_the_redundancy(name: str) -> None:
     result = monte_carlo(name)
     low, high = chi_square_band(float(result.redundancies.sum()))
     assert low < result.omega_over_redundancy < high
 
 
+@pytest.mark.slow
 def test_single_tests_reject_one_good_component_in_a_thousand() -> None:
     results = [monte_carlo(name) for name in NAMES]
     tested = sum(result.w_tested.sum() for result in results)
@@ -67,6 +74,7 @@ def test_single_tests_reject_one_good_component_in_a_thousand() -> None:
     assert abs(share - 0.001) < stats.norm.isf(TAIL) * np.sqrt(variance)
 
 
+@pytest.mark.slow
 def test_line_tests_reject_one_good_line_in_a_thousand() -> None:
     results = [monte_carlo(name) for name in NAMES]
     tested = int(sum(result.lines_tested.sum() for result in results))
@@ -74,6 +82,7 @@ def test_line_tests_reject_one_good_line_in_a_thousand() -> None:
     assert low <= sum(result.lines_rejected.sum() for result in results) <= high
 
 
+@pytest.mark.slow
 def test_errors_of_the_detectable_size_are_found_in_eighty_of_a_hundred() -> None:
     found = np.concatenate([monte_carlo(name).planted_found.ravel() for name in PLANTS])
     low, high = stats.binom.ppf([TAIL, 1.0 - TAIL], len(found), 0.8) / len(found)
