@@ -27,6 +27,7 @@ SERIOUS = {"serious", "critical"}
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("no chromium here")
+    expect.set_options(5_000 * patience())
     with sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=CHROMIUM, args=["--use-angle=swiftshader", "--no-sandbox"])
         yield started
@@ -53,7 +54,7 @@ class Visit:
             viewport={"width": width, "height": 900}, locale=language, accept_downloads=True, base_url=url
         )
         self.page: Page = self.context.new_page()
-        self.page.set_default_timeout(30_000 * patience())
+        self.page.set_default_timeout(10_000 * patience())
         self.hosts: set[str] = set()
         self.errors: list[str] = []
         self.context.on("request", lambda request: self._asked(request.url))
@@ -66,11 +67,12 @@ class Visit:
             self.hosts.add(f"{parts.scheme}://{parts.netloc}")
 
     def _told(self, kind: str, text: str) -> None:
-        if kind == "error" and "401" not in text:  # the login page is sent with that status
+        # what the service refuses, the browser notes as well; tests look at what the page says of it
+        if kind == "error" and not text.startswith("Failed to load resource: the server responded with a status of 4"):
             self.errors.append(text)
 
     def log_in(self, key: str, path: str) -> None:
-        self.page.goto(path)
+        self.page.goto(f"/login?next={path}")
         self.page.get_by_label("Key").or_(self.page.get_by_label("Schlüssel")).fill(key)
         self.page.keyboard.press("Enter")
         expect(self.page.locator(".who")).to_contain_text("alice")
@@ -142,8 +144,6 @@ def test_every_page_is_accessible_in_light_and_dark_and_asks_nobody_else(
         for path in ("/", "/files", "/jobs", "/processes", "/processes/compare", "/registrations", "/jobs/nothing"):
             visit.page.goto(path)
             visit.is_accessible_and_fits()
-    assert visit.errors == [each for each in visit.errors if "404" in each]
-    visit.errors.clear()
     visit.page.goto("/docs")
     expect(visit.page.locator(".opblock").first).to_be_visible()
     visit.page.goto("/")
@@ -182,6 +182,4 @@ def test_a_broken_file_is_refused_with_its_reason(
     expect(visit.page.locator("#registration[data-ready]")).to_be_attached()
     visit.page.locator("#choose").set_input_files([broken])
     expect(visit.page.locator("#uploads .bad")).to_contain_text("refused")
-    assert [each for each in visit.errors if "4" not in each] == []
-    visit.errors.clear()
     visit.close()

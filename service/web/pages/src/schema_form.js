@@ -5,11 +5,16 @@ const UNITS = { m: "m", m2: "m²", gon: "gon", deg: "°", px: "px", s: "s", rad:
 let made = 0;
 
 export function label(name) {
-  const parts = name.replace(/([a-z])([A-Z])/g, "$1_$2").split("_");
+  const parts = name.replace(/([a-z])([A-Z])/g, (all, one, other) => `${one}_${other.toLowerCase()}`).split("_");
   const unit = parts.length > 1 ? UNITS[parts.at(-1)] : undefined;
   if (unit) parts.pop();
   const text = parts.join(" ");
   return `${text.charAt(0).toUpperCase()}${text.slice(1)}${unit ? ` [${unit}]` : ""}`;
+}
+
+// of the marks that descriptions have, those of code
+export function explained(text, id) {
+  return element("p", { class: "help", id }, ...text.split("`").map((part, index) => (index % 2 ? element("code", {}, part) : part)));
 }
 
 const short = (value) => {
@@ -38,7 +43,7 @@ export function field(name, schema, required, lists) {
 }
 
 function described(name, schema, required, id, control, inline = false) {
-  const help = schema.description ? element("p", { class: "help", id: `${id}-help` }, schema.description) : null;
+  const help = schema.description ? explained(schema.description, `${id}-help`) : null;
   if (help) control.setAttribute("aria-describedby", `${id}-help`);
   control.id = id;
   const title = element("label", { for: id }, label(name), required ? element("span", { class: "must", "aria-hidden": "true" }, " *") : null);
@@ -145,7 +150,7 @@ function group(name, schema, required, lists) {
     inside = fields(schema, lists);
     box.append(...inside.nodes);
   };
-  const help = schema.description ? element("p", { class: "help" }, schema.description) : null;
+  const help = schema.description ? explained(schema.description) : null;
   if (required) {
     fill();
     return { node: element("fieldset", { "data-field": name }, element("legend", {}, label(name), element("span", { class: "must", "aria-hidden": "true" }, " *")), help, box), read: () => inside.read() };
@@ -173,6 +178,7 @@ const optionsOf = (schema) => (schema.oneOf || schema.anyOf).filter((each) => ea
 function nameOf(option, key) {
   if (key && option.properties[key].enum) return option.properties[key].enum[0];
   if (option.enum?.length === 1) return String(option.enum[0]);
+  if (kindOf(option) === "array" && option.items?.title) return `${label(option.items.title)}: ${words().list}`;
   return option.title ? label(option.title) : { array: "list", object: "object", string: "text" }[kindOf(option)] || kindOf(option) || "JSON";
 }
 
@@ -184,8 +190,10 @@ function choice(name, schema, required, lists) {
   const isNormal = (option) => normal !== undefined && normal !== null && (key ? option.properties[key].enum[0] === (normal[key] ?? option.properties[key].default) : option.enum?.includes(normal) || false);
   const usual = key && normal !== undefined && normal !== null && !(key in normal) ? -1 : options.findIndex(isNormal);
   const id = `field-${(made += 1)}`;
+  // where a job has done it already, its stations are what is meant
+  const first = usual < 0 && required && lists.jobs?.length ? options.findIndex((each) => each.properties?.jobID) : usual;
   const free = usual < 0 && !required;
-  const control = element("select", {}, free ? element("option", { value: "" }, normal !== undefined && normal !== null ? put(words().default, { value: short(normal) }) : normal === null ? words().unset : words().usual) : null, ...options.map((each, index) => element("option", { value: index, selected: index === usual }, nameOf(each, key))));
+  const control = element("select", {}, free ? element("option", { value: "" }, normal !== undefined && normal !== null ? put(words().default, { value: short(normal) }) : normal === null ? words().unset : words().usual) : null, ...options.map((each, index) => element("option", { value: index, selected: index === first }, nameOf(each, key))));
   const box = element("div", { class: "inside" });
   const head = described(name, { description: schema.description }, required, id, control);
   let chosen = null;
@@ -201,7 +209,7 @@ function choice(name, schema, required, lists) {
     if (kindOf(option) === "object" && option.properties) {
       const inside = fields(option, lists, key ? [key] : []);
       chosen = { read: () => ({ ...(key ? { [key]: option.properties[key].enum[0] } : {}), ...inside.read() }) };
-      const help = option.description && option.description !== schema.description ? element("p", { class: "help" }, option.description) : null;
+      const help = option.description && option.description !== schema.description ? explained(option.description) : null;
       if (key && inside.nodes.length) box.append(help || "", element("details", { class: "group" }, element("summary", {}, `${nameOf(option, key)}: options`), ...inside.nodes));
       else box.append(help || "", ...inside.nodes);
     } else {
@@ -239,7 +247,7 @@ function list(name, schema, required, lists) {
   for (let k = 0; k < (required ? schema.minItems || 0 : 0); k += 1) add();
   const button = element("button", { type: "button", onclick: () => add().querySelector("input,select,textarea")?.focus() }, words().add);
   return {
-    node: element("div", { class: "list-field", "data-field": name, role: "group", "aria-label": label(name) }, element("p", { class: "list-title" }, label(name)), schema.description ? element("p", { class: "help" }, schema.description) : null, rows, button),
+    node: element("div", { class: "list-field", "data-field": name, role: "group", "aria-label": label(name) }, element("p", { class: "list-title" }, label(name)), schema.description ? explained(schema.description) : null, rows, button),
     read: () => (entries.length || required ? entries.map((each) => each.read()) : undefined),
   };
 }
