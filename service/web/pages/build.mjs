@@ -1,9 +1,13 @@
 // Bundles the scripts of the pages into ../static, with the licences of all that goes into them.
-import { readFileSync, writeFileSync, copyFileSync, existsSync, readdirSync } from "node:fs";
+import { createHash } from "node:crypto";
+import { copyFileSync, readFileSync, readdirSync, writeFileSync } from "node:fs";
 import { build } from "esbuild";
 
 const out = "../static";
-const common = { bundle: true, minify: true, format: "iife", target: "es2022", legalComments: "none", metafile: true };
+const hash = createHash("sha256");
+for (const name of readdirSync("src").sort()) hash.update(name).update("\0").update(readFileSync(`src/${name}`)).update("\0");
+const banner = { js: `/* Tieline pages, made of sources ${hash.digest("hex")}; licences: LICENCES.txt */` };
+const common = { banner, bundle: true, minify: true, format: "iife", target: "es2022", legalComments: "none", metafile: true };
 const results = [
   await build({ ...common, entryPoints: ["src/pages.js"], outfile: `${out}/pages.js` }),
   await build({ ...common, entryPoints: ["src/docs.js"], outfile: `${out}/docs.js` }),
