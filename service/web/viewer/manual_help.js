@@ -149,7 +149,8 @@ export class ManualHelp {
       const answer = await fetch(`${this.application.base}/processes/register/execution`, {
         method: "POST",
         credentials: "same-origin",
-        headers: { "Content-Type": "application/json", Accept: "application/json" },
+        // a session of the browser changes nothing without the word of one of the service's own pages
+        headers: { "Content-Type": "application/json", Accept: "application/json", "Tieline-Page": "1" },
         body: JSON.stringify({ inputs: { ...inputs, starts: [...others, start] } }),
       });
       if (!answer.ok) throw new Error(await reason(answer));
