@@ -129,7 +129,9 @@ export async function wireRegistration(form) {
       made, name, node,
       read: () => ({ name: name.value, scan: { file: document.id, index: scan.index, ...(unit.value ? { unit: unit.value } : {}) }, photos: uses?.checked ? own : [] }),
     });
-    find("station-rows").append(node);
+    // in the order in which the files were given, whichever was inspected first: the first gives the common frame
+    stations.sort((one, other) => one.made.number - other.made.number);
+    find("station-rows").append(...stations.map((each) => each.node));
   }
 
   function addPhoto(made, document, photo) {
@@ -158,10 +160,22 @@ export async function wireRegistration(form) {
     update();
   }
 
+  const reportLanguage = () => form.querySelector("[data-field=report] [data-field=lang] select");
+  form.addEventListener("toggle", async () => {
+    await new Promise((done) => setTimeout(done)); // until the group that was opened has its fields
+    const choice = reportLanguage();
+    if (!choice || choice.dataset.preset) return;
+    choice.dataset.preset = "yes";
+    choice.selectedIndex = [...choice.options].findIndex((each) => each.textContent === language);
+  }, true);
+
   function body() {
     const listed = stations.map((each) => each.read());
     for (const photo of photos) listed[Number(photo.station.value)]?.photos.push(photo.read());
-    return made.body({ stations: listed });
+    const whole = made.body({ stations: listed });
+    // the report in the language of who orders it, unless the form was asked
+    if (language !== "en" && !reportLanguage()) whole.inputs.report = { lang: language, ...whole.inputs.report };
+    return whole;
   }
 
   function update() {

@@ -156,7 +156,7 @@ function group(name, schema, required, lists) {
     return { node: element("fieldset", { "data-field": name }, element("legend", {}, label(name), element("span", { class: "must", "aria-hidden": "true" }, " *")), help, box), read: () => inside.read() };
   }
   // an object that is missing unless it is wanted, or one whose members have defaults of their own
-  const absent = schema.default === undefined || schema.default === null;
+  const absent = (schema.default === undefined || schema.default === null) && Boolean(schema.nullable || schema.required?.length);
   const wanted = absent ? element("input", { type: "checkbox", id: `field-${(made += 1)}` }) : null;
   const use = absent ? element("p", { class: "field inline" }, wanted, element("label", { for: wanted.id }, words().use)) : null;
   const details = element("details", { class: "group", "data-field": name, ontoggle: fill }, element("summary", {}, label(name)), help, use, box);
