@@ -15,7 +15,9 @@ from service.adapters.files.disk_space import set_aside
 from service.errors import FileTooLargeError, StorageError
 from service.use_cases.uploads.upload_threads import undisturbed
 
-KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*/?")
+PART = r"\w[\w .()+\-]*"
+"""As stations are called, after which downloads are: letters of any script, blanks, brackets."""
+KEY = re.compile(f"{PART}(/{PART})*/?")
 BLOCK_BYTES = 1 << 20
 
 

@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import quote
 
 from schemas.registration_result import Artifact
 from service.errors import InsufficientStorageError
@@ -60,7 +61,7 @@ def artifact(context: StepContext, job_id: str, name: str, media_type: str) -> A
         None did.
     """
     size = context.blobs.size(_key(job_id, name))
-    return Artifact(name=name, type=media_type, bytes=size, href=f"/jobs/{job_id}/artifacts/{name}")
+    return Artifact(name=name, type=media_type, bytes=size, href=f"/jobs/{job_id}/artifacts/{quote(name)}")
 
 
 def _key(job_id: str, name: str) -> str:

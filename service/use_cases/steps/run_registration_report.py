@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from urllib.parse import quote
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -321,7 +322,7 @@ def _downloads(
 
 
 def _artifact(job_id: str, name: str, media_type: str, size: int) -> Artifact:
-    return Artifact(name=name, type=media_type, bytes=size, href=f"/jobs/{job_id}/artifacts/{name}")
+    return Artifact(name=name, type=media_type, bytes=size, href=f"/jobs/{job_id}/artifacts/{quote(name)}")
 
 
 def _with_itself(document: RegistrationDocument, job_id: str) -> tuple[RegistrationDocument, bytes]:
