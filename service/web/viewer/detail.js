@@ -4,19 +4,20 @@ import * as THREE from "three";
 
 const DIVIDE_BEYOND_PX = 220; // a block that is larger on the screen is worth its children
 const SIDE_BY_SIDE = 6;
+export const POINTS_AT_REST = 2_500_000;
+export const POINTS_IN_MOTION = 600_000; // turning stays smooth, also where a program draws and no graphics card
 const MOST_LOADED = 8_000_000;
 
 export class Detail {
   constructor(clouds, changed, failed) {
     Object.assign(this, { clouds, changed, failed });
-    this.budget = 2_500_000;
+    this.budget = POINTS_AT_REST;
     this.shown = 0;
     this.loading = 0;
     this.loadedPoints = 0;
     this.loadedBytes = 0;
     this.frame = 0;
-    this.rootsLeft = clouds.reduce((sum, cloud) => sum + cloud.roots.length, 0);
-    this.onRoots = () => {};
+    this.whole = false; // whether the coarsest blocks of all stations that are shown are in the picture
     this._frustum = new THREE.Frustum();
     this._sphere = new THREE.Sphere();
     this._matrix = new THREE.Matrix4();
@@ -45,6 +46,7 @@ export class Detail {
     }
     const wanted = [];
     this.shown = 0;
+    this.whole = open.every(([, , node]) => node.points);
     while (open.length) {
       let best = 0;
       for (let k = 1; k < open.length; k += 1) if (open[k][0] > open[best][0]) best = k;
@@ -59,12 +61,11 @@ export class Detail {
       node.points.visible = true;
       node.lastUsed = this.frame;
       this.shown += node.count;
-      if (size < DIVIDE_BEYOND_PX) continue;
+      if (size < DIVIDE_BEYOND_PX || !this.whole) continue; // the first picture comes first
       for (const child of node.children) {
         const own = this._size(cloud, child, camera, heightPx);
         if (own >= 0) open.push([own, cloud, child]);
       }
-      if (size === Number.MAX_VALUE) continue;
     }
     this._load(wanted);
   }
@@ -73,7 +74,6 @@ export class Detail {
     for (const [cloud, node] of wanted) {
       if (this.loading >= SIDE_BY_SIDE) return;
       this.loading += 1;
-      const isRoot = cloud.roots.includes(node);
       cloud.load(node)
         .then(() => {
           this.loadedPoints += node.count;
@@ -83,7 +83,6 @@ export class Detail {
         .catch((error) => { node.loading = true; this.failed(error); }) // it is not asked for again
         .finally(() => {
           this.loading -= 1;
-          if (isRoot) { this.rootsLeft -= 1; if (this.rootsLeft === 0) this.onRoots(); }
           this.changed();
         });
     }

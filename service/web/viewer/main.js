@@ -92,7 +92,7 @@ class Application {
 
   _drawn() {
     this.root.dataset.points = String(this.viewer.detail.shown);
-    this.root.dataset.loading = String(this.viewer.detail.loading);
+    this.root.dataset.loading = String(this.viewer.detail.loading + (this.viewer.isMoving ? 1 : 0));
   }
 
   // --- controls

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Cloud, COLOUR_MODES, sharedUniforms } from "./cloud.js";
-import { Detail, pointOnRay } from "./detail.js";
+import { Detail, pointOnRay, POINTS_AT_REST, POINTS_IN_MOTION } from "./detail.js";
 import { lineMaterial, lineMaterials, SELECTED, StationFeatures, textSprite } from "./features.js";
 import * as poses from "./poses.js";
 import { Views } from "./views.js";
@@ -12,6 +12,7 @@ import { Views } from "./views.js";
 THREE.ColorManagement.enabled = false; // colours are what they are in the files
 
 const PICK_PX = 6;
+const REST_MS = 200;
 export const KINDS = ["points", "lines", "edges", "planes", "cylinders", "instruments", "pieces"];
 
 const matrix4 = (pose) => new THREE.Matrix4().set(...pose.flat());
@@ -26,7 +27,7 @@ export class Viewer {
     this.renderer.setClearColor(0x12171c);
     this.scene = new THREE.Scene();
     this.shared = sharedUniforms();
-    this.views = new Views(canvas, () => this.invalidate());
+    this.views = new Views(canvas, () => this._moved());
     this.visible = { points: true, lines: true, edges: true, planes: false, cylinders: true, instruments: true, pieces: true };
     this.hidden = new Set(); // stations
     this.only = null; // a station that is shown alone while points are picked in it
@@ -67,10 +68,8 @@ export class Viewer {
     const colouring = ["rgb", "intensity"].find((mode) => this.can(mode));
     if (colouring === "rgb" && this.stations.length < 2) this.colouring = "rgb";
     this.detail = new Detail(
-      this.stations.map((own) => own.cloud), () => this.invalidate(), (error) => this.listeners.failed(error),
+      this.stations.map((own) => own.cloud), () => this._loaded(), (error) => this.listeners.failed(error),
     );
-    this.detail.onRoots = () => { this._firstPicture = true; this.invalidate(); };
-    if (this.detail.rootsLeft === 0) this._firstPicture = true;
     this.recolour();
   }
 
@@ -359,6 +358,18 @@ export class Viewer {
 
   // --- drawing
 
+  // Blocks that come one after the other are drawn together.
+  _loaded() {
+    this._coming ??= setTimeout(() => { this._coming = null; this.invalidate(); }, this._isShown ? 100 : 0);
+  }
+
+  _moved() {
+    this.isMoving = true;
+    clearTimeout(this._rest);
+    this._rest = setTimeout(() => { this.isMoving = false; this.invalidate(); }, REST_MS);
+    this.invalidate();
+  }
+
   invalidate() {
     if (this._asked) return;
     this._asked = true;
@@ -395,6 +406,7 @@ export class Viewer {
       new THREE.Plane(slab.normal.clone(), slab.half - offset),
       new THREE.Plane(slab.normal.clone().negate(), slab.half + offset),
     ] : [];
+    this.detail.budget = this.isMoving && this._isShown ? POINTS_IN_MOTION : POINTS_AT_REST;
     this.shared.size.value = this._pointSize();
     const spriteScale = camera.isPerspectiveCamera ? 1
       : (camera.top - camera.bottom) / camera.zoom / (2 * Math.tan(THREE.MathUtils.degToRad(this.views.perspective.fov) / 2));
@@ -414,12 +426,18 @@ export class Viewer {
     }
     this.frameTimes.push(performance.now() - began);
     if (this.frameTimes.length > 500) this.frameTimes.shift();
-    if (this._firstPicture) {
-      this._firstPicture = false;
-      this.renderer.getContext().finish();
+    if (!this._isShown && this.detail.whole) {
+      this._isShown = true;
+      this.waitForPixels();
       this.listeners.first(performance.now(), this.detail.loadedBytes);
     }
     this.listeners.changed();
+  }
+
+  // Wait until what was drawn is drawn; `finish` of WebGL does not.
+  waitForPixels() {
+    const gl = this.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
   _pointSize() {
