@@ -28,6 +28,8 @@ class CloudPairs:
     """(n, 3) in the second's [m]."""
     weights: Scalars
     """(n,) confidence, above 0 up to 1."""
+    normals: Points | None = None
+    """(n, 3) unit normals in the second's frame, where only the distance along them counts; None: every direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +114,10 @@ def _normal_equations(
     total, weight = 0.0, 0.0
     for each in pairs:
         x, y = poses[each.first].apply(each.points), poses[each.second].apply(each.others)
-        total += float(each.weights @ np.sum((x - y) ** 2, axis=1))
         weight += float(each.weights.sum())
-        for axis in np.eye(3):
-            direction = np.broadcast_to(axis, x.shape)
-            gap = (x - y) @ axis
+        for direction in _directions(each, poses[each.second], x.shape):
+            gap = np.einsum("ij,ij->i", x - y, direction)
+            total += float(each.weights @ gap**2)
             designs = [
                 (place[cloud], sign * velocity_design(points, direction))
                 for cloud, points, sign in ((each.first, x, 1.0), (each.second, y, -1.0))
@@ -127,6 +128,13 @@ def _normal_equations(
                 for j, theirs in designs:
                     matrix[6 * i : 6 * i + 6, 6 * j : 6 * j + 6] += (ours * each.weights[:, None]).T @ theirs
     return matrix, right, float(np.sqrt(total / max(weight, 1e-300)))
+
+
+def _directions(pairs: CloudPairs, pose: RigidTransform, shape: tuple[int, ...]) -> list[Array]:
+    """Give the directions along which the distances of pairs count."""
+    if pairs.normals is not None:
+        return [np.asarray(pose.rotation.apply(pairs.normals))]
+    return [np.broadcast_to(axis, shape) for axis in np.eye(3)]
 
 
 def _longest(

@@ -17,6 +17,7 @@ from service.processes.compare import COMPARE
 from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
+from service.processes.orient import ORIENT
 from service.processes.register import REGISTER
 from service.processes.simulate import SIMULATE
 from service.processes.transform import TRANSFORM
@@ -32,6 +33,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     COLOUR,
     COMPARE,
     SIMULATE,
+    ORIENT,
     ADJUST,
     ECHO,
 )

@@ -22,7 +22,7 @@ pytestmark = [
 
 @cache
 def cloud(name: str) -> o3d.geometry.PointCloud:
-    points = o3d.io.read_point_cloud(str(DATA / f"{name}.ply")).voxel_down_sample(0.15)
+    points = o3d.io.read_point_cloud(DATA / f"{name}.ply").voxel_down_sample(0.15)
     points.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=0.5, max_nn=30))
     return points
 
