@@ -56,7 +56,8 @@ def score(  # noqa: C901 - one nest of loops over cells and their neighbours
     derivatives[:] = 0.0
     # derivatives of a source cell's place and covariance by small turns, first and second
     turned, bent, arms, bends = np.empty((3, 3, 3)), np.empty((3, 3, 3, 3)), np.zeros((6, 3)), np.empty((3, 3, 3))
-    own = np.empty(6)
+    own, gap, pull, precision = np.empty(6), np.empty(3), np.empty(3), np.empty((3, 3))
+    slopes, leans, stiff = np.empty(6), np.empty((3, 3)), np.empty((6, 3))
     for n in range(len(means)):
         place = rotation @ means[n] + shift
         spread = rotation @ covariances[n] @ rotation.T
@@ -70,15 +71,29 @@ def score(  # noqa: C901 - one nest of loops over cells and their neighbours
                     for m in grids[g, i, j, max(z - 1, 0) : max(min(z + 2, grids.shape[3]), 0)]:
                         if m < 0:
                             continue
-                        gap = place - other_means[m]
-                        precision = _inverse(spread + other_covariances[m])
-                        pull = precision @ gap
+                        for a in range(3):
+                            gap[a] = place[a] - other_means[m, a]
+                        _invert(spread, other_covariances[m], precision)
+                        _times(precision, gap, pull)
                         q = _dot(pull, gap)
                         if q < 2.0 * FARTHEST_EXPONENT:
                             e = math.exp(-0.5 * q)
                             total += e
                             if wanted:
-                                _add(e, pull, precision, arms, bends, turned, bent, own, derivatives)
+                                _add(
+                                    e,
+                                    pull,
+                                    precision,
+                                    arms,
+                                    bends,
+                                    turned,
+                                    bent,
+                                    slopes,
+                                    leans,
+                                    stiff,
+                                    own,
+                                    derivatives,
+                                )
         if wanted:
             derivatives[0] += own
             derivatives[7:] += np.outer(own, own)
@@ -135,18 +150,18 @@ def _add(
     bends: Array,
     turned: Array,
     bent: Array,
+    slopes: Array,
+    leans: Array,
+    stiff: Array,
     own: Array,
     derivatives: Array,
 ) -> None:
-    """Add what one pair of cells contributes to gradient and Hessian."""
-    slopes = np.empty(6)
-    leans = np.zeros((3, 3))
-    stiff = np.empty((6, 3))
+    """Add what one pair of cells contributes to gradient and Hessian; slopes, leans and stiff are room to work in."""
     for a in range(6):
-        stiff[a] = precision @ arms[a]
+        _times(precision, arms[a], stiff[a])
         slopes[a] = 2.0 * (pull[0] * arms[a, 0] + pull[1] * arms[a, 1] + pull[2] * arms[a, 2])
         if a < 3:
-            leans[a] = turned[a] @ pull
+            _times(turned[a], pull, leans[a])
             slopes[a] -= pull[0] * leans[a, 0] + pull[1] * leans[a, 1] + pull[2] * leans[a, 2]
         own[a] -= 0.5 * e * slopes[a]
     for a in range(6):
@@ -158,8 +173,8 @@ def _add(
                 curve -= 2.0 * _dot(leans[b], stiff[a])
             if a < 3 and b < 3:
                 curve += 2.0 * _dot(pull, bends[a, b])
-                curve += 2.0 * _dot(leans[a], precision @ leans[b])
-                curve -= _dot(pull, bent[a, b] @ pull)
+                curve += 2.0 * _form(leans[a], precision, leans[b])
+                curve -= _form(pull, bent[a, b], pull)
             value = e * (0.25 * slopes[a] * slopes[b] - 0.5 * curve)
             derivatives[1 + a, b] += value
             if b > a:
@@ -172,18 +187,28 @@ def _dot(a: Array, b: Array) -> float:
     return product
 
 
-@nb.njit(cache=True, nogil=True)
-def _inverse(c: Array) -> Array:
-    """Invert a symmetric positive definite matrix (3, 3) by its cofactors."""
-    inverse = np.empty((3, 3))
-    inverse[0, 0] = c[1, 1] * c[2, 2] - c[1, 2] * c[1, 2]
-    inverse[0, 1] = inverse[1, 0] = c[0, 2] * c[1, 2] - c[0, 1] * c[2, 2]
-    inverse[0, 2] = inverse[2, 0] = c[0, 1] * c[1, 2] - c[0, 2] * c[1, 1]
-    inverse[1, 1] = c[0, 0] * c[2, 2] - c[0, 2] * c[0, 2]
-    inverse[1, 2] = inverse[2, 1] = c[0, 1] * c[0, 2] - c[0, 0] * c[1, 2]
-    inverse[2, 2] = c[0, 0] * c[1, 1] - c[0, 1] * c[0, 1]
-    determinant = c[0, 0] * inverse[0, 0] + c[0, 1] * inverse[0, 1] + c[0, 2] * inverse[0, 2]
+@nb.njit(cache=True, nogil=True, inline="always")
+def _times(matrix: Array, vector: Array, product: Array) -> None:
     for i in range(3):
-        for j in range(3):
-            inverse[i, j] /= determinant
-    return inverse
+        product[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _form(a: Array, matrix: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(3):
+        total += a[i] * (matrix[i, 0] * b[0] + matrix[i, 1] * b[1] + matrix[i, 2] * b[2])
+    return total
+
+
+@nb.njit(cache=True, nogil=True)
+def _invert(first: Array, second: Array, inverse: Array) -> None:
+    """Invert the sum of two symmetric positive definite matrices (3, 3) by its cofactors."""
+    xx, xy, xz = first[0, 0] + second[0, 0], first[0, 1] + second[0, 1], first[0, 2] + second[0, 2]
+    yy, yz, zz = first[1, 1] + second[1, 1], first[1, 2] + second[1, 2], first[2, 2] + second[2, 2]
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    scale = 1.0 / (xx * a + xy * b + xz * c)
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = a * scale, (xx * zz - xz * xz) * scale, (xx * yy - xy * xy) * scale
+    inverse[0, 1] = inverse[1, 0] = b * scale
+    inverse[0, 2] = inverse[2, 0] = c * scale
+    inverse[1, 2] = inverse[2, 1] = (xy * xz - xx * yz) * scale
