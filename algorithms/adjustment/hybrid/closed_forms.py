@@ -132,10 +132,15 @@ def resection(ideal: Array, points: Points) -> tuple[Matrix3, Vector3, float] | 
     misfit = _image_misfits(rotation, shift, points - centre, flipped)
     agreeing = misfit <= max(INLIERS * 1.4826 * middle, 1e-9)
     if agreeing.sum() >= 4:
-        vector, shift = cv2.solvePnPRefineLM(
-            points[agreeing] - centre, flipped[agreeing], np.eye(3), None, cv2.Rodrigues(rotation)[0], shift[:, None]
+        vector, better = cv2.solvePnPRefineLM(
+            points[agreeing] - centre,
+            flipped[agreeing],
+            np.eye(3),
+            None,
+            cv2.Rodrigues(rotation)[0],
+            shift[:, None].copy(),
         )
-        refined = cv2.Rodrigues(vector)[0], shift.ravel()
+        refined = cv2.Rodrigues(vector)[0], better.ravel()
         if float(np.median(_image_misfits(*refined, points - centre, flipped))) <= 2.0 * middle + 1e-9:
             rotation, shift = refined
     return rotation.T @ PHOTO_AXES, centre - rotation.T @ shift, middle
