@@ -12,8 +12,9 @@ from service.errors import FieldFault, InvalidRequestError
 
 MOST_MEMBERS = 130_000
 """Of one array or object; the longest that there is use for are all pairs of 500 stations."""
-MOST_CONTAINERS, MOST_SEPARATORS = 200_000, 1_000_000
-"""Arrays and objects, commas and colons of a whole document: 500 stations with ten photos each, and all their pairs."""
+MOST_CONTAINERS, MOST_SEPARATORS = 200_000, 1_200_000
+"""Arrays and objects, commas and colons of a whole document: 500 stations with ten photos each, and all their pairs;
+a network of 90 000 image points."""
 DEEPEST = 32
 """Arrays and objects within each other."""
 TOO_DEEP = f"arrays and objects are nested more than {DEEPEST} deep"
