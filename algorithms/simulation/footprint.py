@@ -1,6 +1,7 @@
 """What a beam of finite width returns at a depth edge: mixed pixels."""
 
 import numpy as np
+from scipy import ndimage
 
 from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.geometry.lines import bases_of
@@ -10,6 +11,8 @@ from algorithms.simulation.scene import Scene
 
 SUB_RAYS = 12
 """Rays per footprint besides the centre."""
+RINGS, RAYS_PER_RING = 6, 12
+"""Rays per footprint where reflectances meet: a step across the beam is drawn smooth."""
 MIN_JUMP_M = 0.005
 """Neighbours on different faces that differ by less are not worth a closer look."""
 MIN_SIGNAL = 0.25
@@ -58,6 +61,77 @@ def near_depth_edges(hits: Hits, scene: Scene, scanner: VirtualScanner) -> Array
             flags[:, here] |= differs
             flags[:, there] |= np.roll(differs, column_shift, axis=0)
     return flags.ravel()
+
+
+def near_reflectance_edges(hits: Hits, scene: Scene, scanner: VirtualScanner) -> Array:
+    """Find beams with something of another reflectance within their footprint and its tail, as far as neighbours show.
+
+    Parameters
+    ----------
+    hits
+        Of all beams in recording order.
+
+    Returns
+    -------
+    (n,) bool.
+    """
+    values = np.where(hits.found, scene.reflectances[hits.triangles], 0.0).reshape(scanner.columns, scanner.rows)
+    nearest = float(np.min(hits.ranges_m, initial=np.inf))
+    width = scanner.beam_divergence_rad + (scanner.beam_exit_diameter_m / nearest if nearest > 0.0 else 0.0)
+    reach = 0.5 * width + (abs(scanner.tail_offset_rad) if scanner.tail_share > 0.0 else 0.0)
+    size = tuple(2 * int(np.ceil(reach / step)) + 1 for step in (scanner.column_step_rad, scanner.row_step_rad))
+    return np.asarray(ndimage.maximum_filter(values, size) > ndimage.minimum_filter(values, size)).ravel()
+
+
+def mean_reflectances(
+    caster: RayCaster, scene: Scene, scanner: VirtualScanner, origin: Vector3, directions: Points, centre: Hits
+) -> Scalars:
+    """Give the mean reflectance (n,) over the footprints of beams: a Gaussian beam of rings about its centre.
+
+    Rings are symmetric, so that the mean weighs no side of an edge more. The tail is the same beam once more, beside.
+
+    Parameters
+    ----------
+    caster, scene, scanner
+        Where the rays go and how wide they are.
+    origin
+        Instrument centre in the scene's frame [m].
+    directions
+        (n, 3) true unit directions of the beams in the scene's frame.
+    centre
+        What their centres met: rays that meet something farther away than the echo separation do not count.
+    """
+    offsets, weights = _rings()
+    found = np.zeros(len(directions))
+    parts = [(1.0 - scanner.tail_share, 0.0), (scanner.tail_share, scanner.tail_offset_rad)]
+    total = np.zeros(len(directions))
+    for share, turn in parts:
+        if share <= 0.0:
+            continue
+        cosine, sine = np.cos(turn), np.sin(turn)
+        turned = directions @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        across = np.einsum("nij,kj->nki", bases_of(turned), offsets)
+        origins = origin + 0.5 * scanner.beam_exit_diameter_m * across
+        fans = turned[:, None, :] + 0.5 * scanner.beam_divergence_rad * across
+        fans /= np.linalg.norm(fans, axis=2, keepdims=True)
+        hits = caster.cast(origins.reshape(-1, 3), fans.reshape(-1, 3))
+        ranges = hits.ranges_m.reshape(len(directions), -1)
+        same = np.abs(ranges - centre.ranges_m[:, None]) < scanner.echo_separation_m
+        power = np.where(same, share * weights, 0.0)
+        total += power.sum(axis=1)
+        found += (power * scene.reflectances[hits.triangles].reshape(len(directions), -1)).sum(axis=1)
+    return np.asarray(np.where(total > 0.0, found / np.where(total > 0.0, total, 1.0), 0.0))
+
+
+def _rings() -> tuple[Array, Scalars]:
+    """Give the rays of a footprint in rings: (k, 2) offsets in footprint radii, (k,) Gaussian weights of sum 1."""
+    edges = np.linspace(0.0, 1.5, RINGS + 1)
+    radii = 0.5 * (edges[1:] + edges[:-1])
+    angles = 2.0 * np.pi * (np.arange(RAYS_PER_RING) + 0.5) / RAYS_PER_RING
+    weights = np.repeat(np.exp(-2.0 * edges[:-1] ** 2) - np.exp(-2.0 * edges[1:] ** 2), RAYS_PER_RING)
+    turns = angles + np.arange(RINGS)[:, None] * np.pi / RAYS_PER_RING / 2.0
+    offsets = np.stack([radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)], axis=-1).reshape(-1, 2)
+    return offsets, weights / weights.sum()
 
 
 def mixed_hits(

@@ -31,11 +31,16 @@ class VirtualScanner:
     rows: int = 750
     """Directions on the vertical circle, from the top down."""
     columns: int = 1800
-    """Directions on the full horizontal circle, anticlockwise seen from above, from azimuth -pi."""
+    """Directions on the horizontal circle, anticlockwise seen from above; without a narrower field of view the full
+    circle, from azimuth -pi."""
     lowest_rad: float = float(np.deg2rad(-60.0))
     """Lower end of the vertical field of view: elevation above the scanner's xy plane."""
     highest_rad: float = float(np.deg2rad(90.0))
     """Upper end of the vertical field of view."""
+    leftmost_rad: float = -float(np.pi)
+    """First azimuth of the horizontal field of view; with `rightmost_rad` a fine scan of a part of the panorama."""
+    rightmost_rad: float = float(np.pi)
+    """Last azimuth of the horizontal field of view."""
     max_range_m: float = 120.0
     """Nothing farther away comes back."""
     min_range_m: float = 0.4
@@ -70,6 +75,13 @@ class VirtualScanner:
     """Panes met nearer to the normal than this come back."""
     glass_pass_probability: float = 0.3
     """Share of the other beams on panes that come back from what stands behind; the rest is lost."""
+    mixed_intensities: bool = False
+    """Whether a beam that meets two reflectances returns the mean over its footprint rather than that of its centre."""
+    tail_share: float = 0.0
+    """With mixed intensities: share of the beam's power in a weaker bar beside it, along the horizontal circle, which
+    draws a tail beside bright targets (Haring 2003, inhomogeneous beam)."""
+    tail_offset_rad: float = 0.0
+    """Angle from the beam to that bar."""
     dropout_probability: float = 0.0
     """Share of beams lost without any reason."""
     intensity_noise: float = 0.03
@@ -89,6 +101,9 @@ class VirtualScanner:
         if not -np.pi / 2 <= self.lowest_rad < self.highest_rad <= np.pi / 2:
             advice = "-pi/2 <= lowest < highest <= pi/2"
             raise InvalidInputError("scanner", "the vertical field of view is empty or beyond zenith or nadir", advice)
+        if not -np.pi <= self.leftmost_rad < self.rightmost_rad <= np.pi:
+            advice = "-pi <= leftmost < rightmost <= pi"
+            raise InvalidInputError("scanner", "the horizontal field of view is empty or more than a circle", advice)
         if not 0.0 <= self.min_range_m < self.max_range_m:
             raise InvalidInputError("scanner", f"ranges from {self.min_range_m} to {self.max_range_m} m")
         if not self.reach_reflectance > 0.0:
@@ -96,7 +111,7 @@ class VirtualScanner:
         for name in NOT_NEGATIVE:
             if not getattr(self, name) >= 0.0:
                 raise InvalidInputError("scanner", f"{name} is {getattr(self, name)}", "0 or more")
-        for name in ("glass_pass_probability", "dropout_probability", "unmixed_share"):
+        for name in ("glass_pass_probability", "dropout_probability", "unmixed_share", "tail_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidInputError("scanner", f"{name} is {getattr(self, name)}", "0 to 1")
 
@@ -108,7 +123,7 @@ class VirtualScanner:
     @property
     def column_step_rad(self) -> float:
         """Angle between columns [rad]."""
-        return 2.0 * np.pi / self.columns
+        return (self.rightmost_rad - self.leftmost_rad) / self.columns
 
     def elevations(self, rows: Array) -> Scalars:
         """Give the nominal elevation of each row number (n,), the centre of its cell [rad]."""
@@ -116,7 +131,7 @@ class VirtualScanner:
 
     def azimuths(self, columns: Array) -> Scalars:
         """Give the nominal azimuth of each column number (n,), the centre of its cell [rad]."""
-        return np.asarray((columns + 0.5) * self.column_step_rad - np.pi)
+        return np.asarray((columns + 0.5) * self.column_step_rad + self.leftmost_rad)
 
 
 def scanner_with_step(step_rad: float, scanner: VirtualScanner | None = None) -> VirtualScanner:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Points, Scalars
 from algorithms.scans.scan import Scan, ScanGrid
 from algorithms.simulation.beam_physics import relative_power, transmission
-from algorithms.simulation.footprint import mixed_hits, near_depth_edges
+from algorithms.simulation.footprint import mean_reflectances, mixed_hits, near_depth_edges, near_reflectance_edges
 from algorithms.simulation.ray_casting import Hits, RayCaster
 from algorithms.simulation.scanner import VirtualScanner, directions_of
 from algorithms.simulation.scene import Scene
@@ -37,6 +37,8 @@ class _Readings:
     hits: Hits
     through_glass: Array
     """(n,) bool, True where the beam went through a pane."""
+    reflectances: Scalars
+    """(n,) reflectance that the beam sees; nan: that of the face its centre met."""
 
 
 def scan_scene(
@@ -82,6 +84,8 @@ def _scan(
     readings = _cast_beams(scene, casters, pose, scanner, rng)
     if scanner.mixed_pixels:
         _mix_at_depth_edges(scene, casters, pose, scanner, readings, rng)
+    if scanner.mixed_intensities:
+        _mix_reflectances(scene, casters, pose, scanner, readings)
     if scene.unevenness is not None:
         _make_uneven(scene, scene.unevenness, pose, scanner, readings)
     count = scanner.rows * scanner.columns
@@ -127,6 +131,7 @@ def _cast_beams(
         elevation_errors_rad=np.zeros(count),
         hits=Hits(np.empty(count), np.empty(count, dtype=np.int64), np.empty(count)),
         through_glass=np.zeros(count, dtype=bool),
+        reflectances=np.full(count, np.nan),
     )
     origin = np.asarray(pose.translation)
     for start in range(0, count, CHUNK):
@@ -181,6 +186,19 @@ def _mix_at_depth_edges(
             _store(readings.hits, beams, mixed_hits(caster, scene, scanner, origin, directions, centre, rng))
 
 
+def _mix_reflectances(
+    scene: Scene, casters: _Casters, pose: RigidTransform, scanner: VirtualScanner, readings: _Readings
+) -> None:
+    """Give beams that straddle an edge between reflectances the mean of their footprint."""
+    flagged = np.flatnonzero(near_reflectance_edges(readings.hits, scene, scanner) & readings.hits.found)
+    origin = np.asarray(pose.translation)
+    for start in range(0, len(flagged), CHUNK // 64):
+        beams = flagged[start : start + CHUNK // 64]
+        centre = Hits(readings.hits.ranges_m[beams], readings.hits.triangles[beams], readings.hits.cosines[beams])
+        directions = _true_directions(scanner, pose, readings, beams)
+        readings.reflectances[beams] = mean_reflectances(casters.everything, scene, scanner, origin, directions, centre)
+
+
 def _make_uneven(
     scene: Scene, unevenness: Unevenness, pose: RigidTransform, scanner: VirtualScanner, readings: _Readings
 ) -> None:
@@ -212,7 +230,8 @@ def _measure(
     speckle = rng.standard_normal(len(beams))
     lost = rng.uniform(size=len(beams)) < scanner.dropout_probability
     ranges, cosines = readings.hits.ranges_m[beams], readings.hits.cosines[beams]
-    reflectances = scene.reflectances[readings.hits.triangles[beams]]
+    mixed = readings.reflectances[beams]
+    reflectances = np.where(np.isnan(mixed), scene.reflectances[readings.hits.triangles[beams]], mixed)
     bright = reflectances * cosines
     if scanner.attenuation_db_per_km > 0.0:
         bright = bright * transmission(ranges, scanner.attenuation_db_per_km)

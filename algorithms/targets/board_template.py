@@ -1,0 +1,185 @@
+"""A board's crossing in the intensities of its plane: two blurred edges by least squares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+from scipy.optimize import least_squares
+
+from algorithms.arrays import Array, Scalars, Vectors2
+
+ANGLES = np.deg2rad(np.arange(0.0, 90.0, 7.5))
+SHIFTS = np.linspace(-0.16, 0.16, 5)
+"""Of the first search, in sides of the board."""
+MOST_SEARCHED = 500
+BLUR_PRIOR = 0.7
+"""Standard deviation of the logarithm of the blur: it is the sampling's and the beam's, within a factor of two."""
+TEMPLATE_SHARE = 0.46
+"""So far from the crossing, in sides, the board's own points are taken: its rim is blurred with what is behind."""
+
+
+@dataclass(frozen=True, eq=False)
+class CrossingFit:
+    """Where two edges cross, and how well that is known."""
+
+    place: Array
+    """(2,) in the plane [m]."""
+    covariance: Array
+    """(2, 2) [m²]."""
+    angles_rad: Array
+    """(2,) directions of the two edges' normals."""
+    dark: float
+    bright: float
+    agreement: float
+    """Share of the intensities' variance that the template explains, 0..1 (negative: worse than their mean)."""
+    rms: float
+    """Residuals relative to half the contrast."""
+    blurs_m: Array
+    """(2,) standard deviations of the edges' blur [m]."""
+
+    def across(self, places: Vectors2) -> Array:
+        """Give the distances (n, 2) of places from the two edges [m]."""
+        normals = np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad)])
+        return np.asarray((places - self.place) @ normals)
+
+
+def searched_crossing(places: Vectors2, intensities: Scalars, size_m: float) -> tuple[Array, float, float]:
+    """Find roughly where and how a checker crossing of sharp edges lies.
+
+    Returns
+    -------
+    Place (2,) [m], direction of one edge's normal [rad], and correlation with the template, -1..1; its sign tells which
+    squares are bright.
+    """
+    step = max(1, len(places) // MOST_SEARCHED)
+    places, intensities = places[::step], intensities[::step]
+    best: tuple[Array, float, float] = np.zeros(2), 0.0, 0.0
+    for angle in ANGLES:
+        turned = places @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        for x in SHIFTS * size_m:
+            for y in SHIFTS * size_m:
+                first, second = turned[:, 0] - x, turned[:, 1] - y
+                inside = np.maximum(np.abs(first), np.abs(second)) < TEMPLATE_SHARE * size_m
+                if np.count_nonzero(inside) < 12:
+                    continue
+                signs = np.sign(first[inside] * second[inside])
+                values = intensities[inside]
+                spread = float(np.std(values) * np.std(signs))
+                if spread <= 0.0:
+                    continue
+                correlation = float(np.mean((values - values.mean()) * (signs - signs.mean()))) / spread
+                if abs(correlation) > abs(best[2]):
+                    cosine, sine = np.cos(angle), np.sin(angle)
+                    best = np.array([cosine * x - sine * y, sine * x + cosine * y]), float(angle), correlation
+    return best
+
+
+def fit_crossing(
+    places: Vectors2, intensities: Scalars, start: tuple[Array, float, float], blur_m: float
+) -> CrossingFit | None:
+    """Fit I = level + half contrast * erf(d1 / s1 sqrt 2) * erf(d2 / s2 sqrt 2) with d the distances from two edges.
+
+    Bright surfaces scatter more than dark ones and edges more than surfaces, so each measurement's weight is that of
+    its level, and the covariance is taken from the residuals themselves (White 1980, in the form HC3).
+
+    Parameters
+    ----------
+    places
+        (n, 2) in the plane [m], on the board.
+    intensities
+        (n,) any linear scale.
+    start
+        Place, angle and correlation of `searched_crossing`.
+    blur_m
+        Expected standard deviation of the edges' blur: half the spacing of the points, or the beam's [m].
+
+    Returns
+    -------
+    The fit, or None where it does not settle near the start.
+    """
+    place, angle, correlation = start
+    level, half = float(np.mean(intensities)), float(np.sign(correlation) * np.std(intensities))
+    unit = float(np.std(intensities))
+    if unit <= 0.0:
+        return None
+    first = np.array([place[0], place[1], angle, angle + 0.5 * np.pi, level, half, np.log(blur_m), np.log(blur_m)])
+    weights = np.full(len(places), 1.0 / unit)
+    solution = first
+    for _ in range(3):
+
+        def residuals(x: Array, weights: Array = weights) -> Array:
+            return np.append((_model(x, places)[0] - intensities) * weights, (x[6:] - first[6:]) / BLUR_PRIOR)
+
+        def jacobian(x: Array, weights: Array = weights) -> Array:
+            prior = np.zeros((2, 8))
+            prior[[0, 1], [6, 7]] = 1.0 / BLUR_PRIOR
+            return np.vstack([_model(x, places)[1] * weights[:, None], prior])
+
+        fitted = least_squares(residuals, solution, jac=jacobian, method="lm", x_scale="jac", max_nfev=60)
+        solution = fitted.x
+        if not np.all(np.isfinite(solution)):
+            return None
+        values, _ = _model(solution, places)
+        misfits = intensities - values
+        share = np.clip((values - solution[4]) / (2.0 * abs(solution[5]) + 1e-300) + 0.5, 0.0, 1.0)
+        dark, bright = _spread(misfits, share < 0.15), _spread(misfits, share > 0.85)
+        between = _spread(misfits, (share >= 0.15) & (share <= 0.85))
+        variances = (1.0 - share) * dark**2 + share * bright**2 + 4.0 * share * (1.0 - share) * between**2
+        weights = 1.0 / np.sqrt(np.maximum(variances, (1e-4 * unit) ** 2))
+    values, derivatives = _model(solution, places)
+    misfits = intensities - values
+    whole = float(np.sum((intensities - intensities.mean()) ** 2))
+    half = abs(float(solution[5]))
+    return CrossingFit(
+        place=solution[:2],
+        covariance=_sandwich(derivatives * weights[:, None], misfits * weights)[:2, :2],
+        angles_rad=solution[2:4],
+        dark=float(solution[4]) - half,
+        bright=float(solution[4]) + half,
+        agreement=1.0 - float(np.sum(misfits**2)) / whole,
+        rms=float(np.sqrt(np.mean(misfits**2))) / half if half > 0.0 else np.inf,
+        blurs_m=np.exp(solution[6:]),
+    )
+
+
+def _model(x: Array, places: Vectors2) -> tuple[Array, Array]:
+    """Give the template's intensities (n,) and their derivatives (n, 8)."""
+    shifted = places - x[:2]
+    edges, slopes, turned, blurred = [], [], [], []
+    for angle, blur in ((x[2], np.exp(x[6])), (x[3], np.exp(x[7]))):
+        distance = shifted @ np.array([np.cos(angle), np.sin(angle)])
+        along = shifted @ np.array([-np.sin(angle), np.cos(angle)])
+        slope = np.sqrt(2.0 / np.pi) / blur * np.exp(-0.5 * (distance / blur) ** 2)
+        edges.append(special.erf(distance / (np.sqrt(2.0) * blur)))
+        slopes.append(slope)
+        turned.append(slope * along)
+        blurred.append(-slope * distance)
+    product = edges[0] * edges[1]
+    out = np.empty((len(places), 8))
+    by_first, by_second = slopes[0] * edges[1], edges[0] * slopes[1]
+    out[:, 0] = -x[5] * (by_first * np.cos(x[2]) + by_second * np.cos(x[3]))
+    out[:, 1] = -x[5] * (by_first * np.sin(x[2]) + by_second * np.sin(x[3]))
+    out[:, 2], out[:, 3] = x[5] * turned[0] * edges[1], x[5] * edges[0] * turned[1]
+    out[:, 4], out[:, 5] = 1.0, product
+    out[:, 6], out[:, 7] = x[5] * blurred[0] * edges[1], x[5] * edges[0] * blurred[1]
+    return x[4] + x[5] * product, out
+
+
+def _spread(misfits: Array, which: Array) -> float:
+    """Give the standard deviation of some residuals; of all where there are few."""
+    chosen = misfits[which] if np.count_nonzero(which) >= 5 else misfits
+    return float(np.sqrt(np.mean(chosen**2)))
+
+
+def _sandwich(design: Array, residuals: Array) -> Array:
+    """Give the covariance of weighted least squares whose residuals have unequal variances.
+
+    The prior of the blur carries over where points alone do not tell it.
+    """
+    prior = np.zeros(8)
+    prior[6:] = 1.0 / BLUR_PRIOR**2
+    inverse = np.linalg.pinv(design.T @ design + np.diag(prior), hermitian=True)
+    gain = design @ inverse
+    leverage = np.minimum(np.einsum("ij,ij->i", gain, design), 0.95)
+    meat = gain * (residuals / (1.0 - leverage))[:, None]
+    return np.asarray(meat.T @ meat)

@@ -1,0 +1,153 @@
+"""Targets are found where they are, and nothing else is taken for one."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array
+from algorithms.errors import InvalidInputError
+from algorithms.scans.scan import Scan
+from algorithms.simulation.curved_parts import tube
+from algorithms.simulation.materials import CONCRETE, PLASTER, STEEL
+from algorithms.simulation.parts import Part, box
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import scan_scene
+from algorithms.simulation.scene import scene_from_parts
+from algorithms.simulation.target_parts import BOARD_WHITE, checker_board, facing, plate, retro_cylinder, sphere
+from algorithms.targets.finding import TargetsOfScan, find_targets
+from algorithms.targets.options import BoardKind, RetroKind, SoughtKind, SphereKind, TargetKind
+
+RADIUS_M, BOARD_M, RETRO_M = 0.0725, 0.15, 0.05
+FINE = VirtualScanner(
+    rows=180,
+    columns=240,
+    lowest_rad=-0.036,
+    highest_rad=0.036,
+    leftmost_rad=-0.048,
+    rightmost_rad=0.048,
+    range_noise_std_m=0.001,
+    mixed_intensities=True,
+)
+"""4 mm between points at 10 m."""
+WALL = box((12.0, -3.0, -3.0), (12.2, 3.0, 3.0), PLASTER)
+CHI_SQUARE_3 = 16.27
+"""Exceeded by one of a thousand."""
+
+
+def _scan(parts: Sequence[Part], scanner: VirtualScanner = FINE, seed: int = 5) -> Scan:
+    scene = scene_from_parts("targets", [WALL, *parts], [])
+    return scan_scene(scene, RigidTransform.identity(), scanner, np.random.default_rng(seed))
+
+
+def _inclined(centre: Array, incidence_deg: float, turn_rad: float) -> RigidTransform:
+    towards = -centre / np.linalg.norm(centre)
+    cosine, sine = np.cos(np.deg2rad(incidence_deg)), np.sin(np.deg2rad(incidence_deg))
+    turned = [towards[0] * cosine - towards[1] * sine, towards[0] * sine + towards[1] * cosine, towards[2]]
+    return facing(centre.tolist(), turned, turn_rad)
+
+
+def _assert_found(targets: TargetsOfScan, truth: Array, within_m: float) -> None:
+    assert len(targets.found) == len(truth), [each.reason for each in targets.rejected]
+    for centre in truth:
+        errors = [each.centre_m - centre for each in targets.found]
+        nearest = int(np.argmin([np.linalg.norm(error) for error in errors]))
+        error, target = errors[nearest], targets.found[nearest]
+        assert np.linalg.norm(error) < within_m
+        assert error @ np.linalg.solve(target.covariance_m2, error) < CHI_SQUARE_3
+
+
+def test_spheres_are_found_to_a_part_of_a_millimetre() -> None:
+    truth = np.array([[10.0, 0.2, 0.1], [8.0, -0.2, -0.1]])
+    poles = [tube((x, y, -1.0), (x, y, z), 0.015, STEEL) for x, y, z in truth.tolist()]
+    scan = _scan([*(sphere(centre.tolist(), RADIUS_M) for centre in truth), *poles])
+    _assert_found(find_targets(scan, [SphereKind(RADIUS_M)]), truth, 0.0005)
+
+
+def test_a_sphere_is_found_in_shuffled_points_without_raster_and_far_from_the_origin() -> None:
+    truth = np.array([[8.0, 0.1, 0.0]])
+    scan = _scan([sphere(truth[0].tolist(), RADIUS_M)])
+    order = np.random.default_rng(1).permutation(len(scan.points))
+    shift = np.array([3.0, -2.0, 1.0])
+    assert scan.sensor_m is not None
+    loose = replace(
+        scan,
+        points=scan.points[order] + shift,
+        sensor_m=scan.sensor_m + shift,
+        grid=None,
+        intensity=None,
+        origin_m=np.array([5e5, 5e6, 100.0]),
+    )
+    _assert_found(find_targets(loose, [SphereKind(RADIUS_M)]), truth + shift, 0.0005)
+
+
+def test_neither_tubes_nor_spheres_of_another_radius_are_taken_for_the_sphere() -> None:
+    parts = [sphere((9.0, 0.2, 0.1), 1.2 * RADIUS_M), tube((9.0, -0.2, -1.0), (9.0, -0.2, 1.0), RADIUS_M, STEEL)]
+    targets = find_targets(_scan(parts), [SphereKind(RADIUS_M)])
+    assert targets.found == ()
+
+
+@pytest.mark.parametrize("incidence_deg", [0.0, 60.0])
+def test_a_board_is_found_whatever_its_turn(incidence_deg: float) -> None:
+    truth = np.array([[10.0, 0.2, 0.1], [9.8, -0.2, -0.1]])
+    parts = [
+        part
+        for centre, turn in zip(truth, (0.2, 0.9), strict=True)
+        for part in checker_board(_inclined(centre, incidence_deg, turn), BOARD_M)
+    ]
+    targets = find_targets(_scan(parts), [BoardKind(BOARD_M)])
+    _assert_found(targets, truth, 0.0005)
+    assert all(abs(np.degrees(each.incidence_rad) - incidence_deg) < 2.0 for each in targets.found)
+
+
+def test_boards_of_another_size_and_plates_are_no_boards() -> None:
+    parts = [
+        *checker_board(facing((10.0, 0.25, 0.1), (-1.0, 0.0, 0.0)), 2.0 * BOARD_M),
+        *checker_board(facing((10.0, -0.2, -0.1), (-1.0, 0.0, 0.0)), 0.5 * BOARD_M),
+        plate(facing((9.9, -0.2, 0.15), (-1.0, 0.0, 0.0)), 0.3, 0.1, BOARD_WHITE),
+    ]
+    assert find_targets(_scan(parts), [BoardKind(BOARD_M)]).found == ()
+
+
+@pytest.mark.parametrize("tail", [0.0, 0.12])
+def test_retro_squares_are_found_beside_a_number_plate_that_is_named(tail: float) -> None:
+    truth = np.array([[10.0, 0.25, 0.1], [9.9, -0.2, -0.1]])
+    parts = [
+        *(plate(facing(centre.tolist(), -centre, 0.3), RETRO_M, RETRO_M) for centre in truth),
+        plate(facing((9.9, 0.0, 0.22), (-1.0, 0.0, 0.0)), 0.52, 0.11),
+    ]
+    scanner = replace(FINE, tail_share=tail, tail_offset_rad=0.002)
+    targets = find_targets(_scan(parts, scanner), [RetroKind(RETRO_M)])
+    _assert_found(targets, truth, 0.001)
+    assert "too large" in targets.rejected[0].reason
+
+
+def test_the_axis_of_a_retro_cylinder_is_found() -> None:
+    truth = np.array([[10.0, 0.2, 0.1], [9.0, -0.2, -0.2]])
+    scan = _scan([retro_cylinder(centre, RETRO_M) for centre in truth])
+    targets = find_targets(scan, [RetroKind(RETRO_M, TargetKind.RETRO_CYLINDER)])
+    assert len(targets.found) == 2
+    for centre in truth:
+        assert min(float(np.linalg.norm(each.centre_m - centre)) for each in targets.found) < 0.001
+
+
+def test_a_scene_without_targets_has_none() -> None:
+    parts = [
+        box((9.0, -0.4, -1.0), (9.4, -0.1, 1.0), CONCRETE),
+        tube((10.0, 0.2, -1.0), (10.0, 0.2, 1.0), 0.06, STEEL),
+        plate(facing((10.5, 0.05, 0.2), (-1.0, 0.0, 0.0)), 0.3, 0.2, BOARD_WHITE),
+    ]
+    kinds: list[SoughtKind] = [SphereKind(RADIUS_M), BoardKind(BOARD_M), RetroKind(RETRO_M)]
+    assert find_targets(_scan(parts), kinds).found == ()
+
+
+def test_what_cannot_be_seen_is_refused() -> None:
+    scan = _scan([])
+    with pytest.raises(InvalidInputError, match="intensities"):
+        find_targets(replace(scan, intensity=None), [BoardKind(BOARD_M)])
+    with pytest.raises(InvalidInputError, match="raster"):
+        find_targets(replace(scan, grid=None), [RetroKind(RETRO_M)])
+    with pytest.raises(InvalidInputError, match="there are none"):
+        find_targets(scan, [])
