@@ -1,10 +1,8 @@
 """Gross errors and variance components of a hybrid network, in Haring's order (H-19 to H-22; MATH 4.5 to 4.7)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.hybrid.estimation import Estimate, estimate
 from algorithms.adjustment.hybrid.network import Network
@@ -332,14 +330,3 @@ def clean(
 ) -> Cleaned:
     """Adjust a network and sort its gross errors out (H-19 to H-22); see `Search` (MATH 4.6)."""
     return Search(network, start, groups, fictitious, options, progress).run()
-
-
-def chi_square_limit(degrees: int, alpha: float) -> float:
-    """Give the limit of T (MATH 4.6)."""
-    return float(stats.chi2.isf(alpha, degrees))
-
-
-def object_rows(rows: Sequence[int], used: Flags, block_of_row: Indices) -> Indices:
-    """Keep the rows that took part (MATH 4.6)."""
-    chosen = np.asarray(rows, dtype=np.int64)
-    return np.asarray(chosen[used[block_of_row[chosen]]])
