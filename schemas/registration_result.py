@@ -185,8 +185,8 @@ class Pair(Document):
     """The pose; null: there is none."""
     estimator: str | None = Field(
         default=None,
-        description="Of methods that may choose: what gave the pose; lines+planes+surfaces, planes+surfaces, surfaces, "
-        "lines+planes or planes.",
+        description="What gave the pose: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes, planes or "
+        "lines; null: an estimator of the method's own.",
     )
     estimator_reason: str | None = Field(default=None, description="Why, in words with figures.")
     pose_parts: list[PosePart] = Field(default=[], description="What that pose is made of, the largest share first.")

@@ -106,7 +106,7 @@ class PosePart:
 
 @dataclass(frozen=True, eq=False)
 class FinalPose:
-    """The pose of methods that may choose between estimates, or use surfaces, and where it comes from."""
+    """A pose to be judged, and where it comes from."""
 
     pose: PoseEstimate
     """Target from source between the files' full coordinates."""
@@ -117,7 +117,7 @@ class FinalPose:
     centre_m: Vector3
     """(3,) the same centre in full target coordinates [m]."""
     estimator: str
-    """Which estimator gave the answer: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes or planes."""
+    """Which estimator gave it: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes, planes or lines."""
     reason: str
     """Why, in words with figures."""
     parts: tuple[PosePart, ...]
@@ -156,8 +156,8 @@ class PairResult:
     own_figures: OwnFigures | None = None
     """What such a method says of itself."""
     final: FinalPose | None = None
-    """For methods that may choose between estimates, or use surfaces: the pose, and which estimator gave it. The pose
-    of `fine`, where there is one, is the same then, and its adjustment is that of the lines and planes in it."""
+    """The pose, and which estimator gave it; None for methods with an estimator of their own. The pose of `fine`, where
+    there is one, is the same then, and its adjustment is that of the lines and planes in it."""
     rigidity: Rigidity | None = None
     """Whether the scans differ by more than a motion; None where no pose was worth the question."""
 
