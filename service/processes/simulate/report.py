@@ -58,8 +58,7 @@ def report_simulation(context: StepContext, arguments: Json) -> Json:
         _station(station, pose, None if pairs is None else each)
         for station, pose, each in zip(stations, poses, found, strict=True)
     ]
-    listed = [artifact(context, job_id, station["file"], station["media_type"]) for station in stations]
-    listed += [artifact(context, job_id, photo["file"], "image/png") for each in stations for photo in each["photos"]]
+    listed = [Artifact(**each) for station in stations for each in station["artifacts"]]
     truth = {name: matrix_rows(pose) for name, pose in zip(names, poses, strict=True)}
     texts = {"truth.json": ("application/json", json.dumps(truth, indent=1))}
     if inputs["photos"] is not None:

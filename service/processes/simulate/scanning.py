@@ -33,7 +33,7 @@ from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.use_cases.documents.pose_documents import matrix_rows
 from service.use_cases.steps.feature_store import save_features
-from service.use_cases.steps.output_files import output_file
+from service.use_cases.steps.output_files import artifact, output_file
 
 RAD_PER_GON = np.pi / 200.0
 SAMPLE = 60_000
@@ -158,6 +158,9 @@ def simulate_station(context: StepContext, arguments: Json) -> Json:
     context.progress.report(0.3, "writing")
     output: Json = {"name": setup["name"], "points": len(scan), **_written(context, job_id, inputs, scan, pose)}
     output["photos"] = _photos(context, job_id, inputs["photos"], scene, pose, setup["name"], rng)
+    # the step that lists them sees none of these files
+    photos = [artifact(context, job_id, photo["file"], "image/png").model_dump() for photo in output["photos"]]
+    output["artifacts"] += photos
     output["sample"] = f"jobs/{job_id}/simulated/{number}-sample.npz"
     output |= {"features": None, "lines": None, "planes": None}
     scratch = context.blobs.scratch()
@@ -190,7 +193,8 @@ def _written(context: StepContext, job_id: str, inputs: Json, scan: Scan, pose: 
     placed = replace(scan, world_from_scan=pose) if inputs["with_poses"] else scan
     with output_file(context, job_id, filename) as path:
         written = writer.write(path, [cloud_of(placed)], ProgressSection(context.progress, 0.3, 0.5))
-    return {"file": filename, "media_type": writer.media_type, "notes": list(written.notes)}
+    described = artifact(context, job_id, filename, writer.media_type).model_dump()
+    return {"file": filename, "artifacts": [described], "notes": list(written.notes)}
 
 
 def _photos(
