@@ -72,8 +72,8 @@ class _Option:
 
 
 def takes_files(process: Process[Any]) -> bool:
-    """Tell whether a process can be run from the command line: what it computes with are files."""
-    return any(isinstance(each, _Files) for each in _inputs(process.inputs))
+    """Tell whether a process can be run from the command line: what it computes with are files or a document."""
+    return bool(process.document_inputs) or any(isinstance(each, _Files) for each in _inputs(process.inputs))
 
 
 def process_command(process: Process[Any], finish: Callable[[Callable[[], bool]], None]) -> Callable[..., None]:
@@ -86,7 +86,7 @@ def process_command(process: Process[Any], finish: Callable[[Callable[[], bool]]
     finish
         Runs the work and ends the program.
     """
-    inputs = list(_inputs(process.inputs))
+    inputs = list(_inputs(process.inputs, without=process.document_inputs))
     files = [each for each in inputs if isinstance(each, _Files)]
     options = [each for each in inputs if isinstance(each, _Option)]
     for name, wanted in process.file_outputs.items():
@@ -95,7 +95,8 @@ def process_command(process: Process[Any], finish: Callable[[Callable[[], bool]]
     def run(**given: Any) -> None:
         finish(lambda: _run(process, files, options, given))
 
-    parameters = [*_file_parameters(files), *map(_option_parameter, options), *_common_parameters(files)]
+    named = [*_document_parameters(process), *_file_parameters(files)]
+    parameters = [*named, *map(_option_parameter, options), *_common_parameters(files)]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in parameters}
     run.__doc__ = process.description
@@ -106,6 +107,9 @@ def _run(process: Process[Any], files: Sequence[_Files], options: Sequence[_Opti
     """Upload, run, keep what comes out."""
     console = Console()
     request: Document = {"inputs": {} if given["options"] is None else object_in(given["options"])}
+    for name in process.document_inputs:
+        if given[name] is not None:
+            request["inputs"][name] = object_in(given[name])
     for option in options:
         if given[option.parameter] is not None:
             _put(request, option.way, _read(option, given[option.parameter]))
@@ -148,9 +152,11 @@ def _put_files(inputs: Document, files: _Files, given: Document, client: Service
     inputs[name] = [{**known.get(each.get("name"), {}), **each} for each in made]
 
 
-def _inputs(model: type[BaseModel]) -> Iterator[_Files | _Option]:
-    """Find what can be said on the command line of the inputs of a process."""
+def _inputs(model: type[BaseModel], *, without: Sequence[str] = ()) -> Iterator[_Files | _Option]:
+    """Find what can be said on the command line of the inputs of a process, all but some."""
     for name, field in model.model_fields.items():
+        if name in without:
+            continue
         members, text = list(_members(field.annotation)), field.description or ""
         lists = [(get_args(each) or (None,))[0] for each in members if get_origin(each) is list]
         for kind, many in [*((each, False) for each in members), *((each, True) for each in lists)]:
@@ -178,7 +184,8 @@ def _of_field(members: Sequence[Any], way: Way, text: str) -> Iterator[_Option]:
         names = [str(name) for each in kinds for name in get_args(each)]
         yield _Option(way, str, f"{text} One of: {', '.join(names)}.")
     else:
-        yield _Option(way, str, f"{text} As JSON.", _json)
+        words = {str(name) for each in kinds if get_origin(each) is Literal for name in get_args(each)}
+        yield _Option(way, str, f"{text} As JSON.", lambda said: said if said in words else _json(said))
 
 
 def _members(annotation: Any) -> Iterator[Any]:
@@ -190,6 +197,17 @@ def _members(annotation: Any) -> Iterator[Any]:
             yield from _members(each)
     else:
         yield annotation
+
+
+def _document_parameters(process: Process[Any]) -> Iterator[inspect.Parameter]:
+    """Give the inputs that are JSON files of their own, the first as argument."""
+    for number, name in enumerate(process.document_inputs):
+        text = escape(f"JSON file. {process.inputs.model_fields[name].description or ''}")
+        if number == 0:
+            yield _parameter(name, Path, typer.Argument(exists=True, dir_okay=False, help=text), ...)
+        else:
+            option = typer.Option(f"--{name.replace('_', '-')}", exists=True, dir_okay=False, help=text)
+            yield _parameter(name, Path | None, option, None)
 
 
 def _file_parameters(files: Sequence[_Files]) -> Iterator[inspect.Parameter]:

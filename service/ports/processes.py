@@ -53,6 +53,8 @@ class Process(Generic[InputsT]):
     file_outputs: Mapping[str, type[FileOutputRequest]] = field(default_factory=dict)
     """Outputs that are files, made only where a request wants them: how each is asked for. Of the same name there is a
     member of the result document, a list of downloads, which is missing when it was not wanted."""
+    document_inputs: tuple[str, ...] = ()
+    """Inputs that are documents of their own: on the command line they are JSON files, the first as the argument."""
     answer: Callable[[Json], Awaitable[Json]] | None = None
     """Gives all outputs at once, from the inputs; None: it is computed by a worker."""
     version: str = "1.0.0"

@@ -36,4 +36,5 @@ ADJUST = Process(
     plan=AdjustPlan(),
     steps={"adjust": "service.processes.adjust.adjusting:adjust"},
     check=check_network,
+    document_inputs=("network", "epoch"),
 )

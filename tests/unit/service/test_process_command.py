@@ -92,6 +92,14 @@ def test_processes_without_files_have_no_command() -> None:
     assert [id_ for id_, process in OFFERED_PROCESSES.items() if not takes_files(process)] == ["echo"]
 
 
+def test_a_document_is_a_file_of_its_own_and_no_heap_of_options() -> None:
+    said = help_of(OFFERED_PROCESSES["adjust"])
+    assert "network " in said
+    assert "--epoch " in said
+    assert "--network" not in said
+    assert "--epoch-" not in said
+
+
 def test_text_that_is_no_json_is_named(tmp_path: Path) -> None:
     faults: list[Exception] = []
 
