@@ -17,6 +17,7 @@ from service.processes.compare import COMPARE
 from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
+from service.processes.find_targets import FIND_TARGETS
 from service.processes.orient import ORIENT
 from service.processes.register import REGISTER
 from service.processes.simulate import SIMULATE
@@ -28,6 +29,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     REGISTER,
     EXTRACT_LINES,
     DETECT_EDGES,
+    FIND_TARGETS,
     TRANSFORM,
     CLEAN,
     COLOUR,

@@ -45,6 +45,7 @@ def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:
         "register": ["async-execute", "dismiss"],
         "extract-lines": ["async-execute", "dismiss"],
         "detect-edges": ["async-execute", "dismiss"],
+        "find-targets": ["async-execute", "dismiss"],
         "transform": ["async-execute", "dismiss"],
         "clean": ["async-execute", "dismiss"],
         "colour": ["async-execute", "dismiss"],
