@@ -37,7 +37,7 @@ class SceneMesh(FileReference):
     """Diffuse reflectance at the scanner's wavelength; null: that of the material."""
 
 
-class ScenePlane(RequestModel):
+class GivenPlane(RequestModel):
     """A plane surface; both of its sides are seen."""
 
     name: StationName
@@ -83,7 +83,7 @@ class SimulateInputs(RequestModel):
     """A mesh as scene, in coordinates with z upwards."""
     scene: SceneName | None = Field(default=None, title="Scene")
     """A scene that is built in."""
-    planes: list[ScenePlane] | None = Field(default=None, min_length=1, max_length=5000, title="Scene of planes")
+    planes: list[GivenPlane] | None = Field(default=None, min_length=1, max_length=5000, title="Scene of planes")
     """Planes as scene."""
     instrument: InstrumentName = Field(default="phase-79m", title="Instrument")
     """Whose data sheet is used: range, noise by distance and reflectance, divergence, field of view."""

@@ -42,7 +42,7 @@ def extracted_lines(features: ScanFeatures) -> list[ExtractedLine]:
                 end_m=vector(ends[k] + features.origin_m),
                 length_m=float(lines.lengths[k]),
                 planes=[] if is_axis else [plane_name(p) for p in parents],
-                cylinder=f"C{parents[0] + 1}" if is_axis else None,
+                cylinder=f"C{parents[0] + 1}" if is_axis and parents else None,
                 photo=None if lines.photos is None or lines.photos[k] < 0 else int(lines.photos[k]),
                 surface=surfaces[k],
             )

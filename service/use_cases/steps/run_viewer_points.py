@@ -1,7 +1,11 @@
 """Put the points of a scan into the order in which a viewer loads them, unless an earlier job already did."""
 
 import json
+import math
 import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from algorithms.progress import ProgressSection
 from service.names.content_keys import content_key
@@ -10,6 +14,11 @@ from service.ports import Json, StepContext
 from service.use_cases.limits.free_space import require_free_space
 from service.use_cases.limits.read_limits import read_limits
 
+if TYPE_CHECKING:
+    from service.formats.writers import PointPiece, StationCloud
+
+MOST_POINTS = 2_000_000
+"""Of a scan; of larger ones every n-th point is shown: a screen has not more pixels, and a job should not wait long."""
 BYTES_IN_BETWEEN = 80
 """About what a point takes on the disk while they are sorted, the blocks included."""
 
@@ -37,9 +46,33 @@ def write_points_of_scan(context: StepContext, arguments: Json) -> Json:
     try:
         points = 0 if cloud.facts is None else cloud.facts.points
         require_free_space(scratch, context.limits.get("min_free_bytes", 0), BYTES_IN_BETWEEN * points)
-        found = write_viewer_points(scratch / "blocks", cloud, ProgressSection(context.progress, 0.3, 1.0))
+        shown = every_nth(cloud, math.ceil(points / MOST_POINTS))
+        found = write_viewer_points(scratch / "blocks", shown, ProgressSection(context.progress, 0.3, 1.0))
         context.blobs.put_file(blocks, scratch / "blocks")
         context.blobs.write_bytes(listed, json.dumps(found).encode())  # the last: where it is, the blocks are
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return {}
+
+
+def every_nth(cloud: "StationCloud", nth: int) -> "StationCloud":
+    """Keep every n-th point."""
+    if nth <= 1:
+        return cloud
+
+    def pieces() -> "Iterator[PointPiece]":
+        first = 0
+        for piece in cloud.pieces():
+            kept = slice(first, None, nth)
+            first = (first - len(piece.points)) % nth
+            yield replace(
+                piece,
+                points=piece.points[kept],
+                intensity=None if piece.intensity is None else piece.intensity[kept],
+                color=None if piece.color is None else piece.color[kept],
+                row=None if piece.row is None else piece.row[kept],
+                column=None if piece.column is None else piece.column[kept],
+                scalars={name: values[kept] for name, values in piece.scalars.items()},
+            )
+
+    return replace(cloud, pieces=pieces)

@@ -138,7 +138,7 @@ def test_poses_without_common_features_are_chained_and_the_document_says_so(netw
 
 def test_the_report_shows_the_network(network: StationNetwork) -> None:
     page = reported(network.with_wrong_link(1, 3, np.pi / 2, 0.0))["page"]
-    assert "All stations together" in page
+    assert "Adjustment of all stations" in page
     assert "does not close" in page
 
 

@@ -139,8 +139,13 @@ def stages(stations: int, rounds: list[list[list[str]]], pairs: Any = "auto") ->
     return names
 
 
+def report(stations: int) -> list[str]:
+    """Give the last stage: the report, and beside it what a viewer shows of each scan."""
+    return ["report-registration", *["viewer-points"] * stations]
+
+
 def test_two_stations_need_features_a_pair_and_a_report() -> None:
-    assert stages(2, []) == [["features"] * 2, ["register-pair"], ["report-registration"]]
+    assert stages(2, []) == [["features"] * 2, ["register-pair"], report(2)]
 
 
 def test_three_stations_are_adjusted_together() -> None:
@@ -148,7 +153,7 @@ def test_three_stations_are_adjusted_together() -> None:
         ["features"] * 3,
         ["register-pair"] * 3,
         ["adjust-network"],
-        ["report-registration"],
+        report(3),
     ]
 
 
@@ -162,7 +167,7 @@ def test_many_stations_grow_in_rounds_until_nothing_is_left_to_try() -> None:
         ["register-pair"],
         ["choose-pairs"],
         ["adjust-network"],
-        ["report-registration"],
+        report(9),
     ]
 
 
@@ -170,7 +175,7 @@ def test_given_pairs_of_many_stations_are_all_that_is_tried() -> None:
     assert stages(9, [], [["S0", "S1"], ["S3", "S1"]])[1:] == [
         ["register-pair"] * 2,
         ["adjust-network"],
-        ["report-registration"],
+        report(9),
     ]
 
 
