@@ -176,9 +176,12 @@ def test_images_of_others_are_named_by_their_digest() -> None:
 
 STORE = """#!/bin/sh
 if [ -n "${ROOT_SECRET_KEY:-}" ]; then echo "server as $ROOT_ACCESS_KEY" >> "$TOLD"; fi
-echo "$ROOT_SECRET_KEY" > "$TOLD.root"
 trap 'echo "server ended" >> "$TOLD"; exit 0' TERM
+echo "$ROOT_SECRET_KEY" > "$TOLD.begun" && mv "$TOLD.begun" "$TOLD.root"
 while :; do sleep 0.1; done
+"""
+HEALTH = """#!/bin/sh
+test -e "$TOLD.root"
 """
 ADMIN = """#!/bin/sh
 echo "$ADMIN_ACCESS_KEY_ID, $(test "$ADMIN_SECRET_ACCESS_KEY" = "$(cat "$TOLD.root")" && echo knows): $*" >> "$TOLD"
@@ -189,7 +192,7 @@ def test_the_object_store_has_a_user_of_one_bucket_and_a_root_account_whose_pass
     tmp_path: Path,
 ) -> None:
     assert not [name for name in SERVICES["storage"]["environment"] if "ROOT" in name]
-    for name, program in (("docker-entrypoint.sh", STORE), ("versitygw", ADMIN), ("wget", "#!/bin/sh\n")):
+    for name, program in (("docker-entrypoint.sh", STORE), ("versitygw", ADMIN), ("wget", HEALTH)):
         (tmp_path / name).write_text(program)
         (tmp_path / name).chmod(0o755)
     told = tmp_path / "told"
