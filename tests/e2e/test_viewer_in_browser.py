@@ -37,12 +37,17 @@ def used_line(scene: Document) -> str:
 
 
 @pytest.fixture(scope="module")
-def shown(service: RunningService, job: str, used_line: str) -> Iterator[ViewerPage]:
+def chromium() -> Iterator[Any]:
     with browser() as running:
-        page = ViewerPage(running, service.url, job, (used_line, HOSTILE.replace("<", "&lt;")))
-        page.wait_for_picture()
-        page.settle()
-        yield page
+        yield running
+
+
+@pytest.fixture(scope="module")
+def shown(chromium: Any, service: RunningService, job: str, used_line: str) -> ViewerPage:
+    page = ViewerPage(chromium, service.url, job, (used_line, HOSTILE.replace("<", "&lt;")))
+    page.wait_for_picture()
+    page.settle()
+    return page
 
 
 def test_it_shows_points_and_asks_no_other_host(shown: ViewerPage, service: RunningService) -> None:
@@ -165,9 +170,8 @@ def test_picks_on_a_line_are_refused_with_a_pointer(service: RunningService, job
     assert "not on one line" in fault["detail"]
 
 
-def test_a_narrow_window_shows_it_too(service: RunningService, job: str) -> None:
-    with browser() as running:
-        page = ViewerPage(running, service.url, job, width=390)
-        page.wait_for_picture()
-        assert page.colours() > 20
-        assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+def test_a_narrow_window_shows_it_too(chromium: Any, service: RunningService, job: str) -> None:
+    page = ViewerPage(chromium, service.url, job, width=390)
+    page.wait_for_picture()
+    assert page.colours() > 20
+    assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
