@@ -173,7 +173,7 @@ def thing(x: float, y: float, size: Sequence[float], turn_rad: float, material: 
 def block(low: Sequence[float], high: Sequence[float], material: Material, turn_rad: float = 0.0) -> Part:
     """Give a box between two corners."""
     (x, y, z), (u, v, w) = (map(float, corner) for corner in (low, high))
-    return box((x, y, z), (u, v, w), material, turn_rad=turn_rad)
+    return box((x, y, z), (u, v, w), material, turn_rad=float(turn_rad))
 
 
 def window_at(left: float, right: float, sill: float, lintel: float) -> Opening:
