@@ -31,6 +31,8 @@ MOST_PADDED, GROWTH = 8_000_000, 1.2
 narrow."""
 BORDER = 10
 """Cells of free border along each axis, of both scans together."""
+SHAPE_STEP = 16
+"""Cells along an axis are a multiple of it."""
 MOST_PEAKS = 40
 """So many shifts go on for each rotation."""
 MOST_CORNERED = 20
@@ -47,6 +49,24 @@ LEAST_SCORE = 0.002
 """Shifts of a lower score are none."""
 ROUNDING = 1e-4
 """Scores that differ by a smaller share are equal: the transforms are in single precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Turned:
+    """A scan in the frame of the rasters."""
+
+    scan: SurfaceIndex
+    turn: Matrix3
+    """Frame of the rasters from the scan's."""
+    points: Points
+    normals: Points
+
+    @staticmethod
+    def of(scan: SurfaceIndex, turn: Matrix3) -> "_Turned":
+        """Turn a scan."""
+        return _Turned(
+            scan, turn, np.ascontiguousarray(scan.points @ turn.T), np.ascontiguousarray(scan.normals @ turn.T)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,23 +104,44 @@ def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, sourc
     rotations = [each.rotation for each in votes[:MOST_ROTATIONS]]
     if axes is None or not rotations:
         return Motions.empty()
-    moved = [source.points @ rotation.T for rotation in rotations]
-    extents = np.max([np.ptp(points, axis=0) for points in moved], axis=0) + np.ptp(target.points, axis=0)
-    cell = _fitting_cell(extents)
-    shape = tuple(fft.next_fast_len(int(extent / cell) + BORDER, real=True) for extent in extents)
-    ours = _rasters(target.points, target.normals, np.eye(3), axes, cell, shape, target)
+    frame = _upright(axes)
+    axes, ours = axes @ frame.T, _Turned.of(target, frame)
+    theirs = [_Turned.of(source, frame @ rotation) for rotation in rotations]
+    extents = [np.ptp(ours.points, axis=0) + np.ptp(each.points, axis=0) for each in theirs]
+    cell = max(_fitting_cell(each) for each in extents)
+    shapes = [_padded_shape(each, cell) for each in extents]
+    alike = {shape: [each for each, own in zip(theirs, shapes, strict=True) if own == shape] for shape in shapes}
+    found = joined([joined(_at_turns(ours, some, axes, cell, shape)) for shape, some in alike.items()])
+    found = joined([found, _between_cells(found, cell)])
+    turned_back = np.ascontiguousarray(frame.T @ found.rotations)
+    return Motions(turned_back, np.ascontiguousarray(found.translations_m @ frame), found.votes)
+
+
+def _at_turns(
+    target: _Turned, sources: Sequence[_Turned], axes: Array, cell_m: float, shape: tuple[int, ...]
+) -> list[Motions]:
+    """Give the best shifts of a scan in each of its turns, on rasters of one shape."""
+    ours = _rasters(target, axes, cell_m, shape)
     # a cell's width is all that is known of a place, so the target is one wider on every side
-    wide = _transformed(_marked(target.points, target.normals, axes, cell, ours.low_m, ours.size, reach=1), shape)
+    wide = _transformed(_marked(target, axes, cell_m, ours.low_m, ours.size, reach=1), shape)
 
     def work(start: int, end: int) -> list[Motions]:
         return [
-            _correlated(ours, wide, _rasters(moved[k], source.normals @ rotations[k].T, rotations[k], axes, cell, shape,
-                                             source), rotations[k], cell, shape)
-            for k in range(start, end)
-        ]  # fmt: skip
+            _correlated(ours, wide, _rasters(each, axes, cell_m, shape), each.turn, cell_m, shape)
+            for each in sources[start:end]
+        ]
 
-    found = joined([motions for part in over_blocks(work, len(rotations), least=1) for motions in part])
-    return joined([found, _between_cells(found, cell)])
+    return [motions for part in over_blocks(work, len(sources), least=1) for motions in part]
+
+
+def _upright(axes: Array) -> Matrix3:
+    """Give the rotation into the frame nearest to three directions, (3, 3): rasters along the walls are the smallest.
+
+    How a scan lies in its own frame then matters to nothing.
+    """
+    left, _, right = np.linalg.svd(axes)
+    frame = left @ right
+    return np.asarray(frame * np.sign(np.linalg.det(frame)))
 
 
 def _fitting_cell(extents: Array) -> float:
@@ -109,6 +150,15 @@ def _fitting_cell(extents: Array) -> float:
     while float(np.prod(extents / cell + BORDER)) > MOST_PADDED:
         cell *= GROWTH
     return cell
+
+
+def _padded_shape(extents_m: Array, cell_m: float) -> tuple[int, ...]:
+    """Give the cells along each axis for extents of both scans together, (3,) [m].
+
+    In steps, so that few shapes serve all turns: the target is transformed for each of them.
+    """
+    cells = SHAPE_STEP * np.ceil((extents_m / cell_m + BORDER) / SHAPE_STEP)
+    return tuple(fft.next_fast_len(int(count), real=True) for count in cells)
 
 
 def _between_cells(found: Motions, cell_m: float) -> Motions:
@@ -139,35 +189,29 @@ def _axes(votes: Sequence[OffsetVotes]) -> Array | None:
     return None
 
 
-def _rasters(
-    points: Points, normals: Points, rotation: Matrix3, axes: Array, cell_m: float, shape: tuple[int, ...],
-    scan: SurfaceIndex,
-) -> _Rasters:  # fmt: skip
+def _rasters(scan: _Turned, axes: Array, cell_m: float, shape: tuple[int, ...]) -> _Rasters:
     """Put a turned scan on a raster, and transform it."""
     from algorithms.matching import surface_correlation_kernels as kernels
 
-    low = points.min(axis=0) - 2.0 * cell_m
-    size = tuple(int(extent / cell_m) + 5 for extent in np.ptp(points, axis=0))
-    surface = _marked(points, normals, axes, cell_m, low, size, reach=0)
+    low = scan.points.min(axis=0) - 2.0 * cell_m
+    size = tuple(int(extent / cell_m) + 5 for extent in np.ptp(scan.points, axis=0))
+    surface = _marked(scan, axes, cell_m, low, size, reach=0)
     free = np.zeros(size, dtype=np.float32)
-    if scan.knows_free_space:
+    seen = scan.scan
+    if seen.knows_free_space:
         kernels.mark_free(
-            rotation, low, cell_m, scan.nearest_m, scan.sensor_m, scan.cell_rad, MARGIN_M, MARGIN_RELATIVE, free
+            scan.turn, low, cell_m, seen.nearest_m, seen.sensor_m, seen.cell_rad, MARGIN_M, MARGIN_RELATIVE, free
         )
     counts = surface.reshape(2, 3, -1).sum(axis=(0, 2))
     return _Rasters(low, size, _transformed(surface, shape), _transformed(free[None], shape)[0], counts)
 
 
-def _marked(
-    points: Points, normals: Points, axes: Array, cell_m: float, low_m: Vector3, size: tuple[int, ...], *, reach: int
-) -> Array:
+def _marked(scan: _Turned, axes: Array, cell_m: float, low_m: Vector3, size: tuple[int, ...], *, reach: int) -> Array:
     """Mark the cells within reach of surface, by the axis and side it faces: (6, ...)."""
     from algorithms.matching import surface_correlation_kernels as kernels
 
     surface = np.zeros((6, *size), dtype=np.float32)
-    kernels.mark_surface(
-        np.ascontiguousarray(points), np.ascontiguousarray(normals), axes, low_m, cell_m, reach, surface
-    )
+    kernels.mark_surface(scan.points, scan.normals, axes, low_m, cell_m, reach, surface)
     return surface
 
 

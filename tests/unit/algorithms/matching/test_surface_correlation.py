@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from algorithms.matching.plane_triples import OffsetVotes
 from algorithms.matching.surface_correlation import LEAST_CELL_M, ROUNDING, _transformed, correlated_motions
@@ -73,6 +74,23 @@ def test_two_directions_of_normals_are_completed_by_the_one_across():
     target = index(points, normals, (3.0, 2.5, 1.5))
     found = correlated_motions([votes(axes=np.eye(3)[:2])], target, target)
     assert np.abs(found.translations_m[np.argmax(found.votes)]).max() <= 0.75 * LEAST_CELL_M
+
+
+def test_the_cells_of_a_long_hall_are_small_however_it_lies_in_the_frame_of_its_scan():
+    points, normals = walls(
+        ((0, 0, 0), (60.0, 0, 0), (0, 4.0, 0)),
+        ((0, 4.0, 0), (60.0, 0, 0), (0, 0, 3.0)),
+        ((0, 0, 0), (0, 4.0, 0), (0, 0, 3.0)),
+        ((41.0, 1.0, 0), (0, 0.7, 0), (0, 0, 3.0)),
+    )
+    eye, turn = np.array([30.0, 2.0, 1.5]), Rotation.from_rotvec([0.5, -0.7, 0.6]).as_matrix()
+    askew = index(points @ turn.T, normals @ turn.T, turn @ eye)
+    found = correlated_motions([votes(axes=turn.T)], askew, askew)
+    best = found.translations_m[np.argmax(found.votes)]
+    assert np.abs(best).max() <= 0.75 * LEAST_CELL_M
+    # from the corners of a cell, which is as small as it would be along the walls
+    others = np.linalg.norm(found.translations_m - best, axis=1)
+    assert others[others > 1e-6].min() == pytest.approx(np.sqrt(0.75) * LEAST_CELL_M)
 
 
 def test_without_a_rotation_nothing_is_proposed():
