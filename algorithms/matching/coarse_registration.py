@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.rotations import rotation_matrix
 from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.directions import comes_first
@@ -17,7 +18,7 @@ from algorithms.matching.plane_triples import offset_votes
 from algorithms.matching.prior_decisions import decided_with_priors, rank_with_priors
 from algorithms.matching.priors import PairPriors
 from algorithms.matching.rivals import LEAST_SUPPORT, Weighed, weigh_poses
-from algorithms.matching.self_likeness import are_near
+from algorithms.matching.self_likeness import CONTRADICTED, Contradiction, are_near, keeps_directions
 from algorithms.matching.surface_correlation import correlated_motions
 from algorithms.matching.symmetries import poses_by_symmetry
 from algorithms.progress import NoProgress, Progress
@@ -137,10 +138,11 @@ def _found(
         ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
     else:
         ranked = rank_with_priors(hypotheses, target.index, source.index, priors, noise_m=noise)
-    exhaustive = options.all_shifts and not convinces(target, source, ranked)
+    convinced = convinces(target, source, ranked)
+    exhaustive = options.all_shifts and (not convinced or _is_contradicted(ranked))
     if exhaustive:
         tell.report(0.6, "testing all shifts")
-        ranked = _with_all_shifts(ranked, target, source, options)
+        ranked = _with_all_shifts(ranked, target, source, options, repetitions_only=convinced)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
     tell.report(0.7, "looking for symmetries")
@@ -185,11 +187,37 @@ def convinces(target: ScanFeatures, source: ScanFeatures, ranked: RankedPoses) -
     )
 
 
+def _is_contradicted(ranked: RankedPoses) -> bool:
+    """Say whether so much speaks against the best pose that a repetition of the building may have made it.
+
+    In a hall of equal bays the right pose may share little and be proposed by nothing, while a wrong one, bays away,
+    lays most of the surface on surface: it is seen to be wrong only beside the right one, against which nothing speaks.
+    """
+    support, violation = float(ranked.scores.support[0]), float(ranked.scores.violation[0])
+    return Contradiction.of(support, violation).share > CONTRADICTED
+
+
 def _with_all_shifts(
-    ranked: RankedPoses, target: ScanFeatures, source: ScanFeatures, options: MatchingOptions
+    ranked: RankedPoses,
+    target: ScanFeatures,
+    source: ScanFeatures,
+    options: MatchingOptions,
+    *,
+    repetitions_only: bool = False,
 ) -> RankedPoses:
-    """Add the best of all shifts at the rotations that planes propose."""
+    """Add the best of all shifts at the rotations that planes propose.
+
+    Of repetitions of the building only: at the rotations that, beside the best pose, lay its directions on themselves.
+    """
     votes = offset_votes(target, source, max_angle_rad=options.max_angle_rad)
+    if repetitions_only:
+        best = rotation_matrix(ranked.poses[0])
+        votes = [
+            each
+            for each in votes
+            if keeps_directions(target.index, each.rotation @ best.T)
+            or keeps_directions(source.index, best.T @ each.rotation)
+        ]
     shifts = correlated_motions(votes, target.index, source.index)
     if len(shifts) == 0:
         return ranked

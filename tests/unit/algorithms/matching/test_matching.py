@@ -132,12 +132,12 @@ def test_corresponding_lines_lie_on_each_other() -> None:
     assert angles.max() < 0.03
 
 
-def ranked(score: float, rival_score: float, *, rival_is_near: bool = False) -> RankedPoses:
+def ranked(score: float, rival_score: float, *, rival_is_near: bool = False, violation: float = 0.0) -> RankedPoses:
     """Give the right pose of the pipe hall and a rival with made-up scores."""
     pose = hall().target_from_source
     away = RigidTransform.from_translation([0.01 if rival_is_near else 7.0, 0.0, 0.0])
     scores = np.array([score, rival_score])
-    return RankedPoses((pose, away * pose), PoseScores(scores, np.zeros(2), scores, scores), 2)
+    return RankedPoses((pose, away * pose), PoseScores(scores, np.array([violation, 0.0]), scores, scores), 2)
 
 
 @pytest.mark.parametrize(
@@ -156,6 +156,24 @@ def test_a_high_score_or_many_features_and_no_rival_save_the_search_of_all_shift
     features, _ = scene_features("pipe_hall")
     monkeypatch.setattr(coarse_registration, "MANY_FEATURES", many)
     assert convinces(features[0], features[1], ranked(score, rival_score)) == enough
+
+
+@pytest.mark.parametrize(("violation", "searched"), [(0.005, False), (0.02, True)])
+def test_beside_a_high_score_all_shifts_of_a_repetition_are_searched_only_where_something_speaks_against_it(
+    violation: float, searched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hall of equal bays was laid on itself fourteen metres off: the right pose was proposed by nothing."""
+    features, _ = scene_features("pipe_hall")
+    only = []
+
+    def all_shifts(found: RankedPoses, *_: object, repetitions_only: bool = False) -> RankedPoses:
+        only.append(repetitions_only)
+        return found
+
+    monkeypatch.setattr(coarse_registration, "rank_hypotheses", lambda *_, **__: ranked(0.5, 0.1, violation=violation))
+    monkeypatch.setattr(coarse_registration, "_with_all_shifts", all_shifts)
+    match_features(features[0], features[1], OPTIONS)
+    assert (True in only) == searched
 
 
 def test_what_is_near_the_best_pose_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
