@@ -1,5 +1,6 @@
 """What a group of observations is: numbers of what takes part, values, covariances, and what they are called."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -31,7 +32,7 @@ class Stacked:
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class Observations(ABC):
     """n observations of one type with d components each: the common part of all types."""
 
     covariances: Array
@@ -47,14 +48,14 @@ class Observations:
     def __len__(self) -> int:
         return len(self.covariances)
 
+    @abstractmethod
     def stacked(self, state: State) -> Stacked:
         """Compute contradictions and derivatives at given values (MATH 3.1)."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def places(self) -> Sequence[tuple[Kind, Indices]]:
         """Give kind and numbers (n,) of the unknowns that take part (MATH 3.1)."""
-        raise NotImplementedError
 
     def metres(self, state: State) -> Array:
         """Give what one unit of each component means at the object [m], (n, d) (MATH 3.1)."""

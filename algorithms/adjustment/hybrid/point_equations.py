@@ -34,84 +34,60 @@ class Control(Observations):
 
 
 @dataclass(frozen=True, eq=False)
-class Differences(Observations):
-    """Coordinate differences X2 - X1 in the world with their covariance, as satellite baselines are."""
+class BetweenPoints(Observations):
+    """What is observed from one point to another and does not change when both are shifted."""
 
     starts: Indices
     """(n,) points."""
     ends: Indices
     """(n,) points."""
     values: Array
-    """(n, 3) observed [m]."""
+    """Observed [m]: (n, 3) coordinate differences, (n,) of the others."""
 
     @property
     def places(self) -> Sequence[tuple[Kind, Indices]]:
         """Give the unknowns that take part (MATH 6.1)."""
         return ((Kind.POINT, self.starts), (Kind.POINT, self.ends))
 
-    def stacked(self, state: State) -> Stacked:
-        """Compute X2 - X1 minus what was observed (MATH 6.1)."""
-        one = np.broadcast_to(np.eye(3), (len(self), 3, 3))
-        return Stacked(
-            state.points[self.ends] - state.points[self.starts] - self.values,
-            (Block(Kind.POINT, self.starts, -one), Block(Kind.POINT, self.ends, one)),
-        )
+    def _stacked(self, residuals: Array, by_end: Array) -> Stacked:
+        """Stack residuals (n, d) and their derivatives by the ends (n, d, 3); those by the starts are opposite."""
+        return Stacked(residuals, (Block(Kind.POINT, self.starts, -by_end), Block(Kind.POINT, self.ends, by_end)))
 
 
 @dataclass(frozen=True, eq=False)
-class Distances(Observations):
+class Differences(BetweenPoints):
+    """Coordinate differences X2 - X1 in the world with their covariance, as satellite baselines are."""
+
+    def stacked(self, state: State) -> Stacked:
+        """Compute X2 - X1 minus what was observed (MATH 6.1)."""
+        gaps = state.points[self.ends] - state.points[self.starts] - self.values
+        return self._stacked(gaps, np.broadcast_to(np.eye(3), (len(self), 3, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class Distances(BetweenPoints):
     """Distances between points."""
 
-    starts: Indices
-    """(n,) points."""
-    ends: Indices
-    """(n,) points."""
-    values: Array
-    """(n,) observed [m]."""
     flat: Flags
     """(n,) True for horizontal distances."""
-
-    @property
-    def places(self) -> Sequence[tuple[Kind, Indices]]:
-        """Give the unknowns that take part (MATH 6.1)."""
-        return ((Kind.POINT, self.starts), (Kind.POINT, self.ends))
 
     def stacked(self, state: State) -> Stacked:
         """Compute |X2 - X1| minus what was observed (MATH 6.1)."""
         arms = state.points[self.ends] - state.points[self.starts]
         arms[self.flat, 2] = 0.0
         lengths = np.maximum(np.linalg.norm(arms, axis=1), np.finfo(np.float64).tiny)
-        row = (arms / lengths[:, None])[:, None, :]
-        return Stacked(
-            (lengths - self.values)[:, None],
-            (Block(Kind.POINT, self.starts, -row), Block(Kind.POINT, self.ends, row)),
-        )
+        return self._stacked((lengths - self.values)[:, None], (arms / lengths[:, None])[:, None, :])
 
 
 @dataclass(frozen=True, eq=False)
-class HeightDifferences(Observations):
+class HeightDifferences(BetweenPoints):
     """Differences of Z between points."""
-
-    starts: Indices
-    """(n,) points."""
-    ends: Indices
-    """(n,) points."""
-    values: Array
-    """(n,) observed [m]."""
-
-    @property
-    def places(self) -> Sequence[tuple[Kind, Indices]]:
-        """Give the unknowns that take part (MATH 6.1)."""
-        return ((Kind.POINT, self.starts), (Kind.POINT, self.ends))
 
     def stacked(self, state: State) -> Stacked:
         """Compute Z2 - Z1 minus what was observed (MATH 6.1)."""
         row = np.broadcast_to(np.array([[0.0, 0.0, 1.0]]), (len(self), 1, 3))
         differences = state.points[self.ends, 2] - state.points[self.starts, 2]
-        return Stacked(
-            (differences - self.values)[:, None],
-            (Block(Kind.POINT, self.starts, -row), Block(Kind.POINT, self.ends, row)),
-        )
+        return self._stacked((differences - self.values)[:, None], row)
 
 
 @dataclass(frozen=True, eq=False)
