@@ -58,11 +58,14 @@ class Instrument:
         )
 
 
+def _panorama(lowest_deg: float, highest_deg: float, *, step_deg: float) -> VirtualScanner:
+    """Give a scanner of the full circle with a vertical field of view, whose other figures are still to come."""
+    lowest, highest, step = (float(each) for each in np.deg2rad([lowest_deg, highest_deg, step_deg]))
+    return scanner_with_step(step, VirtualScanner(lowest_rad=lowest, highest_rad=highest))
+
+
 LMS_Z420I = replace(
-    scanner_with_step(
-        float(np.deg2rad(0.12)),
-        VirtualScanner(lowest_rad=float(np.deg2rad(-40.0)), highest_rad=float(np.deg2rad(40.0))),
-    ),
+    _panorama(-40.0, 40.0, step_deg=0.12),
     max_range_m=800.0,
     min_range_m=2.0,
     range_noise_std_m=0.010,
@@ -73,10 +76,7 @@ LMS_Z420I = replace(
     reach_reflectance=0.8,
 )
 PHASE_79M = replace(
-    scanner_with_step(
-        float(np.deg2rad(0.072)),
-        VirtualScanner(lowest_rad=float(np.deg2rad(-65.0)), highest_rad=float(np.deg2rad(90.0))),
-    ),
+    _panorama(-65.0, 90.0, step_deg=0.072),
     max_range_m=79.0,
     min_range_m=1.0,
     range_noise_std_m=0.0005,
@@ -89,10 +89,7 @@ PHASE_79M = replace(
     reach_reflectance=0.1,
 )
 PHASE_120M = replace(
-    scanner_with_step(
-        float(np.deg2rad(0.072)),
-        VirtualScanner(lowest_rad=float(np.deg2rad(-62.5)), highest_rad=float(np.deg2rad(90.0))),
-    ),
+    _panorama(-62.5, 90.0, step_deg=0.072),
     max_range_m=120.0,
     min_range_m=0.6,
     range_noise_std_m=0.0008,
