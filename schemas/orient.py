@@ -6,7 +6,21 @@ from schemas.base import RequestModel
 from schemas.posed_stations import PosedStations
 from schemas.poses import Document, Row4
 from schemas.registration_result import Artifact
+from schemas.starts import MOST_PICKED, PickedPair
 from schemas.station_names import StationName
+
+
+class TiePoints(RequestModel):
+    """Details that two stations both show, found in their photos or picked by hand."""
+
+    first: StationName
+    """One of the two stations."""
+    second: StationName
+    """The other one."""
+    points: list[PickedPair] = Field(min_length=1, max_length=MOST_PICKED)
+    """x, y, z in the coordinates of the first one's file, then in those of the second's [m]."""
+    weight: float = Field(default=1.0, gt=0.0, le=1e6)
+    """So many pairs of surface points count as much as one of these."""
 
 
 class OrientInputs(RequestModel):
@@ -16,6 +30,9 @@ class OrientInputs(RequestModel):
     """Scans with approximate poses, or the stations of a finished `register` job."""
     fixed: list[StationName] | None = Field(default=None, min_length=1, title="Fixed stations")
     """Which stations stay where they are; null: the first."""
+    ties: list[TiePoints] = Field(default=[], max_length=10_000, title="Tie points")
+    """Correspondences that stay, in all three directions, beside those of the surfaces, which are sought anew in each
+    round; they hold what the surfaces leave free."""
     max_distance_m: float = Field(default=0.5, gt=0.0, le=100.0, title="Largest distance")
     """Points farther from another cloud lie outside the overlap and take no part [m]."""
     max_angle_gon: float = Field(default=50.0, gt=0.0, le=100.0, title="Largest angle")
@@ -56,6 +73,17 @@ class OrientRound(Document):
     """Pairs of points."""
 
 
+class OrientedTies(Document):
+    """Tie points of two stations when the clouds had come to rest."""
+
+    first: str
+    """One of the two stations."""
+    second: str
+    """The other one."""
+    distances_m: list[float]
+    """How far each point and its partner are apart; a large one was mixed up [m]."""
+
+
 class OrientDocument(Document):
     """Answer of `orient`."""
 
@@ -64,6 +92,7 @@ class OrientDocument(Document):
     rounds: list[OrientRound]
     """What each round did."""
     neighbours: list[tuple[str, str]] = Field(description="Stations whose clouds lie on each other at last.")
+    ties: list[OrientedTies] = Field(default=[], description="What became of the tie points, in their order.")
     converged: bool
     """Whether the clouds came to rest."""
     left_out: dict[str, str] = Field(description="Stations without a pose, with the reason.")

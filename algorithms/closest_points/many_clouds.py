@@ -48,7 +48,7 @@ class OrientedClouds:
     world_from_cloud: tuple[RigidTransform, ...]
     rounds: tuple[RoundFigures, ...]
     neighbours: tuple[tuple[int, int], ...]
-    """Which clouds had pairs at last."""
+    """Which clouds had pairs, or ties, at last."""
     converged: bool
 
 
@@ -57,6 +57,7 @@ def orient_clouds(
     starts: Sequence[RigidTransform],
     *,
     fixed: Collection[int],
+    ties: Sequence[CloudPairs] = (),
     max_distance_m: float,
     max_angle_rad: float,
     max_rounds: int,
@@ -73,6 +74,8 @@ def orient_clouds(
         Two or more, and world from each.
     fixed
         Numbers of those that stay, at least one.
+    ties
+        Correspondences that stay the same in all rounds, such as details found in photos.
     max_distance_m, max_angle_rad
         Points farther apart, or whose normals differ by more, are no pair.
     max_rounds, least_step_m
@@ -97,6 +100,7 @@ def orient_clouds(
             for i, j in permutations(range(len(clouds)), 2)
             if (found := _pairs(clouds, trees, poses, i, j, max_distance_m, max_angle_rad)) is not None
         ]
+        pairs += ties
         met = {number for each in pairs for number in (each.first, each.second)}
         for number, cloud in enumerate(clouds):
             if number not in met and number not in fixed:

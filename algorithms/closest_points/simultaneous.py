@@ -27,7 +27,7 @@ class CloudPairs:
     others: Points
     """(n, 3) in the second's [m]."""
     weights: Scalars
-    """(n,) confidence, above 0 up to 1."""
+    """(n,) confidence above 0: surfaces have up to 1, the same details of two photos may count for more."""
     normals: Points | None = None
     """(n, 3) unit normals in the second's frame, where only the distance along them counts; None: every direction."""
 

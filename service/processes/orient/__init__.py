@@ -46,9 +46,13 @@ def _check(inputs: OrientInputs, stored: Stored) -> None:
         return
     faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
     names = {station.name for station in inputs.stations}
-    for number, name in enumerate(inputs.fixed or ()):
-        if name not in names:
-            faults.append(FieldFault(pointer_to("inputs", "fixed", number), f"there is no station '{name}'"))
+    named = [(pointer_to("inputs", "fixed", number), name) for number, name in enumerate(inputs.fixed or ())]
+    for number, tie in enumerate(inputs.ties):
+        where = pointer_to("inputs", "ties", number)
+        named += [(f"{where}/first", tie.first), (f"{where}/second", tie.second)]
+        if tie.first == tie.second:
+            faults.append(FieldFault(where, f"station '{tie.first}' is tied to itself"))
+    faults += [FieldFault(where, f"there is no station '{name}'") for where, name in named if name not in names]
     if len(inputs.stations) < 2:
         faults.append(FieldFault("/inputs/stations", "two stations or more are laid on each other"))
     if faults:
@@ -59,8 +63,9 @@ ORIENT = Process(
     id="orient",
     title="Lay clouds on each other all at once",
     description="Moves scans with approximate poses until all of them lie on each other, by closest points along the "
-    "normals and one linear system a round (Hofer and Pottmann 2004); stations that are named stay fixed. Poses come "
-    "without standard deviations; `register` gives those.",
+    "normals and one linear system a round (Hofer and Pottmann 2004); stations that are named stay fixed, and tie "
+    "points, found in photos or picked, hold what the surfaces leave free. Poses come without standard deviations; "
+    "`register` gives those.",
     inputs=OrientInputs,
     outputs=OrientDocument,
     plan=PosesFirst(OrientPlan()),

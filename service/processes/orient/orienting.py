@@ -1,16 +1,18 @@
 """The step of `orient`: read, move, describe, store."""
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Points
-from algorithms.closest_points.many_clouds import Cloud, orient_clouds
+from algorithms.arrays import Points, Vector3
+from algorithms.closest_points.many_clouds import Cloud, OrientedClouds, orient_clouds
+from algorithms.closest_points.simultaneous import CloudPairs
 from algorithms.deviations.signed_distances import cloud_normals
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.progress import ProgressSection
-from schemas.orient import OrientDocument, OrientedStation, OrientRound
+from schemas.orient import OrientDocument, OrientedStation, OrientedTies, OrientRound
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, StepContext
 from service.use_cases.documents.pose_documents import matrix_rows
@@ -36,17 +38,20 @@ def orient(context: StepContext, arguments: Json) -> Json:
     job_id, options, stations = arguments["job_id"], arguments["options"], arguments["stations"]
     names = [station["name"] for station in stations]
     fixed_names = options["fixed"] or names[:1]
-    missing = [name for name in fixed_names if name not in names]
+    tied_names = [tie[end] for tie in options["ties"] for end in ("first", "second")]
+    missing = [name for name in (*fixed_names, *tied_names) if name not in names]
     if len(names) < 2 or missing:
         why = f"station '{missing[0]}' has no pose" if missing else "fewer than two stations have a pose"
         raise InvalidRequestError(why, [FieldFault("/inputs/stations", why)])
     frame = read_stations(context, stations)
     clouds = [_cloud(each.scan.name, each.points(), options["voxel_m"]) for each in frame.stations]
     still = [RigidTransform.identity()] * len(clouds)
+    ties = [_tie(tie, names, stations, frame.origin_m) for tie in options["ties"]]
     found = orient_clouds(
         clouds,
         still,
         fixed={names.index(name) for name in fixed_names},
+        ties=ties,
         max_distance_m=options["max_distance_m"],
         max_angle_rad=options["max_angle_gon"] / GON_PER_RAD,
         max_rounds=options["max_rounds"],
@@ -68,12 +73,30 @@ def orient(context: StepContext, arguments: Json) -> Json:
         ],
         rounds=[OrientRound(misfit_m=each.misfit_m, step_m=each.step_m, pairs=each.pairs) for each in found.rounds],
         neighbours=[(names[i], names[j]) for i, j in found.neighbours],
+        ties=[
+            OrientedTies(first=names[each.first], second=names[each.second], distances_m=_apart(each, found))
+            for each in ties
+        ],
         converged=found.converged,
         left_out=arguments["left_out"],
         artifacts=[artifact(context, job_id, "poses.json", "application/json")],
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"stations": len(stations)}
+
+
+def _tie(tie: Json, names: Sequence[str], stations: Sequence[Json], origin_m: Vector3) -> CloudPairs:
+    """Put tie points where the stations are in the common frame."""
+    first, second = (names.index(tie[end]) for end in ("first", "second"))
+    ends = np.array(tie["points"], dtype=np.float64).reshape(-1, 2, 3)
+    points, others = (pose_of(stations[k]).apply(ends[:, end]) - origin_m for end, k in enumerate((first, second)))
+    return CloudPairs(first, second, points, others, np.full(len(ends), float(tie["weight"])))
+
+
+def _apart(tie: CloudPairs, found: OrientedClouds) -> list[float]:
+    poses = found.world_from_cloud
+    gaps = poses[tie.first].apply(tie.points) - poses[tie.second].apply(tie.others)
+    return [float(each) for each in np.linalg.norm(gaps, axis=1)]
 
 
 def _cloud(name: str, points: Points, voxel_m: float) -> Cloud:

@@ -1,6 +1,7 @@
 """Process `orient`: three scans of a room with bad poses come to lie on each other, at far coordinates too."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from algorithms.errors import TooFewCorrespondencesError
+from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.scans.scan import Scan
 from schemas.orient import OrientDocument
 from service.adapters.files.local_files import LocalFiles
@@ -48,11 +49,21 @@ def room(seed: int) -> np.ndarray:
     return np.asarray(np.choose(rng.integers(0, 4, len(u))[:, None], sides) + rng.normal(0.0, 0.002, (len(u), 3)))
 
 
+def walls(seed: int) -> np.ndarray:
+    """Three parallel walls, which fix nothing along them."""
+    u, v = np.random.default_rng(seed).random((2, 20_000))
+    return np.column_stack([6 * u, np.resize([0.0, 3.0, 4.0], len(u)), 3 * v])
+
+
 @pytest.fixture
 def context(tmp_path: Path) -> StepContext:
+    return scanned(tmp_path, room)
+
+
+def scanned(tmp_path: Path, surface: Callable[[int], np.ndarray]) -> StepContext:
     blobs = LocalFiles(tmp_path / "store")
     for seed, name in enumerate(NAMES):
-        points = TRUTH[name].inv().apply(room(seed))
+        points = TRUTH[name].inv().apply(surface(seed))
         write_scans(tmp_path / f"{name}.e57", [Scan(points=points, origin_m=np.zeros(3), name=name)])
         blobs.put_file(f"files/{name * 64}", tmp_path / f"{name}.e57")
     limits = {"max_points": 10**6, "max_photo_pixels": 10**6, "min_free_bytes": 0}
@@ -106,3 +117,34 @@ def test_a_cloud_that_lies_on_no_other_is_named(context: StepContext) -> None:
     away = {**OFF, "C": RigidTransform.from_translation([300.0, 0.0, 0.0])}
     with pytest.raises(TooFewCorrespondencesError, match="points of C"):
         ran(context, job(RigidTransform.identity(), away))
+
+
+def ties() -> list[Json]:
+    """Five details of the walls, as B and C have them in their photos beside those of A."""
+    details = np.array([[0.5, 0.0, 0.4], [5.5, 0.0, 2.7], [3.0, 3.0, 2.0], [1.0, 4.0, 2.5], [5.0, 4.0, 0.3]])
+    own = {name: TRUTH[name].inv().apply(details) for name in NAMES}
+    return [
+        {"first": "A", "second": name, "points": np.hstack([own["A"], own[name]]).tolist(), "weight": 10.0}
+        for name in ("B", "C")
+    ]
+
+
+def test_tie_points_hold_what_the_surfaces_leave_free(tmp_path: Path) -> None:
+    context = scanned(tmp_path, walls)
+    with pytest.raises(DegenerateGeometryError):
+        ran(context, job(FAR, OFF))
+    document = ran(context, job(FAR, OFF, ties=ties()))
+    for station in document.stations:
+        error = (FAR * TRUTH[station.name]).inv() * RigidTransform.from_matrix(np.array(station.world_from_scan))
+        assert float(np.linalg.norm(error.translation)) < 0.001
+    assert [(tie.first, tie.second) for tie in document.ties] == [("A", "B"), ("A", "C")]
+    assert max(max(tie.distances_m) for tie in document.ties) < 0.001
+
+
+def test_a_point_that_was_mixed_up_is_far_from_its_partner(context: StepContext) -> None:
+    wrong = ties()[:1]
+    wrong[0]["points"][2][0] += 0.5
+    wrong[0]["weight"] = 1.0
+    (tie,) = ran(context, job(RigidTransform.identity(), OFF, ties=wrong)).ties
+    assert np.argmax(tie.distances_m) == 2
+    assert tie.distances_m[2] > 0.45
