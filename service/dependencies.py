@@ -17,6 +17,7 @@ from service.ports import (
     JobStore,
     KeyStore,
     Queue,
+    SessionStore,
     Sources,
     StepRunner,
     UploadStore,
@@ -52,6 +53,7 @@ class AccessStores:
     keys: KeyStore
     audit: AuditLog
     answers: IdempotencyStore
+    sessions: SessionStore
 
 
 @dataclass(frozen=True)

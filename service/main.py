@@ -25,6 +25,7 @@ from service.adapters.database.job_log import DatabaseJobLog
 from service.adapters.database.jobs import DatabaseJobStore, give_space_back
 from service.adapters.database.keys import DatabaseKeyStore
 from service.adapters.database.queue import DatabaseQueue
+from service.adapters.database.sessions import DatabaseSessionStore
 from service.adapters.database.steps import DatabaseSteps
 from service.adapters.database.tables import FRESH_S, connect, reserve_connections
 from service.adapters.files.object_files import blob_store
@@ -96,7 +97,12 @@ def app_from_environment() -> FastAPI:
         log=DatabaseJobLog(database),
     )
 
-    access = AccessStores(DatabaseKeyStore(database), DatabaseAuditLog(database), DatabaseIdempotencyStore(database))
+    access = AccessStores(
+        keys=DatabaseKeyStore(database),
+        audit=DatabaseAuditLog(database),
+        answers=DatabaseIdempotencyStore(database),
+        sessions=DatabaseSessionStore(database),
+    )
 
     @asynccontextmanager
     async def closing(_app: FastAPI) -> AsyncIterator[None]:
@@ -129,7 +135,7 @@ async def _clean_up_regularly(
             now = datetime.now(UTC)
             done = await cleaner.clean_up(now)
             days = settings.audit_days, now, settings.audit_refused_days
-            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, *days)
+            forgotten = await asyncio.to_thread(forget_old, access.audit, access.answers, access.sessions, *days)
             await asyncio.to_thread(give_space_back)
         except (ServiceError, SQLAlchemyError, OSError) as error:
             log.warning("cleaning up failed", error=str(error))
@@ -178,7 +184,7 @@ def create_app(
     app.state.uploads = upload_store or LocalUploads(settings.data_dir / "uploads")
     app.state.sources = RemoteSources(settings)
     app.state.callbacks = HttpCallbacks(settings)
-    app.state.sessions = BrowserSessions(settings)
+    app.state.sessions = BrowserSessions(access.sessions)
     app.router.routes.extend(pages.ROUTES)  # before those that answer programs at the same addresses
     routers = [jobs.status_router]
     routers += [

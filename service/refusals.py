@@ -76,18 +76,6 @@ class ForeignPageError(ServiceError):
         )
 
 
-class NoSessionsError(ServiceError):
-    """Say that browsers cannot log in."""
-
-    status, title = 503, "No sessions for browsers"
-
-    def __init__(self) -> None:
-        super().__init__(
-            "the machines of this service share no secret with which sessions could be sealed; its operator gives all "
-            "of them the same TIELINE_CALLBACK_SECRET"
-        )
-
-
 class OpenToAllError(ServiceError):
     """Say that a service would be open to everybody."""
 

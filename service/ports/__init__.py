@@ -28,6 +28,7 @@ from service.ports.jobs import (
 from service.ports.keys import Key, KeyStore, Scope, StoredKey
 from service.ports.owners import narrowed
 from service.ports.processes import Process, Stored
+from service.ports.sessions import SessionStore
 from service.ports.sources import RemoteFile, Sources
 from service.ports.step_queue import (
     ClaimedStep,
@@ -81,6 +82,7 @@ __all__ = [
     "Queue",
     "RemoteFile",
     "Scope",
+    "SessionStore",
     "Sources",
     "StepCall",
     "StepContext",

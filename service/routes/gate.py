@@ -110,7 +110,7 @@ class Gate:
             raise ForeignPageError
         if public:
             return await self._reader_of_page(visit) if visit.wants_page else NOBODY
-        access = await self._gatekeeper.access(self._authorization(visit), visit.remote)
+        access = await self._gatekeeper.access(await self._authorization(visit), visit.remote)
         visit.access = access
         if access is WITHOUT_KEY:
             if needs_keys_in_use(path):
@@ -122,7 +122,7 @@ class Gate:
             raise ForbiddenError(wanted[0].value)
         return access
 
-    def _authorization(self, visit: "_Visit") -> str | None:
+    async def _authorization(self, visit: "_Visit") -> str | None:
         """Give the key that a request brings itself, or that of the session which a browser sends along.
 
         Raises
@@ -131,7 +131,7 @@ class Gate:
             A browser sends its session along with a change that no page of this service has asked for.
         """
         brought = visit.request.headers.get("authorization")
-        key = session_key(visit.request) if brought is None else None
+        key = await session_key(visit.request) if brought is None else None
         if key is None:
             return brought
         scope = visit.request.scope
@@ -143,7 +143,7 @@ class Gate:
     async def _reader_of_page(self, visit: "_Visit") -> Access:
         """Tell who reads a page that everybody may read."""
         try:
-            return await self._gatekeeper.access(self._authorization(visit), visit.remote)
+            return await self._gatekeeper.access(await self._authorization(visit), visit.remote)
         except UnauthenticatedError:
             return NOBODY
 

@@ -14,23 +14,23 @@ PAGE_HEADER = "tieline-page"
 """Pages of this service send it with every change; pages of others cannot (they would have to ask first, in vain)."""
 
 
-def session_key(request: Request) -> str | None:
+async def session_key(request: Request) -> str | None:
     """Give the key of the session that a browser sends along."""
-    kept = request.cookies.get(COOKIE, "")
-    return _sessions(request).key_of(kept, datetime.now(UTC)) if kept else None
+    return await _sessions(request).key_of(request.cookies.get(COOKIE, ""), datetime.now(UTC))
 
 
-def begin_session(request: Request, answer: Response, key: str) -> None:
+async def begin_session(request: Request, answer: Response, key: str) -> None:
     """Let a browser keep a key, sealed: no script can read it, and no page of others sends it."""
-    kept = _sessions(request).begin(key, datetime.now(UTC))
+    kept = await _sessions(request).begin(key, datetime.now(UTC))
     lasts_s = int(LASTS.total_seconds())
     answer.set_cookie(
         COOKIE, kept, lasts_s, httponly=True, samesite="strict", secure=_is_secure(request), path=_place(request)
     )
 
 
-def end_session(request: Request, answer: Response) -> None:
-    """Let a browser forget its session."""
+async def end_session(request: Request, answer: Response) -> None:
+    """End the session that a browser sends along, also for whoever has a copy of it, and let the browser forget it."""
+    await _sessions(request).end(request.cookies.get(COOKIE, ""))
     answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=_is_secure(request), path=_place(request))
 
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import httpx
 
-from service.dependencies import AccessStores, Adapters
+from service.dependencies import Adapters
 from service.settings import Settings
 from service.use_cases.access.manage_keys import create_key
 from tests.api.conftest import Client
 from tests.doubles.application import create_app
-from tests.doubles.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
+from tests.doubles.memory_access import memory_access
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
@@ -34,7 +34,7 @@ class KeyService:
     def __init__(self, settings: Settings, adapters: Adapters) -> None:
         self.settings = settings
         self.adapters = adapters
-        self.stores = AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
+        self.stores = memory_access()
         self.app = create_app(settings, adapters, access=self.stores)
 
     def secret(self, name: str, project: str | None = None, scopes: Sequence[str] = ("read", "write")) -> str:

@@ -1,19 +1,20 @@
 """A browser logs in with a key: what its cookie is good for, and for whom it is not."""
 
+import asyncio
 from datetime import UTC, datetime, timedelta
 from http.cookies import SimpleCookie
-from pathlib import Path
 
 import httpx
 import pytest
 
 from service.dependencies import Adapters
-from service.refusals import NoSessionsError
 from service.settings import Settings
 from service.use_cases.access.browser_sessions import LASTS, BrowserSessions
+from service.use_cases.access.check_access import LOOK_AGAIN_S
 from service.use_cases.access.manage_keys import revoke_key
 from tests.api.conftest import Client
 from tests.api.key_service import NOW, KeyService
+from tests.doubles.memory_access import MemorySessionStore
 
 OWN = {"Origin": "http://tieline.test"}
 PAGE = {"Tieline-Page": "1"}
@@ -84,6 +85,21 @@ def test_a_logout_makes_the_browser_forget(service: KeyService) -> None:
     answer = service.stranger().post("/logout", headers={**OWN, **kept})
     assert answer.status_code == 303
     assert "max-age=0" in answer.headers["set-cookie"].lower()
+
+
+def test_a_copied_cookie_opens_nothing_after_the_logout_and_other_sessions_go_on(service: KeyService) -> None:
+    key = service.secret("alice")
+    copied, other = (cookie(log_in(service.stranger(), key)) for _ in range(2))
+    before = service.stranger().get("/files", headers=copied).status_code
+    service.stranger().post("/logout", headers={**OWN, **copied})
+    after = [service.stranger().get("/files", headers=kept).status_code for kept in (copied, other)]
+    assert (before, after) == (200, [401, 200])
+
+
+@pytest.mark.parametrize("kept", ["", "tieline-session=nonsense"])
+def test_a_logout_without_a_session_does_nothing(service: KeyService, kept: str) -> None:
+    service.secret("alice")
+    assert service.stranger().post("/logout", headers={**OWN, "Cookie": kept}).status_code == 303
 
 
 FOREIGN = [
@@ -157,22 +173,33 @@ def test_a_key_in_the_header_counts_before_the_session(service: KeyService) -> N
     assert service.stranger().get("/files", headers={**kept, "Authorization": "Bearer x"}).status_code == 401
 
 
-def test_a_session_ends_by_itself(tmp_path: Path) -> None:
-    sessions = BrowserSessions(Settings(data_dir=tmp_path))
+def test_a_session_ends_by_itself() -> None:
+    sessions = BrowserSessions(MemorySessionStore())
     begun = datetime(2026, 1, 1, tzinfo=UTC)
-    kept = sessions.begin("the key", begun)
-    assert sessions.key_of(kept, begun + LASTS - timedelta(seconds=1)) == "the key"
-    assert sessions.key_of(kept, begun + LASTS) is None
+    kept = asyncio.run(sessions.begin("the key", begun))
+    assert asyncio.run(sessions.key_of(kept, begun + LASTS - timedelta(seconds=1))) == "the key"
+    assert asyncio.run(sessions.key_of(kept, begun + LASTS)) is None
 
 
-def test_what_another_service_sealed_opens_nothing(tmp_path: Path) -> None:
-    for name in ("one", "other"):
-        (tmp_path / name).mkdir()
-    kept = BrowserSessions(Settings(data_dir=tmp_path / "one")).begin("the key", NOW)
-    assert BrowserSessions(Settings(data_dir=tmp_path / "other")).key_of(kept, NOW) is None
+def test_what_another_service_sealed_opens_nothing() -> None:
+    kept = asyncio.run(BrowserSessions(MemorySessionStore()).begin("the key", NOW))
+    assert asyncio.run(BrowserSessions(MemorySessionStore()).key_of(kept, NOW)) is None
 
 
-def test_machines_that_share_no_secret_begin_no_session(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path, database_url="postgresql://nowhere/x")
-    with pytest.raises(NoSessionsError):
-        BrowserSessions(settings).begin("the key", NOW)
+def test_an_ended_session_opens_nothing_in_other_processes_either_after_a_while() -> None:
+    store, seconds = MemorySessionStore(), [0.0]
+    one, other = BrowserSessions(store), BrowserSessions(store, lambda: seconds[0])
+    kept = asyncio.run(one.begin("the key", NOW))
+    before = asyncio.run(other.key_of(kept, NOW))
+    asyncio.run(one.end(kept))
+    seconds[0] = LOOK_AGAIN_S
+    assert (before, asyncio.run(other.key_of(kept, NOW))) == ("the key", None)
+
+
+def test_it_is_not_looked_up_for_every_request() -> None:
+    store = MemorySessionStore()
+    sessions = BrowserSessions(store)
+    kept = asyncio.run(sessions.begin("the key", NOW))
+    for _ in range(5):
+        asyncio.run(sessions.key_of(kept, NOW))
+    assert store.looks == 1

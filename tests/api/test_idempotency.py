@@ -9,7 +9,7 @@ import httpx
 import pytest
 from starlette.middleware import Middleware
 
-from service.dependencies import AccessStores, Adapters
+from service.dependencies import Adapters
 from service.errors import QueueError
 from service.ports import JobFilter
 from service.routes.repeated_requests import RepeatedRequests
@@ -17,7 +17,7 @@ from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
 from tests.doubles.application import create_app
 from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
-from tests.doubles.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
+from tests.doubles.memory_access import MemoryIdempotencyStore, memory_access
 
 ECHO = {"inputs": {"stringInput": "a"}}
 ASYNC = {"Prefer": "respond-async"}
@@ -141,7 +141,7 @@ class Breaking:
 
     def client(self, *, breaks: bool) -> Client:
         adapters = Adapters(self.jobs, self.files, self.blobs, MemoryQueue(), FakeSteps(self.blobs), MemoryJobLog())
-        app = create_app(self.settings, adapters, access=AccessStores(MemoryKeyStore(), MemoryAuditLog(), self.answers))
+        app = create_app(self.settings, adapters, access=memory_access(self.answers))
         return Client(_dying_before_it_answers(app) if breaks else app)
 
 

@@ -17,6 +17,7 @@ from service.adapters.database.idempotency import DatabaseIdempotencyStore
 from service.adapters.database.job_log import DatabaseJobLog
 from service.adapters.database.jobs import DatabaseJobStore, migrate
 from service.adapters.database.keys import DatabaseKeyStore
+from service.adapters.database.sessions import DatabaseSessionStore
 from service.adapters.database.tables import connect
 from service.dependencies import AccessStores, Adapters
 from service.names.scene_keys import scene_key
@@ -116,7 +117,12 @@ def two_projects(directory: Path) -> Iterator[TwoProjects]:
         FakeSteps(blobs),
         DatabaseJobLog(database),
     )
-    stores = AccessStores(DatabaseKeyStore(database), DatabaseAuditLog(database), DatabaseIdempotencyStore(database))
+    stores = AccessStores(
+        DatabaseKeyStore(database),
+        DatabaseAuditLog(database),
+        DatabaseIdempotencyStore(database),
+        DatabaseSessionStore(database),
+    )
     yield TwoProjects(create_app(settings, adapters, access=stores), adapters, stores)
     database.dispose()
 

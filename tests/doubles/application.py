@@ -9,7 +9,7 @@ import service.main
 from service.dependencies import AccessStores, Adapters
 from service.ports import UploadStore
 from service.settings import Settings
-from tests.doubles.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
+from tests.doubles.memory_access import memory_access
 
 
 def create_app(
@@ -20,5 +20,5 @@ def create_app(
     upload_store: UploadStore | None = None,
 ) -> FastAPI:
     """Build the application."""
-    stores = access or AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore())
+    stores = access or memory_access()
     return service.main.create_app(settings, adapters, stores, lifespan, upload_store)

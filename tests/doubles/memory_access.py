@@ -1,11 +1,13 @@
-"""Keys, audit log and first answers in memory, for tests."""
+"""Keys, sessions, audit log and first answers in memory, for tests."""
 
+import secrets
 import threading
 import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
+from service.dependencies import AccessStores
 from service.names.identifiers import new_identifier
 from service.ports import KEPT_ANSWERS, Answer, AuditEntry, AuditFilter, Claim, Key, StoredKey
 
@@ -62,6 +64,35 @@ class MemoryKeyStore:
             key = replace(stored.key, revoked=stored.key.revoked or revoked)
             self._keys[key_id] = replace(stored, key=key)
             return key
+
+
+class MemorySessionStore:
+    """Keep ended sessions in a dictionary; `looks` counts how often one was looked up."""
+
+    def __init__(self) -> None:
+        self._secret = secrets.token_bytes(32)
+        self._ended: dict[str, datetime] = {}
+        self.looks = 0
+
+    def secret(self) -> bytes:
+        """Give the random bytes with which sessions are sealed."""
+        return self._secret
+
+    def end(self, session_id: str, until: datetime) -> None:
+        """Note that a session is over."""
+        self._ended[session_id] = until
+
+    def has_ended(self, session_id: str) -> bool:
+        """Tell whether a session was ended."""
+        self.looks += 1
+        return session_id in self._ended
+
+    def forget_before(self, moment: datetime) -> int:
+        """Forget sessions that would have run out by then; give their number."""
+        old = [session_id for session_id, until in self._ended.items() if until < moment]
+        for session_id in old:
+            del self._ended[session_id]
+        return len(old)
 
 
 class MemoryAuditLog:
@@ -172,3 +203,8 @@ class MemoryIdempotencyStore:
     def _held(self, owner: str, key: str, holder: str) -> _Request | None:
         request = self._requests.get((owner, key))
         return request if request is not None and request.holder == holder else None
+
+
+def memory_access(answers: MemoryIdempotencyStore | None = None) -> AccessStores:
+    """Give stores of all that is kept of clients."""
+    return AccessStores(MemoryKeyStore(), MemoryAuditLog(), answers or MemoryIdempotencyStore(), MemorySessionStore())

@@ -172,6 +172,22 @@ keys = sa.Table(
     sa.Column("last_used", UtcDateTime),
 )
 
+session_secret = sa.Table(
+    "session_secret",
+    metadata,
+    # there is one row
+    sa.Column("id", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("value", sa.LargeBinary, nullable=False),
+)
+
+ended_sessions = sa.Table(
+    "ended_sessions",
+    metadata,
+    sa.Column("id", sa.String(64), primary_key=True),
+    # by then it would have run out by itself
+    sa.Column("until", UtcDateTime, nullable=False, index=True),
+)
+
 audit = sa.Table(
     "audit",
     metadata,

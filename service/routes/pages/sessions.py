@@ -32,14 +32,14 @@ async def log_in(request: Request) -> Response:
         return page(request, "login", {"back": back, "refused": True}, status=UnauthenticatedError.status)
     answer = elsewhere(request, back)
     if access is not WITHOUT_KEY:
-        begin_session(request, answer, key)
+        await begin_session(request, answer, key)
     return answer
 
 
 async def log_out(request: Request) -> Response:
     """End the session."""
     answer = elsewhere(request, "/")
-    end_session(request, answer)
+    await end_session(request, answer)
     return answer
 
 

@@ -74,14 +74,15 @@ def seal_of(settings: Settings) -> Seal | None:
     roots = [signing_key(settings.callback_secret)] if settings.callback_secret else []
     if settings.embedded_database:
         roots.append(_root_in(settings.data_dir / KEY_FILE))
-    return Seal(tuple(map(_derived, roots))) if roots else None
+    return Seal(tuple(derived_key(root, PURPOSE) for root in roots)) if roots else None
 
 
-def _derived(root: bytes) -> bytes:
+def derived_key(root: bytes, purpose: bytes) -> bytes:
+    """Derive a key of its own for each purpose of a secret."""
     from cryptography.hazmat.primitives.hashes import SHA256
     from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
-    return HKDF(SHA256(), KEY_BYTES, salt=None, info=PURPOSE).derive(root)
+    return HKDF(SHA256(), KEY_BYTES, salt=None, info=purpose).derive(root)
 
 
 def _root_in(path: Path) -> bytes:

@@ -13,6 +13,7 @@ from service.adapters.database.files import DatabaseFileStore
 from service.adapters.database.idempotency import DatabaseIdempotencyStore
 from service.adapters.database.jobs import DatabaseJobStore, migrate
 from service.adapters.database.keys import DatabaseKeyStore
+from service.adapters.database.sessions import DatabaseSessionStore
 from service.adapters.database.tables import connect
 from service.dependencies import AccessStores
 from service.ports import (
@@ -33,7 +34,7 @@ from service.ports import (
 )
 from service.settings import Settings
 from tests.doubles.memory import MemoryFileStore, MemoryJobStore
-from tests.doubles.memory_access import MemoryAuditLog, MemoryIdempotencyStore, MemoryKeyStore
+from tests.doubles.memory_access import memory_access
 from tests.servers.databases import DATABASES, databases_of
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -50,7 +51,7 @@ FILE = StoredFile("f1", "a.e57", 70, "0" * 64, "e57", "scan", NOW)
 def everything(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[AccessStores, JobStore, FileStore]]:
     if request.param == "memory":
         yield (
-            AccessStores(MemoryKeyStore(), MemoryAuditLog(), MemoryIdempotencyStore()),
+            memory_access(),
             MemoryJobStore(),
             MemoryFileStore(),
         )
@@ -60,7 +61,12 @@ def everything(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple
         migrate(settings)
         engine = connect(settings)
         stack.callback(engine.dispose)
-        access = AccessStores(DatabaseKeyStore(engine), DatabaseAuditLog(engine), DatabaseIdempotencyStore(engine))
+        access = AccessStores(
+            DatabaseKeyStore(engine),
+            DatabaseAuditLog(engine),
+            DatabaseIdempotencyStore(engine),
+            DatabaseSessionStore(engine),
+        )
         yield access, DatabaseJobStore(engine), DatabaseFileStore(engine)
 
 
@@ -191,6 +197,19 @@ def test_an_answer_is_given_again_for_a_day(access: AccessStores) -> None:
     assert access.answers.claim("", "early", "h2", NOW + DAY, 30.0).answer == ANSWER
     assert access.answers.claim("", "early", "h2", NOW + DAY + timedelta(seconds=1), 30.0).mine
     assert access.answers.forget_before(NOW + timedelta(seconds=1)) == 1
+
+
+def test_the_secret_of_sessions_is_made_once(access: AccessStores) -> None:
+    made = access.sessions.secret()
+    assert (len(made), access.sessions.secret()) == (32, made)
+
+
+def test_a_session_that_was_ended_is_known_until_it_would_have_run_out(access: AccessStores) -> None:
+    for _ in range(2):
+        access.sessions.end("s1", NOW)
+    known = access.sessions.has_ended("s1"), access.sessions.has_ended("s2")
+    assert (known, access.sessions.forget_before(NOW), access.sessions.has_ended("s1")) == ((True, False), 0, True)
+    assert (access.sessions.forget_before(NOW + DAY), access.sessions.has_ended("s1")) == (1, False)
 
 
 def test_a_store_of_one_project_knows_nothing_of_others(jobs: JobStore, files: FileStore) -> None:
