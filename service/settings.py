@@ -77,8 +77,9 @@ class Settings(BaseSettings):
     max_project_files: int = Field(default=100_000, ge=1)
     """Most files that one project may have."""
     max_project_bytes: int = Field(default=1000 * GIGABYTE, ge=1)
-    """Most bytes that one project may store: files, uploads on their way, results and downloads of jobs; content that
-    is stored once for several files counts for each. A project with more begins no upload and no job."""
+    """Most bytes that one project may store: files with what was computed of them (features, points for the viewer),
+    uploads on their way, results and downloads of jobs; content that is stored once for several files counts for each.
+    A project with more begins no upload and no job."""
     max_project_uploads: int = Field(default=1000, ge=1)
     """Most resumable uploads of one project that are begun, or were refused and are not removed yet."""
     max_project_records_bytes: int = Field(default=2 * GIGABYTE, ge=1)

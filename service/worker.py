@@ -86,7 +86,7 @@ def main(
         executors=executors,
         runner=FetchingRunner(runner, intake, jobs, OFFERED_PROCESSES, partial(patiently, settings.step_timeout_s)),
         plans=cast("Mapping[str, Plan]", getattr(importlib.import_module(module), attribute)),
-        count_results=partial(count_results, jobs=jobs, blobs=blobs),
+        count_results=partial(count_results, jobs=jobs, files=files, blobs=blobs),
     )
     engine = Engine(tools, slot, launcher)
     callbacks = CallbackThread(

@@ -13,6 +13,7 @@ VIEWER_POINTS_VERSION = 1
 
 
 FEATURES = "features/"
+OWNER_LETTERS = 16
 
 
 def photos_identity(photos: Sequence[Json], options: Json) -> Json | None:
@@ -29,6 +30,14 @@ def photos_identity(photos: Sequence[Json], options: Json) -> Json | None:
 def features_of_content(sha256: str) -> str:
     """Name the folder with the features of all scans of a file, by its content."""
     return f"{FEATURES}{sha256}"
+
+
+def features_of_project(sha256: str, owner: str) -> str:
+    """Name the folder with what was computed of a file for one project, as `features_of_content` that for all.
+
+    Projects share none of it: if they did, the time that a job takes would tell who has the same content.
+    """
+    return f"{features_of_content(sha256)}/{hashlib.sha256(owner.encode()).hexdigest()[:OWNER_LETTERS]}"
 
 
 def features_of_step(arguments: Json) -> str:
@@ -58,14 +67,13 @@ def feature_key(
     photos
         What the photos of the station add, as `photos_identity` gives it; None: no photos.
     owner
-        Project of the file: if features were shared, the time that a job takes would tell who has the same content.
+        Project of the file.
     reading
         What was said of how to read the file, such as the unit of its coordinates; None: nothing.
     """
-    extras = [*([] if photos is None else [photos]), *([f"project {owner}"] if owner else [])]
-    extras += [{"reading": reading}] if reading else []
+    extras = [*([] if photos is None else [photos]), *([{"reading": reading}] if reading else [])]
     what = json.dumps([FEATURE_VERSION, scan_index, options, *extras], sort_keys=True)
-    return f"{features_of_content(sha256)}/{hashlib.sha256(what.encode()).hexdigest()}.npz"
+    return f"{features_of_project(sha256, owner)}/{hashlib.sha256(what.encode()).hexdigest()}.npz"
 
 
 def viewer_points_of_step(arguments: Json) -> tuple[str, str]:
@@ -74,6 +82,7 @@ def viewer_points_of_step(arguments: Json) -> tuple[str, str]:
     They lie with the features of the scan: shared by all jobs of the project, removed with the content.
     """
     reading = {name: arguments[name] for name in ("columns", "unit") if arguments.get(name)}
-    what = json.dumps([VIEWER_POINTS_VERSION, arguments["index"], arguments.get("owner", ""), reading], sort_keys=True)
-    stem = f"{features_of_content(arguments['sha256'])}/{hashlib.sha256(what.encode()).hexdigest()}"
+    what = json.dumps([VIEWER_POINTS_VERSION, arguments["index"], reading], sort_keys=True)
+    folder = features_of_project(arguments["sha256"], arguments.get("owner", ""))
+    stem = f"{folder}/{hashlib.sha256(what.encode()).hexdigest()}"
     return f"{stem}.points", f"{stem}.points.json"

@@ -29,6 +29,8 @@ class StoredFile:
     photos: tuple[Json, ...] = ()
     owner: str = ""
     """Project that the file belongs to; empty: the default project."""
+    computed_bytes: int = 0
+    """What was computed of its content for its project and is kept beside it: features, points for the viewer."""
 
     def summary(self) -> Json:
         """Give what a plan sees of the file."""
@@ -62,7 +64,7 @@ class FileStore(Protocol):
         """
 
     def amount(self) -> StoredAmount:
-        """Sum up the files; contents that several files share count for each."""
+        """Sum up the files with what was computed of them; contents that several files share count for each."""
 
     def add(
         self,
@@ -96,8 +98,16 @@ class FileStore(Protocol):
     def delete(self, file_id: str) -> bool:
         """Forget; False when it was unknown."""
 
-    def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
-        """Call `remove` if no file has this content, while nobody can add one; tell whether it was called."""
+    def note_computed(self, sha256: str, size: int) -> None:
+        """Note how many bytes are kept of what was computed of a content; later files with it have as many."""
+
+    def remove_unused(self, sha256: str, remove: Callable[[], None], owner: str | None = None) -> bool:
+        """Call `remove` if no file, of one project if it is named, has this content, while nobody can add one.
+
+        Returns
+        -------
+        Whether it was called.
+        """
 
     def forget_lost(self, sha256: str, is_there: Callable[[], bool]) -> int:
         """Forget the files of a content that is not there (any more); give their number."""

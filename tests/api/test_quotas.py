@@ -1,6 +1,6 @@
 """How much one project may have, and how urgent its jobs are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -8,6 +8,7 @@ import pytest
 
 from service.adapters.uploads.local_uploads import LocalUploads
 from service.dependencies import Adapters
+from service.names.feature_keys import features_of_project
 from service.settings import Settings
 from service.use_cases.jobs.urgency import urgency_of
 from service.use_cases.limits.quotas import count_results
@@ -148,7 +149,7 @@ class Full:
         alice = service.client("alice")
         job = alice.post("/processes/echo/execution", **ECHO).json()["jobID"]
         adapters.blobs.write_bytes(f"jobs/{job}/artifacts/lines.csv", b"1" * results)
-        count_results(job, adapters.jobs, adapters.blobs)
+        count_results(job, adapters.jobs, adapters.files, adapters.blobs)
         adapters.jobs.succeed(job, NOW)
         return cls(alice, service, job)
 
@@ -174,6 +175,31 @@ def test_results_of_jobs_count(settings: Settings, adapters: Adapters, what: str
     assert full.service.client("bob").post(path, **sent).status_code == 201
     full.client.delete(f"/jobs/{full.job}")
     assert full.client.post(path, **sent).status_code == 201
+
+
+def test_what_is_computed_of_files_counts_and_goes_with_them(settings: Settings, adapters: Adapters) -> None:
+    service = made(settings, adapters, max_project_bytes=30)
+    clients = {name: service.client(name) for name in ("alice", "bob")}
+    uploaded = {name: client.upload(content=b"1 2 3\n") for name, client in clients.items()}
+    folders = {}
+    for name, client in clients.items():
+        job = client.post("/processes/echo/execution", **ECHO).json()["jobID"]
+        known = adapters.jobs.get(job)
+        file = adapters.files.get(uploaded[name])
+        assert known is not None
+        assert file is not None
+        of_file = replace(known, id=f"of-{name}", file_ids=(file.id,))
+        adapters.jobs.create_and_enqueue(of_file)
+        folders[name] = features_of_project(file.sha256, file.owner)
+        adapters.blobs.write_bytes(f"{folders[name]}/scan.points", b"1" * 25)
+        adapters.jobs.succeed(of_file.id, NOW)
+        count_results(of_file.id, adapters.jobs, adapters.files, adapters.blobs)
+    more = {"files": {"file": ("b.xyz", b"4 5 6\n")}}
+    refused = clients["alice"].post("/files", **more)
+    clients["alice"].delete(f"/files/{uploaded['alice']}")
+    kept = [bool(adapters.blobs.keys(f"{folder}/")) for folder in folders.values()]
+    assert (refused.status_code, kept) == (413, [False, True])
+    assert clients["alice"].post("/files", **more).status_code == 201
 
 
 def test_a_project_that_is_just_full_takes_jobs_and_no_files(settings: Settings, adapters: Adapters) -> None:

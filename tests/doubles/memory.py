@@ -208,8 +208,11 @@ class MemoryFileStore:
         if self._owner is not None:
             file = replace(file, owner=self._owner)
         with self._lock:
-            admit(_amount([each for each in self._files.values() if each.owner == file.owner]))
+            mine = [each for each in self._files.values() if each.owner == file.owner]
+            admit(_amount(mine))
             place()
+            twins = [each.computed_bytes for each in mine if each.sha256 == file.sha256]
+            file = replace(file, computed_bytes=max(twins, default=0))
             self._files[file.id] = file
             return file
 
@@ -234,10 +237,17 @@ class MemoryFileStore:
         with self._lock:
             return self.get(file_id) is not None and self._files.pop(file_id, None) is not None
 
-    def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
+    def note_computed(self, sha256: str, size: int) -> None:
+        """Note how many bytes are kept of what was computed of a content."""
+        with self._lock:
+            for file in self._mine():
+                if file.sha256 == sha256:
+                    self._files[file.id] = replace(file, computed_bytes=size)
+
+    def remove_unused(self, sha256: str, remove: Callable[[], None], owner: str | None = None) -> bool:
         """Call `remove` if no file has this content; tell whether it was called."""
         with self._lock:
-            unused = sha256 not in self.contents()
+            unused = not any(each.sha256 == sha256 and owner in {None, each.owner} for each in self._files.values())
             if unused:
                 remove()
             return unused
@@ -255,7 +265,7 @@ class MemoryFileStore:
 
 
 def _amount(files: Sequence[StoredFile]) -> StoredAmount:
-    return StoredAmount(len(files), sum(file.bytes for file in files))
+    return StoredAmount(len(files), sum(file.bytes + file.computed_bytes for file in files))
 
 
 class MemoryBlobStore:

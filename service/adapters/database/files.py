@@ -47,11 +47,15 @@ class DatabaseFileStore:
         """Insert; `place` puts the content where it belongs, in the same transaction, in which `admit` is asked."""
         owner = file.owner if self._owner is None else self._owner
         row = {**asdict(file), "scans": list(file.scans), "photos": list(file.photos), "owner": owner}
+        twins = sa.select(sa.func.max(files.c.computed_bytes)).where(
+            files.c.owner == owner, files.c.sha256 == file.sha256
+        )
         with self._alone(f"files of {owner}", file.sha256) as connection:
             admit(_amount(connection, files.c.owner == owner))
             place()
+            row["computed_bytes"] = connection.execute(twins).scalar_one() or 0
             connection.execute(sa.insert(files).values(row))
-        return replace(file, owner=owner)
+        return replace(file, owner=owner, computed_bytes=row["computed_bytes"])
 
     def get(self, file_id: str) -> StoredFile | None:
         """Fetch."""
@@ -78,9 +82,16 @@ class DatabaseFileStore:
         with self._engine.begin() as connection:
             return bool(connection.execute(sa.delete(files).where(files.c.id == file_id, self._mine)).rowcount)
 
-    def remove_unused(self, sha256: str, remove: Callable[[], None]) -> bool:
+    def note_computed(self, sha256: str, size: int) -> None:
+        """Note how many bytes are kept of what was computed of a content."""
+        with self._engine.begin() as connection:
+            noted = sa.update(files).where(files.c.sha256 == sha256, self._mine)
+            connection.execute(noted.values(computed_bytes=size))
+
+    def remove_unused(self, sha256: str, remove: Callable[[], None], owner: str | None = None) -> bool:
         """Call `remove` if no file has this content, while nobody can add one; tell whether it was called."""
-        query = sa.select(sa.func.count()).select_from(files).where(files.c.sha256 == sha256)
+        whose = sa.true() if owner is None else files.c.owner == owner
+        query = sa.select(sa.func.count()).select_from(files).where(files.c.sha256 == sha256, whose)
         with self._alone(sha256) as connection:
             unused = connection.execute(query).scalar_one() == 0
             if unused:
@@ -107,7 +118,7 @@ class DatabaseFileStore:
 
 
 def _amount(connection: sa.Connection, condition: sa.ColumnElement[bool]) -> StoredAmount:
-    total = sa.func.coalesce(sa.func.sum(files.c.bytes), 0)
+    total = sa.func.coalesce(sa.func.sum(files.c.bytes + files.c.computed_bytes), 0)
     number, size = connection.execute(sa.select(sa.func.count(), total).where(condition)).one()
     return StoredAmount(number, int(size))
 

@@ -155,6 +155,7 @@ files = sa.Table(
     sa.Column("scans", sa.JSON, nullable=False),
     sa.Column("photos", sa.JSON, nullable=False),
     sa.Column("owner", sa.String(64), nullable=False, server_default=""),
+    sa.Column("computed_bytes", sa.BigInteger, nullable=False, server_default="0"),
     sa.Index("ix_files_owner_created", "owner", "created"),
 )
 

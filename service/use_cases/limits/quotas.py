@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from service.errors import QuotaExceededError
+from service.names.feature_keys import features_of_project
 from service.ports import (
     AuditLog,
     BlobStore,
@@ -94,8 +95,17 @@ class Belongings:
             raise QuotaFullError("bytes", total, settings.max_project_bytes)
 
 
-def count_results(job_id: str, jobs: JobStore, blobs: BlobStore) -> None:
-    """Note how many bytes a job has stored."""
+def count_results(job_id: str, jobs: JobStore, files: FileStore, blobs: BlobStore) -> None:
+    """Note how many bytes a job has stored: its results, and what it computed of its files and keeps for later jobs.
+
+    The latter counts for the files, with which it is removed.
+    """
+    job = jobs.get(job_id)
+    if job is None:
+        return
+    mine = files.of(job.owner)
+    for sha256 in {file.sha256 for file in map(mine.get, job.file_ids) if file is not None}:
+        mine.note_computed(sha256, blobs.total(f"{features_of_project(sha256, job.owner)}/"))
     jobs.note_results(job_id, blobs.total(f"jobs/{job_id}/"))
 
 

@@ -140,7 +140,7 @@ class Cleaner:
     def _count_results(self, before: datetime) -> int:
         uncounted = self.jobs.uncounted(before, COUNTED_AT_ONCE)
         for job_id in uncounted:
-            count_results(job_id, self.jobs, self._blobs)
+            count_results(job_id, self.jobs, self._files, self._blobs)
         return len(uncounted)
 
 

@@ -15,7 +15,7 @@ from service.errors import (
     UnreadableFileError,
 )
 from service.names.content_keys import content_key, incoming_key
-from service.names.feature_keys import features_of_content
+from service.names.feature_keys import features_of_content, features_of_project
 from service.names.identifiers import MakeIdentifier, is_identifier, new_identifier
 from service.ports import BlobStore, FileStore, JobStore, StepFailedError, StepRunner, StoredFile
 from service.settings import Settings
@@ -302,7 +302,9 @@ def delete_file(file_id: str, files: FileStore, jobs: JobStore, blobs: BlobStore
     if user is not None:
         raise JobNotFinishedError(f"file '{file.name}'", user.id)
     files.delete(file_id)
-    release_content(file.sha256, files, blobs)
+    if not release_content(file.sha256, files, blobs):
+        computed = features_of_project(file.sha256, file.owner)
+        files.remove_unused(file.sha256, lambda: blobs.delete_prefix(computed), file.owner)
 
 
 def release_content(sha256: str, files: FileStore, blobs: BlobStore) -> bool:

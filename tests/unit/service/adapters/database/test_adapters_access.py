@@ -260,6 +260,24 @@ def test_who_admits_files_sees_those_of_the_project(files: FileStore) -> None:
     assert (files.amount(), files.of("a").amount()) == (StoredAmount(3, 210), StoredAmount(2, 140))
 
 
+def test_what_was_computed_of_files_counts_for_the_files_of_the_project(files: FileStore) -> None:
+    mine, theirs = files.of("a"), files.of("b")
+    mine.add(FILE)
+    theirs.add(replace(FILE, id="f2"))
+    mine.note_computed(FILE.sha256, 30)
+    once = mine.amount(), theirs.amount()
+    mine.add(replace(FILE, id="f3"))  # has the same beside it
+    mine.delete("f1")
+    assert (once, mine.amount()) == ((StoredAmount(1, 100), StoredAmount(1, 70)), StoredAmount(1, 100))
+
+
+def test_a_content_may_be_unused_in_one_project(files: FileStore) -> None:
+    files.of("a").add(FILE)
+    called: list[str] = []
+    told = [files.remove_unused(FILE.sha256, lambda owner=owner: called.append(owner), owner) for owner in ("a", "b")]
+    assert (told, called) == ([False, True], ["b"])
+
+
 def test_what_is_not_admitted_is_not_there(jobs: JobStore, files: FileStore) -> None:
     def refuse(_what: object) -> None:
         raise ConnectionError
