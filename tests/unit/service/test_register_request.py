@@ -9,6 +9,7 @@ import pytest
 from schemas.register_inputs import RegisterInputs
 from service.errors import InvalidRequestError
 from service.register_request import RequestOptions, parsed_pairs, read_request
+from service.use_cases.inputs.check_starts import start_faults
 
 IDENTITY = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
 
@@ -52,6 +53,25 @@ def test_every_input_of_the_request_may_come_from_a_file(tmp_path: Path) -> None
     said = {"method": method, "pairs": [["A", "B"]], "photo_lines": {"edges": {"min_contrast": 7.0}}}
     options = written(tmp_path / "options.json", {"inputs": said})
     assert read_request(RequestOptions(options=options), []).inputs == said
+
+
+PICKED = [[0.0, 0.0, 0.0, 1.0, 0.0, 0.0], [4.0, 0.0, 0.0, 5.0, 0.0, 0.0], [0.0, 3.0, 0.0, 1.0, 3.0, 0.0]]
+START = {"target": "A", "source": "B", "picked_points": PICKED, "chosen_by": "the surveyor"}
+
+
+def test_where_a_person_says_that_stations_lie_may_come_from_a_file(tmp_path: Path) -> None:
+    options = written(tmp_path / "starts.json", {"starts": [START]})
+    inputs = read_request(RequestOptions(options=options, pairs="A:B"), []).inputs
+    stations = [{"name": name, "scan": {"file": name}} for name in "AB"]
+    sent = RegisterInputs.model_validate({**inputs, "stations": stations})
+    assert (list(start_faults(sent)), sent.starts[0].chosen_by) == ([], "the surveyor")
+
+
+def test_a_start_of_too_few_picks_is_refused_before_scans_are_uploaded(tmp_path: Path) -> None:
+    options = written(tmp_path / "starts.json", {"starts": [{**START, "picked_points": PICKED[:2]}]})
+    with pytest.raises(InvalidRequestError) as refused:
+        read_request(RequestOptions(options=options), [])
+    assert [fault.pointer for fault in refused.value.faults] == ["/starts/0/picked_points"]
 
 
 OPTIONS = {"matching": {"all_shifts": False}}
