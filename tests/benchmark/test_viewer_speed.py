@@ -1,7 +1,8 @@
 """The viewer with 20 stations of two million points: time to the first picture, bytes before it, time of a frame.
 
-The scans are simulated rooms; the service is the web application over files on the disk, with all its routes. Chromium
-draws in software here, which is many times slower than any graphics card.
+The scans are two simulated rooms, of which each stands ten times at different places; the service is the web
+application over files on the disk, with all its routes. Chromium draws in software here, many times slower than any
+graphics card.
 """
 
 import json
@@ -31,7 +32,7 @@ from tests.doubles.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore, 
 from tests.e2e.viewer_page import ViewerPage, browser
 
 pytestmark = pytest.mark.benchmark
-STATIONS, POINTS = 20, 2_000_000
+STATIONS, ROOMS, POINTS = 20, 2, 2_000_000
 MOST_MS, MOST_BYTES = 2000.0, 20_000_000
 JOB, NOW = "job0", datetime(2026, 1, 1, tzinfo=UTC)
 HALF_M = np.array([12.0, 9.0, 3.0])
@@ -50,13 +51,15 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     home = tmp_path_factory.mktemp("viewer")
     blobs = LocalFiles(home / "blobs")
     stations, poses, keys, seconds = [], {}, [], []
-    for number in range(STATIONS):
-        name, began = f"S{number + 1}", time.perf_counter()
-        listed = write_viewer_points(home / "points", cloud_of(a_room(number)), NoProgress())
+    for room in range(ROOMS):
+        began = time.perf_counter()
+        listed = write_viewer_points(home / "points", cloud_of(a_room(room)), NoProgress())
         seconds.append(time.perf_counter() - began)
-        blobs.put_file(f"features/{number}/points", home / "points")
-        blobs.write_bytes(f"features/{number}/points.json", json.dumps(listed).encode())
-        keys.append([f"features/{number}/points", f"features/{number}/points.json"])
+        blobs.put_file(f"features/{room}/points", home / "points")
+        blobs.write_bytes(f"features/{room}/points.json", json.dumps(listed).encode())
+    for number in range(STATIONS):
+        name, room = f"S{number + 1}", number % ROOMS
+        keys.append([f"features/{room}/points", f"features/{room}/points.json"])
         pose = np.eye(4)
         pose[:2, 3] = 20.0 * (number % 5), 15.0 * (number // 5)
         poses[name] = pose.tolist()
@@ -109,7 +112,7 @@ def test_the_first_picture_comes_soon_and_takes_little(address: str) -> None:
         frames: list[Any] = page.page.evaluate(
             """async () => {
               const {viewer} = tielineViewer, times = [];
-              for (let k = 0; k < 24; k += 1) {
+              for (let k = 0; k < 40; k += 1) {
                 viewer.views.step(1, 0, false);
                 const began = performance.now();
                 viewer.draw();
@@ -117,14 +120,20 @@ def test_the_first_picture_comes_soon_and_takes_little(address: str) -> None:
                 times.push(performance.now() - began);
                 await new Promise((done) => setTimeout(done, 0));
               }
-              return times;
+              const drawn = viewer.detail.inMotion;
+              viewer.isMoving = false;
+              const began = performance.now();
+              viewer.draw();
+              viewer.waitForPixels();
+              return [times.slice(20), drawn, performance.now() - began, viewer.detail.shown];
             }"""
         )
-        shown = page.page.locator("#viewer").get_attribute("data-points")
+        turning, drawn, whole_ms, shown = frames
         print(
             f"first picture after {first_ms:.0f} ms, {(size + scene + bundle) / 1e6:.1f} MB before it (points "
-            f"{size / 1e6:.1f}, scene {scene / 1e6:.2f}, program {bundle / 1e6:.2f}); {shown} points on the screen in "
-            f"the end, a frame takes {np.median(frames):.0f} ms (drawn in software)"
+            f"{size / 1e6:.1f}, scene {scene / 1e6:.2f}, program {bundle / 1e6:.2f}); drawn in software, a frame takes "
+            f"{np.median(turning):.0f} ms while the picture turns ({drawn:.0f} points), {whole_ms:.0f} ms at rest "
+            f"({shown} points)"
         )
         assert size + scene + bundle <= MOST_BYTES
         assert first_ms <= MOST_MS

@@ -138,10 +138,9 @@ export class Cloud {
       this.bytes += length;
       const geometry = new THREE.BufferGeometry();
       const half = node.side / 2;
-      geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(data, 0, 3 * node.count), 3));
-      geometry.setAttribute(
-        "channels", new THREE.BufferAttribute(new Uint8Array(data, 12 * node.count, 4 * node.count), 4, true),
-      );
+      const { xyz, channels } = scattered(data, node.count);
+      geometry.setAttribute("position", new THREE.BufferAttribute(xyz, 3));
+      geometry.setAttribute("channels", new THREE.BufferAttribute(channels, 4, true));
       geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), half * Math.sqrt(3));
       const points = new THREE.Points(geometry, this.material);
       points.position.set(...node.middle.map((value, axis) => value - this.middle[axis]));
@@ -162,3 +161,19 @@ export class Cloud {
     node.points = null;
   }
 }
+
+// The points of a block in an order in which any first part of them lies all over the block.
+function scattered(data, count) {
+  const from = [new Float32Array(data, 0, 3 * count), new Uint32Array(data, 12 * count, count)];
+  const xyz = new Float32Array(3 * count);
+  const channels = new Uint32Array(count);
+  let step = Math.max(1, Math.round(0.618034 * count));
+  while (gcd(step, count) > 1) step += 1;
+  for (let k = 0, at = 0; k < count; k += 1, at = (at + step) % count) {
+    for (let axis = 0; axis < 3; axis += 1) xyz[3 * k + axis] = from[0][3 * at + axis];
+    channels[k] = from[1][at];
+  }
+  return { xyz, channels: new Uint8Array(channels.buffer) };
+}
+
+function gcd(a, b) { return b ? gcd(b, a % b) : a; }

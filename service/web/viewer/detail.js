@@ -5,14 +5,17 @@ import * as THREE from "three";
 const DIVIDE_BEYOND_PX = 220; // a block that is larger on the screen is worth its children
 const SIDE_BY_SIDE = 6;
 export const POINTS_AT_REST = 2_500_000;
-export const POINTS_IN_MOTION = 600_000; // turning stays smooth, also where a program draws and no graphics card
+const POINTS_IN_MOTION = 200_000; // to begin with; then as many as a frame has time for
+const LEAST_IN_MOTION = 20_000;
+const FRAME_MS = 50; // turning stays smooth, also where a program draws and no graphics card
 const MOST_LOADED = 8_000_000;
 
 export class Detail {
   constructor(clouds, changed, failed) {
     Object.assign(this, { clouds, changed, failed });
-    this.budget = POINTS_AT_REST;
-    this.shown = 0;
+    this.isMoving = false;
+    this.inMotion = POINTS_IN_MOTION;
+    this.shown = 0; // points of the blocks that are shown; while the picture moves a part of each is drawn
     this.loading = 0;
     this.loadedPoints = 0;
     this.loadedBytes = 0;
@@ -45,6 +48,7 @@ export class Detail {
       for (const node of cloud.roots) open.push([Number.MAX_VALUE, cloud, node]);
     }
     const wanted = [];
+    const budget = this.isMoving ? Math.max(this.inMotion, open.reduce((sum, [, , node]) => sum + node.count, 0)) : POINTS_AT_REST;
     this.shown = 0;
     this.whole = open.every(([, , node]) => node.points);
     while (open.length) {
@@ -53,7 +57,7 @@ export class Detail {
       const [size, cloud, node] = open[best];
       open[best] = open[open.length - 1];
       open.pop();
-      if (this.shown + node.count > this.budget) break;
+      if (this.shown + node.count > budget) break;
       if (!node.points) { // children wait for it
         if (!node.loading) wanted.push([cloud, node]);
         continue;
@@ -67,7 +71,19 @@ export class Detail {
         if (own >= 0) open.push([own, cloud, child]);
       }
     }
+    const share = this.isMoving ? Math.min(1, this.inMotion / this.shown) : 1;
+    for (const cloud of this.clouds) {
+      for (const node of cloud.nodes) {
+        if (node.points?.visible) node.points.geometry.setDrawRange(0, Math.ceil(share * node.count));
+      }
+    }
     this._load(wanted);
+  }
+
+  // A frame that moved was drawn: the next has as many points as suit the time that it may take.
+  drawn(ms) {
+    const factor = Math.min(Math.max(FRAME_MS / Math.max(ms, 1), 0.4), 1.3);
+    this.inMotion = Math.min(Math.max(this.inMotion * factor, LEAST_IN_MOTION), POINTS_AT_REST);
   }
 
   _load(wanted) {

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Cloud, COLOUR_MODES, sharedUniforms } from "./cloud.js";
-import { Detail, pointOnRay, POINTS_AT_REST, POINTS_IN_MOTION } from "./detail.js";
+import { Detail, pointOnRay } from "./detail.js";
 import { lineMaterial, lineMaterials, SELECTED, StationFeatures, textSprite } from "./features.js";
 import * as poses from "./poses.js";
 import { Views } from "./views.js";
@@ -22,7 +22,8 @@ export class Viewer {
     this.canvas = canvas;
     this.data = scene;
     this.listeners = listeners; // changed(), failed(error), selected(id), first(ms, bytes)
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    // four samples a pixel would more than double the time of a picture of points, and do little for them
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.renderer.setClearColor(0x12171c);
     this.scene = new THREE.Scene();
@@ -38,7 +39,6 @@ export class Viewer {
     this.alternative = 0;
     this.beside = null; // number of the alternative that is shown to the right
     this.selected = null;
-    this.frameTimes = [];
     this._build();
     this.relayout();
     this.views.fit();
@@ -406,7 +406,7 @@ export class Viewer {
       new THREE.Plane(slab.normal.clone(), slab.half - offset),
       new THREE.Plane(slab.normal.clone().negate(), slab.half + offset),
     ] : [];
-    this.detail.budget = this.isMoving && this._isShown ? POINTS_IN_MOTION : POINTS_AT_REST;
+    this.detail.isMoving = Boolean(this.isMoving && this._isShown);
     this.shared.size.value = this._pointSize();
     const spriteScale = camera.isPerspectiveCamera ? 1
       : (camera.top - camera.bottom) / camera.zoom / (2 * Math.tan(THREE.MathUtils.degToRad(this.views.perspective.fov) / 2));
@@ -424,8 +424,10 @@ export class Viewer {
       this.renderer.setScissor(left, 0, wide, height);
       this.renderer.render(this.scene, camera);
     }
-    this.frameTimes.push(performance.now() - began);
-    if (this.frameTimes.length > 500) this.frameTimes.shift();
+    if (this.detail.isMoving) { // the picture is waited for, so that it is known what it took
+      this.waitForPixels();
+      this.detail.drawn(performance.now() - began);
+    }
     if (!this._isShown && this.detail.whole) {
       this._isShown = true;
       this.waitForPixels();
