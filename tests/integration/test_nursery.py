@@ -201,7 +201,8 @@ def test_orders_are_followed_while_a_scout_compiles_and_it_ends_with_the_nursery
 def test_loading_and_practising_leaves_one_thread(tmp_path: Path) -> None:
     """Copies of a process with several threads are not whole."""
     program = (
-        "import os; from service.use_cases.steps.warm_up import load_for_registration, load_for_reports, practise; "
+        "import os; from service.use_cases.steps.warm_up import load_for_registration, load_for_reports; "
+        "from service.use_cases.steps.practice import practise; "
         "load_for_registration(); load_for_reports(); practise(); print(len(os.listdir('/proc/self/task')))"
     )
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}

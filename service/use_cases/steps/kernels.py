@@ -16,13 +16,28 @@ from pathlib import Path
 from typing import Any
 
 from service.ports import StepProgress
-from service.use_cases.steps.warm_up import practise, practise_on_networks, practise_on_photos
+from service.use_cases.steps.practice import (
+    practise,
+    practise_on_clouds,
+    practise_on_edges,
+    practise_on_methods,
+    practise_on_networks,
+    practise_on_photos,
+)
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
 LOOK_S = 0.5
 KERNELS = Path(__file__).parents[3] / "algorithms"
-SCANS, PHOTOS, NETWORKS = "scans", "photos", "networks"
-PRACTICES = {SCANS: practise, PHOTOS: practise_on_photos, NETWORKS: practise_on_networks}
+SCANS, METHODS, CLOUDS, NETWORKS = "scans", "methods", "clouds", "networks"
+EDGES_OF_PHOTOS, LINES_OF_PHOTOS = "edges", "photos"
+PRACTICES = {
+    SCANS: practise,
+    METHODS: practise_on_methods,
+    CLOUDS: practise_on_clouds,
+    EDGES_OF_PHOTOS: practise_on_edges,
+    LINES_OF_PHOTOS: practise_on_photos,
+    NETWORKS: practise_on_networks,
+}
 
 
 def ensure_compiled(progress: StepProgress, part: str = SCANS) -> None:

@@ -1,10 +1,14 @@
 """What a step may do only before it has seen anything of a stranger."""
 
+from collections.abc import Iterator
+
 from service.ports import Json, StepProgress
 from service.use_cases.limits.machine_shares import INSPECT
 from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
 NETWORK_STEPS = {"adjust"}
+CLOUD_STEPS = {"clean-stations", "colour-stations", "compare"}
+PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 
 
@@ -18,22 +22,33 @@ def prepare(step: str, arguments: Json, progress: StepProgress) -> None:
     progress
         Hears what it waits for.
     """
-    if step in WITHOUT_KERNELS:
+    parts = list(parts_of(step, arguments))
+    if not parts:
         return
-    from service.use_cases.steps.kernels import (
-        NETWORKS,
-        PHOTOS,
-        SCANS,
-        ensure_compiled,
-        import_kernels,
-        keep_kernels_as_they_are,
-    )
+    from service.use_cases.steps.kernels import ensure_compiled, import_kernels, keep_kernels_as_they_are
 
-    if step in NETWORK_STEPS:
-        ensure_compiled(progress, NETWORKS)
-    elif step != EDGES:
-        ensure_compiled(progress, SCANS)
-    if step == EDGES or (step == FEATURES_OF_SCAN and arguments.get("photos")):
-        ensure_compiled(progress, PHOTOS)
+    for part in parts:
+        ensure_compiled(progress, part)
     import_kernels()
     keep_kernels_as_they_are()
+
+
+def parts_of(step: str, arguments: Json) -> Iterator[str]:
+    """Give which kernels a step calls, as parts of `kernels.PRACTICES`; parameters as `prepare`."""
+    if step in WITHOUT_KERNELS:
+        return
+    from service.use_cases.steps import kernels
+    from service.use_cases.steps.practice import proposing_methods
+
+    if step in NETWORK_STEPS:
+        yield kernels.NETWORKS
+    elif step == EDGES:
+        yield kernels.EDGES_OF_PHOTOS
+    else:
+        yield kernels.SCANS
+    if step == FEATURES_OF_SCAN and arguments.get("photos"):
+        yield from (kernels.EDGES_OF_PHOTOS, kernels.LINES_OF_PHOTOS)
+    if step in PAIR_STEPS and arguments["method"]["method"] in proposing_methods():
+        yield kernels.METHODS
+    if step in CLOUD_STEPS or (arguments.get("options") or {}).get("cleaning"):
+        yield kernels.CLOUDS

@@ -1,6 +1,10 @@
 """Kernels are compiled by one process, and the others know what they wait for."""
 
 import importlib
+import json
+import re
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,15 +16,38 @@ import pytest
 from numba import njit
 from numba.core.caching import Cache
 
+from service.ports import Json
 from service.use_cases.steps import kernels
 from service.use_cases.steps.kernels import (
+    CLOUDS,
     COMPILING,
+    EDGES_OF_PHOTOS,
+    KERNELS,
+    LINES_OF_PHOTOS,
+    METHODS,
+    NETWORKS,
+    SCANS,
     compile_once,
     counted_kernels,
     keep_kernels_as_they_are,
 )
+from service.use_cases.steps.step_preparation import parts_of
 
 WITHIN_S = 60.0
+NOT_CALLED = """
+import importlib, json, pathlib, sys
+from numba.core.dispatcher import Dispatcher
+from service.use_cases.steps.kernels import KERNELS, PRACTICES, import_kernels
+
+import_kernels()
+for practice in PRACTICES.values():
+    practice()
+modules = {name: module for name, module in sys.modules.items() if name.endswith("_kernels")}
+named = {(name, word) for name, module in modules.items() for word, value in vars(module).items()
+         if isinstance(value, Dispatcher) and value.__module__ == name and not value.signatures}
+print(json.dumps(sorted(named)))
+"""
+"""Lists kernels that no practice called, and no other kernel of which they are part was compiled in this process."""
 
 
 class Hearer:
@@ -105,3 +132,36 @@ def test_a_computation_that_reads_strangers_files_leaves_no_kernels_to_others(
     keep_kernels_as_they_are()
     assert kernels_module.twice(21) == 42
     assert list(tmp_path.rglob("*.nb[ic]")) == []
+
+
+def called_by_the_numerics(module: str, kernel: str) -> bool:
+    """Tell whether a module that is not of kernels calls a kernel; others are compiled with those that call them."""
+    texts = (path.read_text() for path in KERNELS.rglob("*.py") if not path.stem.endswith("_kernels"))
+    return any(module.rpartition(".")[2] in text and re.search(rf"\b{kernel}\(", text) for text in texts)
+
+
+@pytest.mark.slow
+def test_each_kernel_that_the_numerics_call_is_practised() -> None:
+    done = subprocess.run([sys.executable, "-c", NOT_CALLED], capture_output=True, text=True, check=True)
+    left = json.loads(done.stdout.splitlines()[-1])
+    assert [(module, kernel) for module, kernel in left if called_by_the_numerics(module, kernel)] == []
+
+
+@pytest.mark.parametrize(
+    ("step", "arguments", "parts"),
+    [
+        ("inspect-file", {}, []),
+        ("features", {"photos": []}, [SCANS]),
+        ("features", {"photos": [{}]}, [SCANS, EDGES_OF_PHOTOS, LINES_OF_PHOTOS]),
+        ("register-pair", {"method": {"method": "auto"}}, [SCANS]),
+        ("register-pair", {"method": {"method": "ndt"}}, [SCANS, METHODS]),
+        ("compare-method", {"method": {"method": "planes-triples"}}, [SCANS, METHODS]),
+        ("detect-edges", {"options": {}}, [EDGES_OF_PHOTOS]),
+        ("clean-stations", {"options": {}}, [SCANS, CLOUDS]),
+        ("write-registered", {"options": {"cleaning": None}}, [SCANS]),
+        ("write-registered", {"options": {"cleaning": {"comet_tails": True}}}, [SCANS, CLOUDS]),
+        ("adjust", {"options": None}, [NETWORKS]),
+    ],
+)
+def test_a_step_waits_for_the_kernels_that_it_calls_only(step: str, arguments: Json, parts: list[str]) -> None:
+    assert list(parts_of(step, arguments)) == parts
