@@ -1,9 +1,8 @@
 """Clouds written to every format and read back: coordinates, poses, colours, intensities, further numbers."""
 
-import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,7 +41,8 @@ COUNT = 3000
 TENTH_OF_A_MILLIMETRE = 1e-4
 WORLD_FORMATS = ("laz", "copc", "ply", "pcd", "pts", "xyz")
 SCAN_FORMATS = ("e57", "ptx")
-names = pytest.mark.parametrize("name", [writer.name for writer in SCAN_WRITERS])
+NAMES = [writer.name for writer in SCAN_WRITERS]
+names = pytest.mark.parametrize("name", NAMES)
 STD = ScalarField("std_mm", "std of position, 3-D [mm]", "f4")
 
 
@@ -354,8 +354,9 @@ def test_copc_gives_all_points_of_a_box(tmp_path: Path, monkeypatch: pytest.Monk
 
 # --- full disks ---------------------------------------------------------------------------------------------------
 
+MOSTS = (10_000, 400_000)
 WRITE_WITH_LITTLE_ROOM = """
-import resource, sys
+import os, resource, sys
 from pathlib import Path
 import numpy as np
 from algorithms.progress import NoProgress
@@ -363,27 +364,60 @@ from algorithms.scans.scan import Scan
 from service.errors import InsufficientStorageError
 from service.formats.writers import cloud_of, writer_of
 
-name, folder, most = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+root, mosts, names = Path(sys.argv[1]), sys.argv[2].split(), sys.argv[3].split()
 points = np.random.default_rng(0).uniform(-30.0, 30.0, (200_000, 3))
 cloud = cloud_of(Scan(points=points, origin_m=np.zeros(3)))
-writer = writer_of(name)
-resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
-try:
-    writer.write(folder / ("a" + writer.ending), [cloud], NoProgress())
-except InsufficientStorageError as error:
-    print("full:", error)
-print("left:", sorted(path.name for path in folder.iterdir()))
+
+
+def write(name, most):
+    writer, folder = writer_of(name), root / f"{name}-{most}"
+    folder.mkdir()
+    said = "wrote it"
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(most), int(most)))
+    try:
+        writer.write(folder / ("a" + writer.ending), [cloud], NoProgress())
+    except InsufficientStorageError as error:
+        said = f"full: {error}"
+    print(f"{name}-{most}", sorted(path.name for path in folder.iterdir()), said, sep="\\t", flush=True)
+
+
+for name in names:
+    for most in mosts:  # a limit cannot be lifted again: each has a process of its own
+        if (process := os.fork()) == 0:
+            try:
+                write(name, most)
+            finally:
+                os._exit(0)
+        os.waitpid(process, 0)
 """
+"""Of one process that loads the libraries once."""
+
+
+@pytest.fixture(scope="module")
+def written_with_little_room(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Sequence[str]]:
+    """Write in every format where files may not be longer than so many bytes; give what was left, and what was said."""
+    words = [str(tmp_path_factory.mktemp("full")), " ".join(map(str, MOSTS)), " ".join(NAMES)]
+    done = subprocess.run(
+        [sys.executable, "-c", WRITE_WITH_LITTLE_ROOM, *words],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).resolve().parents[4],
+    )
+    rows = [line.split("\t") for line in done.stdout.splitlines() if line.count("\t") == 2]
+    print(done.stdout[-800:], done.stderr[-800:])
+    return {case: rest for case, *rest in rows}
 
 
 @names
-@pytest.mark.parametrize("most", [10_000, 400_000])
-def test_a_disk_that_is_full_in_the_middle_is_said_and_nothing_left(name: str, most: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("most", MOSTS)
+def test_a_disk_that_is_full_in_the_middle_is_said_and_nothing_left(
+    written_with_little_room: Mapping[str, Sequence[str]], name: str, most: int
+) -> None:
     """A limit on the length of files fails in the same calls as a full disk, and needs no disk of its own."""
-    words = [sys.executable, "-c", WRITE_WITH_LITTLE_ROOM, name, str(tmp_path), str(most)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).resolve().parents[4])
-    assert re.search(r"^full: the disk is full", done.stdout, re.MULTILINE), done.stdout + done.stderr[-800:]
-    assert done.stdout.splitlines()[-1] == "left: []"
+    left, said = written_with_little_room[f"{name}-{most}"]
+    assert said.startswith("full: the disk is full")
+    assert left == "[]"
 
 
 def test_formats_that_nobody_writes_are_named_with_those_that_are() -> None:
