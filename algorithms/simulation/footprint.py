@@ -5,7 +5,7 @@ from scipy import ndimage
 
 from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.geometry.lines import bases_of
-from algorithms.simulation.ray_casting import Hits, RayCaster
+from algorithms.simulation.ray_casting import MIN_COSINE, Hits, RayCaster
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scene import Scene
 
@@ -22,13 +22,16 @@ MIN_SIGNAL = 0.25
 def footprint_offsets() -> tuple[Array, Scalars]:
     """Give sub-rays of a footprint: (13, 2) offsets in footprint radii and their (13,) Gaussian weights, sum 1.
 
-    The centre and a sunflower pattern of equal areas; the radius is where the intensity has fallen to 1/e^2.
+    The centre and a sunflower pattern of equal areas, about their common centre of gravity; the radius is where the
+    intensity has fallen to 1/e^2.
     """
     k = np.arange(SUB_RAYS + 1)
     radius = np.sqrt(k / SUB_RAYS)
     angle = k * np.pi * (3.0 - np.sqrt(5.0))
     weights = np.exp(-2.0 * radius**2)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), weights / weights.sum()
+    weights /= weights.sum()
+    offsets = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    return offsets - weights @ offsets, weights
 
 
 def near_depth_edges(hits: Hits, scene: Scene, scanner: VirtualScanner) -> Array:
@@ -86,9 +89,11 @@ def near_reflectance_edges(hits: Hits, scene: Scene, scanner: VirtualScanner) ->
 def mean_reflectances(
     caster: RayCaster, scene: Scene, scanner: VirtualScanner, origin: Vector3, directions: Points, centre: Hits
 ) -> Scalars:
-    """Give the mean reflectance (n,) over the footprints of beams: a Gaussian beam of rings about its centre.
+    """Give the reflectance (n,) that beams see: the signal of the whole footprint over the cosine at its centre.
 
-    Rings are symmetric, so that the mean weighs no side of an edge more. The tail is the same beam once more, beside.
+    The footprint is a Gaussian beam of rings about its centre, so that no side of an edge weighs more; each ray counts
+    with the reflectance and the cosine of what it meets, and nothing where that lies beyond the echo that is returned:
+    a target that the beam meets in part is weaker. The tail is the same beam once more, beside.
 
     Parameters
     ----------
@@ -102,9 +107,8 @@ def mean_reflectances(
         What their centres met: rays that meet something farther away than the echo separation do not count.
     """
     offsets, weights = _rings()
-    found = np.zeros(len(directions))
+    signal = np.zeros(len(directions))
     parts = [(1.0 - scanner.tail_share, 0.0), (scanner.tail_share, scanner.tail_offset_rad)]
-    total = np.zeros(len(directions))
     for share, turn in parts:
         if share <= 0.0:
             continue
@@ -117,10 +121,9 @@ def mean_reflectances(
         hits = caster.cast(origins.reshape(-1, 3), fans.reshape(-1, 3))
         ranges = hits.ranges_m.reshape(len(directions), -1)
         same = np.abs(ranges - centre.ranges_m[:, None]) < scanner.echo_separation_m
-        power = np.where(same, share * weights, 0.0)
-        total += power.sum(axis=1)
-        found += (power * scene.reflectances[hits.triangles].reshape(len(directions), -1)).sum(axis=1)
-    return np.asarray(np.where(total > 0.0, found / np.where(total > 0.0, total, 1.0), 0.0))
+        seen = (scene.reflectances[hits.triangles] * hits.cosines).reshape(len(directions), -1)
+        signal += (np.where(same, share * weights, 0.0) * seen).sum(axis=1)
+    return np.asarray(signal / np.maximum(centre.cosines, MIN_COSINE))
 
 
 def _rings() -> tuple[Array, Scalars]:
@@ -186,7 +189,9 @@ def mixed_hits(
         recorded = np.where(unmixed, solid, recorded)
     power = np.where(echo, signal, 0.0)
     total = power.sum(axis=1)
-    enough = (np.where(recorded, weights, 0.0).sum(axis=1) >= MIN_SIGNAL) & (total > 0.0)
+    # of foil that throws back many times what white paper does, a smaller share is seen
+    heard = weights * np.maximum(scene.reflectances[triangles], 1.0)
+    enough = (np.where(recorded, heard, 0.0).sum(axis=1) >= MIN_SIGNAL) & (total > 0.0)
     share = power / np.where(enough, total, 1.0)[:, None]
     mean_range = np.where(echo, share * np.where(echo, ranges, 0.0), 0.0).sum(axis=1)
     leading = triangles[np.arange(count), np.argmax(power, axis=1)]

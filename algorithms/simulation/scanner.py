@@ -76,7 +76,7 @@ class VirtualScanner:
     glass_pass_probability: float = 0.3
     """Share of the other beams on panes that come back from what stands behind; the rest is lost."""
     mixed_intensities: bool = False
-    """Whether a beam that meets two reflectances returns the mean over its footprint rather than that of its centre."""
+    """Whether beams that meet two reflectances return the signal of the whole footprint rather than of its centre."""
     tail_share: float = 0.0
     """With mixed intensities: share of the beam's power in a weaker bar beside it, along the horizontal circle, which
     draws a tail beside bright targets (Haring 2003, inhomogeneous beam)."""

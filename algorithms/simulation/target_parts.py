@@ -87,8 +87,10 @@ def plate(world_from_plate: RigidTransform, width_m: float, height_m: float, mat
     return polygons([_rectangle(world_from_plate, (-corner[0], -corner[1]), corner)], material)
 
 
-def retro_cylinder(centre_m: Vector3, size_m: float) -> Part:
-    """Build an upright retro-reflective cylinder as wide as it is high, about its centre."""
+def retro_cylinder(centre_m: Vector3, size_m: float) -> list[Part]:
+    """Build an upright cylinder as wide as it is high, about its centre: foil around it, dark lids."""
     half = np.array([0.0, 0.0, 0.5 * size_m])
     x, y, low = (float(v) for v in np.asarray(centre_m) - half)
-    return tube((x, y, low), (x, y, low + size_m), 0.5 * size_m, RETRO)
+    foil = tube((x, y, low), (x, y, low + size_m), 0.5 * size_m, RETRO, capped=False)
+    bottom, top = np.split(foil.vertices[:-2], 2)
+    return [foil, polygons([bottom[::-1], top], BOARD_BLACK, with_edges=False)]

@@ -149,7 +149,8 @@ def _model(x: Array, places: Vectors2) -> tuple[Array, Array]:
     for angle, blur in ((x[2], np.exp(x[6])), (x[3], np.exp(x[7]))):
         distance = shifted @ np.array([np.cos(angle), np.sin(angle)])
         along = shifted @ np.array([-np.sin(angle), np.cos(angle)])
-        slope = np.sqrt(2.0 / np.pi) / blur * np.exp(-0.5 * (distance / blur) ** 2)
+        # a step of the iteration may go anywhere; beyond 40 standard deviations nothing is left
+        slope = np.sqrt(2.0 / np.pi) / blur * np.exp(-0.5 * np.clip(distance / blur, -40.0, 40.0) ** 2)
         edges.append(special.erf(distance / (np.sqrt(2.0) * blur)))
         slopes.append(slope)
         turned.append(slope * along)

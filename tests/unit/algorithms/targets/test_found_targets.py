@@ -17,6 +17,7 @@ from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scene import scene_from_parts
 from algorithms.simulation.target_parts import BOARD_WHITE, checker_board, facing, plate, retro_cylinder, sphere
+from algorithms.targets.bright_spot import SpotModel, SpotShape
 from algorithms.targets.finding import TargetsOfScan, find_targets
 from algorithms.targets.options import BoardKind, RetroKind, SoughtKind, SphereKind, TargetKind
 
@@ -126,7 +127,7 @@ def test_retro_squares_are_found_beside_a_number_plate_that_is_named(tail: float
 
 def test_the_axis_of_a_retro_cylinder_is_found() -> None:
     truth = np.array([[10.0, 0.2, 0.1], [9.0, -0.2, -0.2]])
-    scan = _scan([retro_cylinder(centre, RETRO_M) for centre in truth])
+    scan = _scan([part for centre in truth for part in retro_cylinder(centre, RETRO_M)])
     targets = find_targets(scan, [RetroKind(RETRO_M, TargetKind.RETRO_CYLINDER)])
     assert len(targets.found) == 2
     for centre in truth:
@@ -151,3 +152,31 @@ def test_what_cannot_be_seen_is_refused() -> None:
         find_targets(replace(scan, grid=None), [RetroKind(RETRO_M)])
     with pytest.raises(InvalidInputError, match="there are none"):
         find_targets(scan, [])
+
+
+@pytest.mark.slow
+def test_the_centres_of_retro_cylinders_scatter_as_their_covariances_say() -> None:
+    rng = np.random.default_rng(11)
+    squares = []
+    for seed in range(24):
+        truth = np.array([10.0, rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2)]) * rng.uniform(0.9, 1.1)
+        found = find_targets(
+            _scan(retro_cylinder(truth, RETRO_M), seed=seed), [RetroKind(RETRO_M, TargetKind.RETRO_CYLINDER)]
+        ).found
+        assert len(found) == 1
+        error = found[0].centre_m - truth
+        squares.append(float(error @ np.linalg.solve(found[0].covariance_m2, error)))
+    # 3 +- 0.5 is one standard deviation of the mean of 24
+    assert 1.5 < float(np.mean(squares)) < 4.5
+
+
+@pytest.mark.parametrize("kind", [TargetKind.RETRO_SQUARE, TargetKind.RETRO_CYLINDER])
+@pytest.mark.parametrize("tail", [False, True])
+def test_the_derivatives_of_a_spots_picture_are_its_differences(kind: TargetKind, tail: bool) -> None:
+    places = np.random.default_rng(2).uniform(-0.05, 0.05, (40, 2))
+    problem = SpotModel(places, np.zeros(40), np.linspace(0.0, 1.0, 40), SpotShape(kind, 0.05, 0.3), 1.0, True)
+    x = np.array([0.003, 0.002, 0.5, 7.0, np.log(0.003), 0.4, *((0.1, 0.02) if tail else ())])
+    steps = 1e-6 * np.eye(len(x))
+    differences = [(problem.intensities(x + s)[0] - problem.intensities(x - s)[0]) / 2e-6 for s in steps]
+    expected = np.stack(differences, axis=1)
+    np.testing.assert_allclose(problem.intensities(x)[1], expected, atol=1e-6 * float(np.abs(expected).max()))
