@@ -1,4 +1,10 @@
-"""`Idempotency-Key` on every request that makes something: the first answer is given again."""
+"""`Idempotency-Key` on every request that makes something: the first answer is given again.
+
+A column with the key in the table of jobs would do for jobs alone, and they have as much: the job's identifier follows
+from a seed that is kept with the key, and its row is written in the transaction that puts it on the queue, so a repeat
+cannot make a second one. What is kept beside it is what that row cannot tell: that another request comes with the same
+key, that the first one is still under way, and the answers about files, uploads and new keys.
+"""
 
 import asyncio
 import re

@@ -1,8 +1,9 @@
 """Where single jobs stand, which is asked for more often than all else together: read as quickly as each database can.
 
 A row of the embedded database is read by its key in some millionths of a second, from memory and beside writers. To
-hand that to a thread would take twenty times as long, and far longer where threads write uploads at the same time. A
-database that has to be waited for is asked in one thread, for all jobs at once that were asked for in the meantime.
+hand that to a thread would take twenty times as long, and far longer where threads write uploads at the same time:
+they take turns with the interpreter, and those who ask wait in a queue that grows. A database that has to be waited for
+is asked in one thread, for all jobs at once that were asked for in the meantime.
 """
 
 import asyncio

@@ -9,6 +9,11 @@ when a computation has ended.
 What only the last steps of a job need is loaded while the first ones run. Compiled kernels are loaded too, for a copy
 would load them anew each time; but where they are not compiled yet that takes minutes, in which no order would be
 followed. So a copy, the scout, tries it first, in an idle moment or after the first pair of scans.
+
+`multiprocessing`'s fork server starts copies quickly enough, and there would be less to read here. But it inherits the
+worker's environment, whose secrets then stay in the memory of every copy; it reaps a copy at once, after which nobody
+can end what the copy left running without the risk of ending a stranger that got its number; and it loads all before
+the first copy, or never.
 """
 
 import contextlib
