@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.names.messages.catalogue import Language, Messages, messages_in
+from service.names.messages.viewer_words import viewer_words
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -86,6 +87,7 @@ def _environment() -> "Environment":
         lstrip_blocks=True,
     )
     environment.filters.update(moment=_moment, iso=_iso)
+    environment.globals["viewer_words"] = viewer_words
     return environment
 
 

@@ -5,6 +5,8 @@ import json
 import re
 from pathlib import Path
 
+from service.names.messages.catalogue import messages_in
+
 WEB = Path(__file__).resolve().parents[2] / "service" / "web"
 BUNDLE = WEB / "static" / "viewer.js"
 LARGEST_BYTES = 700_000
@@ -46,3 +48,14 @@ def test_the_sources_make_no_markup_of_texts_and_run_none() -> None:
         if forbidden.search(line)
     ]
     assert hits == []
+
+
+def test_every_text_that_the_viewer_says_is_there_and_none_is_left_over() -> None:
+    source = "\n".join(path.read_text(encoding="utf-8") for path in (WEB / "viewer").glob("*.js"))
+    said = set(re.findall(r"\bt\(\s*\"([\w.-]+)\"", source)) | set(re.findall(r"\bt\(\w+ \? \"([\w.]+)\" : ", source))
+    said |= set(re.findall(r"\bt\(\w+ \? \"[\w.]+\" : \"([\w.]+)\"", source))
+    begun = tuple(set(re.findall(r"\bt\(`([\w.]+\.)\$\{", source)))
+    texts = messages_in("en").below("viewer")
+    assert said - set(texts) == set()
+    assert [key for key in texts if key not in said and not key.startswith(begun)] == []
+    assert all(any(key.startswith(start) for key in texts) for start in begun)

@@ -6,97 +6,61 @@ graphics card.
 """
 
 import json
-import threading
 import time
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import uvicorn
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.progress import NoProgress
 from algorithms.scans.scan import Scan
 from service.adapters.files.local_files import LocalFiles
-from service.dependencies import Adapters
 from service.formats.writers import cloud_of
 from service.formats.writers.viewer_points import write_viewer_points
-from service.names.scene_keys import scene_key
-from service.ports import Job, JobStatus
-from service.settings import Settings
-from tests.api.conftest import FakeSteps
-from tests.doubles.application import create_app
-from tests.doubles.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
+from tests.e2e.served_scene import JOB, ShownStation, served_scene
 from tests.e2e.viewer_page import ViewerPage, browser
 
 pytestmark = pytest.mark.benchmark
 STATIONS, ROOMS, POINTS = 20, 2, 2_000_000
 MOST_MS, MOST_BYTES = 2000.0, 20_000_000
-JOB, NOW = "job0", datetime(2026, 1, 1, tzinfo=UTC)
-HALF_M = np.array([12.0, 9.0, 3.0])
+HALF_M = (12.0, 9.0, 3.0)
 
 
 def a_room(number: int) -> Scan:
     """Look around in a room: as many points in each direction."""
     rng = np.random.default_rng(number)
     directions = rng.normal(size=(POINTS, 3))
-    points = directions * (HALF_M / np.abs(directions)).min(axis=1)[:, None]
+    points = directions * (np.array(HALF_M) / np.abs(directions)).min(axis=1)[:, None]
     return Scan(points=points, origin_m=np.zeros(3), intensity=rng.random(POINTS, dtype=np.float32))
 
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     home = tmp_path_factory.mktemp("viewer")
-    blobs = LocalFiles(home / "blobs")
-    stations, poses, keys, seconds = [], {}, [], []
+    blobs, seconds = LocalFiles(home / "blobs"), []
     for room in range(ROOMS):
         began = time.perf_counter()
         listed = write_viewer_points(home / "points", cloud_of(a_room(room)), NoProgress())
         seconds.append(time.perf_counter() - began)
         blobs.put_file(f"features/{room}/points", home / "points")
         blobs.write_bytes(f"features/{room}/points.json", json.dumps(listed).encode())
-    for number in range(STATIONS):
-        name, room = f"S{number + 1}", number % ROOMS
-        keys.append([f"features/{room}/points", f"features/{room}/points.json"])
-        pose = np.eye(4)
-        pose[:2, 3] = 20.0 * (number % 5), 15.0 * (number // 5)
-        poses[name] = pose.tolist()
-        stations.append(
-            {
-                "name": name,
-                "status": "registered",
-                "world_from_scan": poses[name],
-                "covariance": (1e-6 * np.eye(6)).tolist(),
-                "noise_std_m": 0.002,
-                "points": POINTS,
-                "sensor_m": [0, 0, 0],
-                "bounds_m": [(-HALF_M).tolist(), HALF_M.tolist()],
-                "lines": [],
-                "planes": [],
-                "cylinders": [],
-            }
-        )
     print(f"blocks of {POINTS} points: {np.median(seconds):.1f} s a station")
-    stage = {"name": "result", "title": "the result", "poses": poses}
-    scene = {"stations": stations, "stages": [stage], "pairs": [], "points": keys}
-    blobs.write_bytes(scene_key(JOB), json.dumps(scene).encode())
-    jobs = MemoryJobStore()
-    jobs.create_and_enqueue(Job(JOB, "register", {}, JobStatus.ACCEPTED, NOW, updated=NOW))
-    jobs.start(JOB, NOW)
-    jobs.succeed(JOB, NOW)
-    settings = Settings(data_dir=home / "data")
-    adapters = Adapters(jobs, MemoryFileStore(), blobs, MemoryQueue(), FakeSteps(blobs), MemoryJobLog())  # type: ignore[arg-type]
-    server = uvicorn.Server(uvicorn.Config(create_app(settings, adapters), port=0, log_level="warning"))
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.05)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    yield f"http://127.0.0.1:{port}"
-    server.should_exit = True
-    thread.join()
+    stations = [
+        ShownStation(
+            name=f"S{number + 1}",
+            half_m=HALF_M,
+            pose=RigidTransform.from_translation([20.0 * (number % 5), 15.0 * (number // 5), 0.0]),
+            points=f"features/{number % ROOMS}/points",
+            point_count=POINTS,
+            planes=False,
+        )
+        for number in range(STATIONS)
+    ]
+    with served_scene(home, blobs, stations) as served:
+        yield served.url
 
 
 def test_the_first_picture_comes_soon_and_takes_little(address: str) -> None:

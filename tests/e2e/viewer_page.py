@@ -1,11 +1,15 @@
 """A browser, and a page that holds nothing but the viewer, under the strictest policy that it must do with."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from service.names.messages.catalogue import Language, messages_in
+from service.names.messages.viewer_words import viewer_words
 
 STATIC = Path(__file__).resolve().parents[2] / "service" / "web" / "static"
 CHROMIUM = Path("/usr/bin/chromium")
@@ -17,7 +21,8 @@ POLICY = (
 TYPES = {".js": "text/javascript", ".css": "text/css"}
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>viewer</title>
 <link rel="stylesheet" href="/static/viewer.css"></head><body><h1>Viewer</h1><div id="viewer" data-job="{job}"></div>
-<table><tbody>{rows}</tbody></table><script src="/static/viewer.js" defer></script></body></html>"""
+<table><tbody>{rows}</tbody></table><script type="application/json" id="viewer-words">{words}</script>
+<script src="/static/viewer.js" defer></script></body></html>"""
 
 
 @contextmanager
@@ -35,7 +40,9 @@ def browser() -> Iterator[Any]:
 class ViewerPage:
     """The page, and what went wrong on it."""
 
-    def __init__(self, running: Any, url: str, job: str, rows: tuple[str, ...] = (), width: int = 1280) -> None:
+    def __init__(
+        self, running: Any, url: str, job: str, rows: tuple[str, ...] = (), width: int = 1280, language: Language = "en"
+    ) -> None:
         self.page = running.new_page(viewport={"width": width, "height": 900})
         self.errors: list[str] = []
         self.addresses: list[str] = []
@@ -43,7 +50,9 @@ class ViewerPage:
         self.page.on("console", lambda said: self.errors.append(said.text) if said.type == "error" else None)
         self.page.on("request", lambda request: self.addresses.append(request.url))
         body = PAGE.format(
-            job=job, rows="".join(f'<tr tabindex="0" data-feature="{row}"><td>{row}</td></tr>' for row in rows)
+            job=job,
+            words=json.dumps(viewer_words(messages_in(language))),
+            rows="".join(f'<tr tabindex="0" data-feature="{row}"><td>{row}</td></tr>' for row in rows),
         )
         headers = {"Content-Security-Policy": POLICY}
         self.page.route(

@@ -44,6 +44,12 @@ class Messages:
         """Tell whether there is such a text."""
         return key in self.texts
 
+    def below(self, subject: str) -> dict[str, str]:
+        """Give all texts of a subject, by what follows its name; values are not put in."""
+        return {
+            key.removeprefix(f"{subject}."): text for key, text in self.texts.items() if key.startswith(f"{subject}.")
+        }
+
     def counted(self, key: str, count: int, **values: object) -> str:
         """Give the text ``key.one`` or ``key.other`` for a count, which is put in as ``{count}``."""
         return self(f"{key}.{'one' if count == 1 else 'other'}", count=count, **values)

@@ -4,15 +4,17 @@ import * as THREE from "three";
 
 const BYTES_PER_POINT = 16;
 
-export const COLOUR_MODES = { station: 0, intensity: 1, rgb: 2, height: 3, std: 4 };
+export const COLOUR_MODES = { station: 0, intensity: 1, rgb: 2, height: 3, std: 4, residual: 5 };
 
 const VERTEX = `
 attribute vec4 channels;
+attribute float residual;
 uniform int mode;
 uniform vec3 ownColour;
 uniform float size;
 uniform vec2 heights;
 uniform vec2 stds;
+uniform float largestResidual;
 uniform vec3 sensor;
 uniform float varConstant, varSquare;
 uniform vec3 varLinear;
@@ -42,6 +44,8 @@ void main() {
     vec3 r = world.xyz - sensor;
     float variance = varConstant + dot(varLinear, r) + varSquare * dot(r, r) - dot(r, varTurn * r);
     colour = varConstant < 0.0 ? vec3(0.5) : ramp((sqrt(max(variance, 0.0)) - stds.x) / max(stds.y - stds.x, 1e-9));
+  } else if (mode == 5) {
+    colour = residual == 0.0 ? vec3(0.35) : ramp((residual - 1.0) / largestResidual);
   } else colour = ownColour * (0.55 + 0.45 * channels.x);
 }`;
 
@@ -61,6 +65,7 @@ export function sharedUniforms() {
     size: { value: 2 },
     heights: { value: new THREE.Vector2(0, 1) },
     stds: { value: new THREE.Vector2(0, 0.01) },
+    largestResidual: { value: 0.01 },
     slab: { value: new THREE.Vector4(0, 0, 1, 0) },
     slabHalf: { value: 0 },
   };
@@ -148,6 +153,7 @@ export class Cloud {
       points.updateMatrix();
       points.visible = false;
       node.points = points;
+      node.residuals = null; // of which layout they were measured
       this.group.add(points);
       points.updateWorldMatrix(true, false);
     } finally {

@@ -10,6 +10,7 @@ export const STATE_COLOURS = {
   used: 0x2fbf8f, reinstated: 0x2fbf8f, "not-controlled": 0xffb020, removed: 0xff5a4f, alone: 0x9aa4ae,
 };
 export const SELECTED = 0xffff40;
+const TARGET = 0xff5ce1;
 export const lineMaterials = [];
 
 export function lineMaterial(width, options = {}) {
@@ -35,7 +36,7 @@ export class StationFeatures {
     this.colour = colour;
     this.byId = new Map();
     this.groups = {};
-    for (const kind of ["lines", "edges", "planes", "cylinders", "instruments"]) this.groups[kind] = new THREE.Group();
+    for (const kind of ["lines", "edges", "planes", "cylinders", "targets", "instruments"]) this.groups[kind] = new THREE.Group();
     this._lines("lines", station.lines.filter((line) => line.source !== "photo-edge"));
     this._lines("edges", station.lines.filter((line) => line.source === "photo-edge"));
     station.planes.forEach((plane) => this._plane(plane));
@@ -105,6 +106,22 @@ export class StationFeatures {
     this.byId.set(id, { kind: "instruments", feature: { id }, points: [this.station.sensor_m], object: mesh });
   }
 
+  // Targets that were found in the scan, with their names.
+  addTargets(targets) {
+    for (const target of targets) {
+      const feature = { ...target, id: `${this.station.name}/${target.name}` };
+      const mesh = new THREE.Mesh(
+        new THREE.OctahedronGeometry(0.08), new THREE.MeshBasicMaterial({ color: TARGET, transparent: true, opacity: 0.8 }),
+      );
+      mesh.position.set(...this._at(target.centre_m));
+      const label = textSprite(target.name, "#ff9df2");
+      label.position.copy(mesh.position).add(new THREE.Vector3(0, 0, 0.1));
+      mesh.userData.feature = feature;
+      this.groups.targets.add(mesh, label);
+      this.byId.set(feature.id, { kind: "targets", feature, points: [target.centre_m], object: mesh });
+    }
+  }
+
   recolour(by, selected) {
     for (const kind of ["lines", "edges"]) {
       for (const drawn of this.groups[kind].children) {
@@ -122,6 +139,9 @@ export class StationFeatures {
         mesh.material.color.copy(isSelected ? new THREE.Color(SELECTED) : featureColour(feature, by, this.colour));
         mesh.material.opacity = isSelected ? 0.6 : kind === "planes" ? 0.22 : 0.4;
       }
+    }
+    for (const object of this.groups.targets.children) {
+      if (object.isMesh) object.material.color.set(object.userData.feature.id === selected ? SELECTED : TARGET);
     }
     for (const object of this.groups.instruments.children) {
       if (object.isMesh) object.material.color.set(object.userData.feature.id === selected ? SELECTED : this.colour);

@@ -2,18 +2,14 @@
 
 import { ManualHelp } from "./manual_help.js";
 import { button, choice, element, fill, keyTable, labelled, metres, toggle } from "./panel.js";
-import { distanceWithStd } from "./poses.js";
+import { added, cross, distanceWithStd, norm, subtracted } from "./poses.js";
+import { REACH_M } from "./residuals.js";
+import { foundTargets } from "./targets.js";
 import { KINDS, Viewer } from "./viewer.js";
 import { VIEWS } from "./views.js";
+import { number, t, word } from "./words.js";
 
-const COLOURINGS = [
-  ["station", "station"], ["intensity", "intensity"], ["rgb", "colour of the scan"], ["height", "height"],
-  ["std", "standard deviation of position"],
-];
-const KIND_TITLES = {
-  points: "points", lines: "lines", edges: "edges of photos", planes: "planes", cylinders: "cylinders",
-  instruments: "instruments", pieces: "pieces that speak against a pair",
-};
+const COLOURINGS = ["station", "intensity", "rgb", "height", "std", "residual"];
 
 const MOST_ROWS = 500;
 
@@ -23,7 +19,7 @@ class Application {
     this.job = root.dataset.job;
     this.measuring = false;
     this.measured = [];
-    this.status = element("p", { class: "viewer-status", role: "status", "aria-live": "polite", text: "loading" });
+    this.status = element("p", { class: "viewer-status", role: "status", "aria-live": "polite", text: t("loading") });
     root.classList.add("viewer");
     root.append(this.status);
   }
@@ -39,12 +35,12 @@ class Application {
     try {
       answer = await fetch(`${this.here}/scene`, { credentials: "same-origin", headers: { Accept: "application/json" } });
     } catch {
-      this.say("The service does not answer; reload the page to try again.");
+      this.say(t("unreachable"));
       return;
     }
     if (!answer.ok) {
       const problem = await answer.json().catch(() => ({}));
-      this.say(problem.detail ?? problem.title ?? `There is nothing to show: the service answers ${answer.status}.`);
+      this.say(problem.detail ?? problem.title ?? t("nothing", { status: answer.status }));
       return;
     }
     this.data = await answer.json();
@@ -55,15 +51,16 @@ class Application {
   _build() {
     const { data } = this;
     this.canvas = element("canvas", {
-      tabindex: "0", role: "application", "aria-label": "3-D view of the scans; its keys are listed below it",
+      tabindex: "0", role: "application", "aria-label": t("picture"),
     });
     this.cross = element("div", { class: "viewer-cross", "aria-hidden": "true" });
     this.picture = element("div", { class: "viewer-picture" }, this.canvas, this.cross);
     this.info = element("div", { class: "viewer-info", "aria-live": "polite" });
     this.legend = element("div", { class: "viewer-legend" });
-    this.toolbar = element("div", { class: "viewer-tools", role: "group", "aria-label": "What is shown" });
+    this.lists = element("div");
+    this.toolbar = element("div", { class: "viewer-tools", role: "group", "aria-label": t("tools") });
     this.root.append(this.toolbar, element("div", { class: "viewer-body" }, this.picture, element(
-      "div", { class: "viewer-side" }, this.legend, this.info,
+      "div", { class: "viewer-side" }, this.legend, this.info, this.lists,
     )), keyTable());
     try {
       this.viewer = new Viewer(this.canvas, data, {
@@ -71,9 +68,10 @@ class Application {
         failed: (error) => this.say(error.message),
         selected: (id) => this._selected(id),
         first: (ms, bytes) => this._first(ms, bytes),
+        measured: () => this._legend(),
       });
     } catch (error) {
-      this.say(`This browser cannot draw in 3-D (WebGL 2): ${error.message}`);
+      this.say(t("no_webgl", { why: error.message }));
       return;
     }
     this.help = new ManualHelp(this);
@@ -81,52 +79,54 @@ class Application {
     this._listen();
     this.choosePair(data.stations.length === 2 && data.pairs[0]?.status !== "accepted" && data.pairs.length ? 0 : null);
     const gone = data.clouds.filter((cloud) => !cloud.href).map((cloud) => cloud.station);
-    this.say(gone.length ? `The points of ${gone.join(", ")} are gone with the uploaded file; all else is shown.` : "loading points");
+    this.say(gone.length ? t("gone", { names: gone.join(", ") }) : t("loading_points"));
+    this._list();
   }
 
   _first(ms, bytes) {
     this.root.dataset.firstPictureMs = ms.toFixed(0);
     this.root.dataset.firstPictureBytes = String(bytes);
-    if (this.status.textContent === "loading points") this.say("");
+    if (this.status.textContent === t("loading_points")) this.say("");
+    foundTargets(base(), this.job).then((found) => this._showTargets(found), () => {}); // what is shown does without them
   }
 
   _drawn() {
     this.root.dataset.points = String(this.viewer.detail.shown);
-    this.root.dataset.loading = String(this.viewer.detail.loading + (this.viewer.isMoving ? 1 : 0));
+    this.root.dataset.loading = String(this.viewer.detail.loading + (this.viewer.isMoving ? 1 : 0) + (this.viewer.isMeasuring ? 1 : 0));
   }
 
   // --- controls
 
   _tools() {
     const { data, viewer } = this;
-    const pairs = data.pairs.map((pair, k) => [String(k), `pair ${pair.target} – ${pair.source}: ${pair.status}`]);
-    this.scope = choice([["", "all stations"], ...pairs], "", (value) => this.choosePair(value === "" ? null : Number(value)));
+    const pairs = data.pairs.map((pair, k) => [String(k), `${t("pair", pair)}: ${word("status", pair.status)}`]);
+    this.scope = choice([["", t("all_stations")], ...pairs], "", (value) => this.choosePair(value === "" ? null : Number(value)));
     this.step = element("input", {
       type: "range", min: "0", max: String(data.stages.length - 1), step: "0.05", value: String(data.stages.length - 1),
       oninput: () => this.chooseStage(Number(this.step.value)),
     });
     this.stepTitle = element("output");
-    this.steps = element("span", { class: "viewer-group" }, labelled("before / after", this.step), this.stepTitle);
+    this.steps = element("span", { class: "viewer-group" }, labelled(t("before_after"), this.step), this.stepTitle);
     this.alternative = choice([], "", (value) => this.chooseAlternative(Number(value)));
     this.beside = choice([], "", (value) => this.chooseBeside(value === "" ? null : Number(value)));
     this.alternatives = element(
-      "span", { class: "viewer-group" }, labelled("pose", this.alternative), labelled("beside it", this.beside),
+      "span", { class: "viewer-group" }, labelled(t("pose"), this.alternative), labelled(t("beside"), this.beside),
     );
     this.colouring = choice(
-      COLOURINGS.filter(([mode]) => viewer.can(mode)), viewer.colouring, (mode) => this.chooseColouring(mode),
+      COLOURINGS.filter((mode) => viewer.can(mode)).map((mode) => [mode, t(`colours.${mode}`)]), viewer.colouring, (mode) => this.chooseColouring(mode),
     );
     this.featuresBy = choice(
-      [["state", "state in the adjustment"], ["residual", "residual over its limit"], ["station", "station"]], "state",
+      ["state", "residual", "station"].map((by) => [by, t(`by.${by}`)]), "state",
       (by) => { viewer.featuresBy = by; viewer.recolour(); this._legend(); },
     );
-    this.view = choice(Object.entries(VIEWS).map(([name, { title }]) => [name, title]), "orbit", (name) => this.chooseView(name));
+    this.view = choice(Object.keys(VIEWS).map((name) => [name, t(`views.${name}`)]), "orbit", (name) => this.chooseView(name));
     this.slab = element("input", {
       type: "number", min: "0", max: "1000", step: "0.1", value: "0",
       onchange: () => { viewer.views.thickness = Math.max(0, Number(this.slab.value) || 0); viewer.invalidate(); },
     });
-    this.slabBack = button("◀", () => this.shiftSlab(-1), { "aria-label": "move the slab back" });
-    this.slabOn = button("▶", () => this.shiftSlab(1), { "aria-label": "move the slab on" });
-    this.measure = button("Measure", () => this.chooseMeasuring(!this.measuring), { "aria-pressed": "false" });
+    this.slabBack = button("◀", () => this.shiftSlab(-1), { "aria-label": t("slab_back") });
+    this.slabOn = button("▶", () => this.shiftSlab(1), { "aria-label": t("slab_on") });
+    this.measure = button(t("measure"), () => this.chooseMeasuring(!this.measuring), { "aria-pressed": "false" });
     this.search = element("input", {
       type: "text", list: "viewer-ids", size: "12", placeholder: "S1/L12",
       onchange: () => this._search(this.search.value.trim()),
@@ -134,24 +134,25 @@ class Application {
     const ids = viewer.stations.flatMap((own) => [...own.features.byId.keys()]);
     const datalist = element("datalist", { id: "viewer-ids" }, ...ids.slice(0, 5000).map((value) => element("option", { value })));
     this.toggles = Object.fromEntries(KINDS.map((kind) => [kind, toggle(
-      KIND_TITLES[kind], viewer.visible[kind], (on) => { viewer.visible[kind] = on; viewer.applyVisibility(); },
+      t(`kinds.${kind}`), viewer.visible[kind], (on) => { viewer.visible[kind] = on; viewer.applyVisibility(); },
     )]));
     const stations = viewer.stations.map((own) => toggle(
-      own.station.name + (own.station.status === "unregistered" ? " (not registered)" : ""), true, (on) => {
+      own.station.name + (own.station.status === "unregistered" ? ` (${word("station", "unregistered")})` : ""), true, (on) => {
         if (on) viewer.hidden.delete(own.station.name); else viewer.hidden.add(own.station.name);
         viewer.relayout();
       }, `#${own.colour.getHexString()}`,
     ));
     this.toolbar.append(
-      element("div", { class: "viewer-row" }, labelled("show", this.scope), this.steps, this.alternatives,
-        labelled("view", this.view), labelled("slab [m]", this.slab), this.slabBack, this.slabOn,
-        button("All of it", () => viewer.views.fit())),
-      element("div", { class: "viewer-row" }, labelled("points by", this.colouring), labelled("features by", this.featuresBy),
-        this.measure, this.help.opener, labelled("find", this.search), datalist),
-      element("fieldset", { class: "viewer-row" }, element("legend", { text: "shown" }), ...Object.values(this.toggles)),
+      element("div", { class: "viewer-row" }, labelled(t("show"), this.scope), this.steps, this.alternatives,
+        labelled(t("view"), this.view), labelled(t("slab"), this.slab), this.slabBack, this.slabOn,
+        button(t("all_of_it"), () => viewer.views.fit())),
+      element("div", { class: "viewer-row" }, labelled(t("points_by"), this.colouring), labelled(t("features_by"), this.featuresBy),
+        this.measure, this.help.opener, labelled(t("find"), this.search), datalist),
+      element("fieldset", { class: "viewer-row" }, element("legend", { text: t("shown") }), ...Object.values(this.toggles)),
       element("details", { class: "viewer-stations", open: stations.length < 9 },
-        element("summary", { text: "Stations" }), element("div", { class: "viewer-row" }, ...stations)),
+        element("summary", { text: t("stations") }), element("div", { class: "viewer-row" }, ...stations)),
     );
+    this.toggles.targets.hidden = true; // until there are some
     this.root.querySelector(".viewer-side").prepend(this.help.panel);
     viewer.applyVisibility();
   }
@@ -166,9 +167,10 @@ class Application {
     this.alternatives.hidden = number === null;
     const pair = viewer.currentPair;
     if (pair) {
-      const options = pair.poses.map((pose, k) => [String(k), pose.title + (pose.score === null ? "" : ` (score ${pose.score.toFixed(2)})`)]);
-      fill(this.alternative, options.length ? options : [["0", "no pose was found: as the files have them"]], "0");
-      fill(this.beside, [["", "nothing"], ...options], "");
+      const options = pair.poses.map((pose, k) => [String(k), pose.score === null ? t(`poses.${pose.name}`)
+        : t("score", { title: t(`poses.${pose.name}`), score: number(pose.score, 2) })]);
+      fill(this.alternative, options.length ? options : [["0", t("no_pose")]], "0");
+      fill(this.beside, [["", t("nothing_beside")], ...options], "");
       const other = pair.poses.findIndex((pose) => pose.name === "runner-up");
       if (pair.status === "ambiguous" && other > 0) { viewer.beside = other; this.beside.value = String(other); }
     }
@@ -185,8 +187,8 @@ class Application {
     viewer.stage = value;
     this.step.value = String(value);
     const nearest = data.stages[Math.round(value)];
-    this.stepTitle.textContent = nearest.title;
-    this.step.setAttribute("aria-valuetext", nearest.title);
+    this.stepTitle.textContent = t(`stages.${nearest.name}`);
+    this.step.setAttribute("aria-valuetext", this.stepTitle.textContent);
     viewer.relayout();
     this._legend();
   }
@@ -230,7 +232,7 @@ class Application {
     this.measure.setAttribute("aria-pressed", String(on));
     this.viewer.setMarks([]);
     this._cross();
-    if (on) this.say("Choose two points: click on them, or bring each under the cross with the arrow keys and press X.");
+    if (on) this.say(t("measuring.choose"));
     else this.say("");
   }
 
@@ -291,7 +293,7 @@ class Application {
   _search(id) {
     if (!id) return;
     if (this.viewer.find(id)) this.selectById(id);
-    else this.say(`There is no feature ${id}.`);
+    else this.say(t("not_found", { id }));
   }
 
   _syncToggles() {
@@ -302,7 +304,7 @@ class Application {
   take(x, y) {
     if (this.measuring || this.help.picking) {
       const found = this.viewer.pointAt(x, y);
-      if (!found) { this.say("There is no point here; zoom in, or try beside it."); return; }
+      if (!found) { this.say(t("measuring.no_point")); return; }
       if (this.help.picking) this.help.take(found);
       else this._measured(found);
       return;
@@ -322,18 +324,18 @@ class Application {
     this.measured.push(found);
     const marks = this.measured.map((mark, k) => ({ ...mark, text: "AB"[k] }));
     this.viewer.setMarks(marks, marks.length === 2 ? [marks] : []);
-    if (marks.length < 2) { this.say(`A: a point of ${found.station}. Choose the second point.`); return; }
+    if (marks.length < 2) { this.say(t("measuring.first", { station: found.station })); return; }
     const { distance_m: distance, std_m: std, difference } = this.distance(marks);
     const same = marks[0].station === marks[1].station;
-    this._tell("Distance", [
+    const known = std === null ? null : metres(std);
+    this._tell(t("measuring.title"), [
       ["A, B", `${marks[0].station}, ${marks[1].station}`],
-      ["distance", `${distance.toFixed(4)} m`],
-      ["standard deviation", std === null ? "not known: a pose has no covariance" : metres(std)],
-      ["horizontal, vertical", `${Math.hypot(difference[0], difference[1]).toFixed(4)} m, ${difference[2].toFixed(4)} m`],
-      ["made of", same ? "the noise of the scan at both ends; its pose moves both alike"
-        : "the poses of both stations, taken as independent, and the noise of the scans at both ends"],
+      [t("measuring.distance"), `${number(distance, 4)} m`],
+      [t("measuring.std"), known ?? t("measuring.no_std")],
+      [t("measuring.parts"), `${number(Math.hypot(difference[0], difference[1]), 4)} m, ${number(difference[2], 4)} m`],
+      [t("measuring.made_of"), t(same ? "measuring.same" : "measuring.other")],
     ]);
-    this.say(`Distance ${distance.toFixed(4)} m, standard deviation ${std === null ? "not known" : metres(std)}.`);
+    this.say(t("measuring.said", { distance: `${number(distance, 4)} m`, std: known ?? t("measuring.unknown") }));
   }
 
   _key(event) {
@@ -392,27 +394,62 @@ class Application {
     const own = this.viewer.byName.get(station);
     const world = this.viewer.end({ station, point }).pose;
     const at = world.slice(0, 3).map((row) => row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]);
-    this._tell(`Point of ${station}`, [
-      [this.viewer.currentPair ? `in the frame of ${this.viewer.currentPair.target} [m]` : "world [m]", at.map((value) => value.toFixed(4)).join(", ")],
-      ["file [m]", point.map((value) => value.toFixed(4)).join(", ")],
-      ["noise of the scan", metres(own.station.noise_std_m)],
+    const { currentPair: pair } = this.viewer;
+    const written = (place) => place.map((value) => number(value, 4)).join("; ");
+    this._tell(t("tell.point", { station }), [
+      [pair ? t("tell.in_frame", { station: pair.target }) : t("tell.world"), written(at)],
+      [t("tell.file"), written(point)],
+      [t("tell.noise"), metres(own.station.noise_std_m)],
     ]);
   }
 
   _tellPair() {
     const pair = this.viewer.currentPair;
     if (!pair) { this.info.replaceChildren(); return; }
-    const rows = pair.unexplained.map((piece, k) => [`unexplained/${pair.target}/${pair.source}/${k}`, `${piece.area_m2.toFixed(2)} m² of `
-      + `${piece.station} stand where the other instrument looked through, ${piece.range_m.toFixed(1)} m from it`]);
-    this._tell(`Pair ${pair.target} – ${pair.source}`, [
-      ["status", pair.status],
-      ["poses", pair.poses.map((pose) => pose.title).join("; ") || "none"],
-      ["lines and planes in common", pair.correspondences.length],
+    const rows = pair.unexplained.map((piece, k) => [`unexplained/${pair.target}/${pair.source}/${k}`, t("tell.piece_row", {
+      area: number(piece.area_m2, 2), station: piece.station, range: number(piece.range_m, 1),
+    })]);
+    this._tell(t("tell.pair", pair), [
+      [t("tell.status"), word("status", pair.status)],
+      [t("tell.poses"), pair.poses.map((pose) => t(`poses.${pose.name}`)).join("; ") || t("tell.none")],
+      [t("tell.common"), pair.correspondences.length],
     ], [...pair.reasons, ...pair.weak_directions]);
-    if (rows.length) this.info.append(table("What speaks against it", ["piece of surface"], rows, true));
-    const matched = pair.correspondences.map(([target, source, state]) => [target, target, source, state]);
-    matched.sort((a, b) => (b[3] === "removed") - (a[3] === "removed"));
-    if (matched.length) this.info.append(table("Lines and planes in common", [pair.target, pair.source, "state"], matched.slice(0, MOST_ROWS), false));
+    if (rows.length) this.info.append(table(t("tell.against"), [t("tell.piece_head")], rows, true));
+    const matched = pair.correspondences.map(([target, source, state]) => [target, target, source, word("feature", state), state]);
+    matched.sort((a, b) => (b[4] === "removed") - (a[4] === "removed"));
+    if (matched.length) {
+      this.info.append(table(
+        t("tell.common_title"), [pair.target, pair.source, t("tell.state")],
+        matched.slice(0, MOST_ROWS).map((row) => row.slice(0, 4)), false,
+      ));
+    }
+  }
+
+  // Everything that was found, as rows that show what they speak of.
+  _list() {
+    const features = this.viewer.stations.flatMap((own) => [...own.features.byId.values()])
+      .filter(({ kind }) => kind !== "instruments");
+    features.sort((a, b) => (b.feature.ratio ?? -1) - (a.feature.ratio ?? -1));
+    const rows = features.slice(0, MOST_ROWS).map(({ kind, feature }) => [
+      feature.id, feature.id, kind === "targets" ? t(`targets.${feature.kind}`) : t(`kinds.${kind}`), sizeOf(feature),
+      feature.state ? word("feature", feature.state) : "",
+      feature.ratio === null || feature.ratio === undefined ? "" : number(feature.ratio, 2),
+    ]);
+    const list = table(t("tell.features"), [
+      t("tell.feature"), t("tell.kind"), t("tell.size"), t("tell.state"), t("tell.ratio"),
+    ], rows, false);
+    if (features.length > rows.length) {
+      list.append(element("p", { text: t("tell.more", { shown: rows.length, all: features.length }) }));
+    }
+    this.lists.replaceChildren(list);
+  }
+
+  _showTargets(found) {
+    if (![...found.values()].some((targets) => targets.length)) return;
+    for (const [name, targets] of found) this.viewer.byName.get(name)?.features.addTargets(targets);
+    this.toggles.targets.hidden = false;
+    this._list();
+    this.viewer.recolour();
   }
 
   _selected(id) {
@@ -421,23 +458,28 @@ class Application {
     const found = this.viewer.find(id);
     if (found?.piece) {
       const { piece } = found.piece.userData;
-      this._tell("Piece that speaks against the pair", [
-        ["station", piece.station], ["area", `${piece.area_m2.toFixed(3)} m²`],
-        ["seen through from", `${piece.range_m.toFixed(2)} m`],
+      this._tell(t("tell.piece"), [
+        [t("tell.station"), piece.station], [t("tell.area"), `${number(piece.area_m2, 3)} m²`],
+        [t("tell.seen_through"), `${number(piece.range_m, 2)} m`],
       ]);
     } else if (found) {
       const { feature, kind } = found;
       const partners = this.data.pairs.flatMap((pair) => pair.correspondences)
         .filter(([target, source]) => target === id || source === id)
-        .map(([target, source, state]) => `${target === id ? source : target} (${state})`);
+        .map(([target, source, state]) => `${target === id ? source : target} (${word("feature", state)})`);
       const rows = [];
-      if (feature.source) rows.push(["from", feature.source]);
-      if (feature.state) rows.push(["state", feature.state]);
-      if (feature.ratio !== null && feature.ratio !== undefined) rows.push(["largest test value over its limit", feature.ratio.toFixed(2)]);
-      if (kind === "lines" || kind === "edges") rows.push(["length", `${Math.hypot(...feature.end_m.map((value, k) => value - feature.start_m[k])).toFixed(3)} m`]);
-      if (feature.radius_m) rows.push(["radius", `${feature.radius_m.toFixed(4)} m`]);
-      if (partners.length) rows.push(["taken for the same", partners.join(", ")]);
-      if (found.own.station.reason) rows.push(["not registered", found.own.station.reason]);
+      if (feature.source) rows.push([t("tell.from"), word("source", feature.source)]);
+      if (feature.state) rows.push([t("tell.state"), word("feature", feature.state)]);
+      if (feature.ratio !== null && feature.ratio !== undefined) rows.push([t("tell.ratio"), number(feature.ratio, 2)]);
+      if (kind === "lines" || kind === "edges") rows.push([t("tell.length"), sizeOf(feature)]);
+      if (feature.radius_m) rows.push([t("tell.radius"), `${number(feature.radius_m, 4)} m`]);
+      if (kind === "targets") {
+        rows.push([t("tell.kind"), t(`targets.${feature.kind}`)]);
+        rows.push([t("tell.file"), feature.centre_m.map((value) => number(value, 4)).join("; ")]);
+        rows.push([t("tell.coordinates_std"), feature.std_m.map(metres).join("; ")]);
+      }
+      if (partners.length) rows.push([t("tell.partners"), partners.join(", ")]);
+      if (found.own.station.reason) rows.push([t("tell.why_not"), found.own.station.reason]);
       this._tell(id, rows);
     }
   }
@@ -458,16 +500,22 @@ class Application {
     const parts = [];
     if (viewer.colouring === "height") {
       const { min, max } = viewer.views.box;
-      parts.push(element("p", { text: "Height" }), ramp(`${(min.z + viewer.base[2]).toFixed(2)} m`, `${(max.z + viewer.base[2]).toFixed(2)} m`));
+      parts.push(element("p", { text: t("legend.height") }), ramp(`${number(min.z + viewer.base[2], 2)} m`, `${number(max.z + viewer.base[2], 2)} m`));
     }
     if (viewer.colouring === "std") {
-      parts.push(element("p", { text: "Standard deviation of position, all directions together" }));
+      parts.push(element("p", { text: t("legend.std") }));
       if (viewer.stdLimits) parts.push(ramp(metres(viewer.stdLimits[0]), metres(viewer.stdLimits[1])));
-      parts.push(element("p", { text: "Grey: not known at this step." }));
+      parts.push(element("p", { text: t("legend.unknown") }));
+    }
+    if (viewer.colouring === "residual") {
+      const { median } = viewer.residuals;
+      parts.push(element("p", { text: t("legend.residual", { reach: metres(REACH_M) }) }));
+      parts.push(ramp("0", metres(viewer.shared.largestResidual.value)));
+      parts.push(element("p", { text: t("legend.no_plane", { median: median === null ? "–" : metres(median) }) }));
     }
     const keys = {
-      state: [["used", "used"], ["not-controlled", "not controlled"], ["removed", "removed"], ["alone", "in no accepted pair"]],
-      residual: [["used", "fits well"], ["removed", "at its limit or beyond"], ["alone", "not tested"]],
+      state: ["used", "not-controlled", "removed", "alone"].map((state) => [state, t(`legend.${state}`)]),
+      residual: [["used", t("legend.fits")], ["removed", t("legend.at_limit")], ["alone", t("legend.untested")]],
       station: [],
     }[viewer.featuresBy];
     if (keys.length) {
@@ -477,6 +525,17 @@ class Application {
     }
     this.legend.replaceChildren(...parts);
   }
+}
+
+// How large a feature is: length, radius, area of its outline; nothing for targets.
+function sizeOf(feature) {
+  if (feature.radius_m) return `r ${number(feature.radius_m, 3)} m`;
+  if (feature.end_m) return `${number(Math.hypot(...feature.end_m.map((value, k) => value - feature.start_m[k])), 3)} m`;
+  if (!feature.boundary_m) return "";
+  const [first, ...others] = feature.boundary_m;
+  const sides = others.map((corner) => subtracted(corner, first));
+  const doubled = sides.slice(1).reduce((sum, side, k) => added(sum, cross(sides[k], side)), [0, 0, 0]);
+  return `${number(norm(doubled) / 2, 2)} m²`;
 }
 
 // A list whose rows show what they speak of: the first member of each is its feature.

@@ -3,6 +3,7 @@
 
 import { button, element } from "./panel.js";
 import { norm, subtracted } from "./poses.js";
+import { number, t } from "./words.js";
 
 const LEAST = 3;
 
@@ -12,17 +13,17 @@ export class ManualHelp {
     this.picks = []; // {target: point, source: point or null}
     this.picking = false;
     this.saved = {};
-    this.opener = button("Help the registration", () => (this.panel.hidden ? this.open() : this.close()), { "aria-expanded": "false" });
+    this.opener = button(t("help.title"), () => (this.panel.hidden ? this.open() : this.close()), { "aria-expanded": "false" });
     this.list = element("ol", { class: "viewer-picks" });
     this.told = element("p", { role: "status", "aria-live": "polite" });
-    this.pickButton = button("Pick points", () => this.startPicking());
-    this.sendPicks = button("Register from these points", () => this.send("points"), { disabled: true });
-    this.confirm = button("This pose is right: register from it", () => this.send("pose"));
+    this.pickButton = button(t("help.pick"), () => this.startPicking());
+    this.sendPicks = button(t("help.send"), () => this.send("points"), { disabled: true });
+    this.confirm = button(t("help.confirm"), () => this.send("pose"));
     this.panel = element(
-      "section", { class: "viewer-help", hidden: true, "aria-label": "Help the registration" },
-      element("h3", { text: "Help the registration" }),
-      element("p", { text: "Pick at least three points that both scans of the pair show, far apart and not on one line: first in the one scan, then the same in the other. Or choose the pose of the pair that is right. The registration starts anew from there; it is judged as strictly as before, and its result says that a person chose." }),
-      element("div", { class: "viewer-row" }, this.pickButton, button("Take back the last", () => this.takeBack()), this.sendPicks, this.confirm),
+      "section", { class: "viewer-help", hidden: true, "aria-label": t("help.title") },
+      element("h3", { text: t("help.title") }),
+      element("p", { text: t("help.text") }),
+      element("div", { class: "viewer-row" }, this.pickButton, button(t("help.back"), () => this.takeBack()), this.sendPicks, this.confirm),
       this.list, this.told,
     );
   }
@@ -88,7 +89,7 @@ export class ManualHelp {
     const saved = this.saved[viewer.only];
     if (saved) viewer.views.restore(saved);
     this._marks();
-    this.application.say(`Point ${this.picks.filter((pick) => pick.source).length + 1}: choose it in ${viewer.only}, by a click, or under the cross by the key X.`);
+    this.application.say(t("help.next", { number: this.picks.filter((pick) => pick.source).length + 1, station: viewer.only }));
     this._show();
   }
 
@@ -119,15 +120,15 @@ export class ManualHelp {
     if (!this.pair) return;
     const whole = this.picks.filter((pick) => pick.source);
     this.list.replaceChildren(...this.picks.map((pick) => element("li", {
-      text: `${this.pair.target} (${pick.target.map((value) => value.toFixed(3)).join(", ")}) – ${pick.source
-        ? `${this.pair.source} (${pick.source.map((value) => value.toFixed(3)).join(", ")})` : `now in ${this.pair.source}`}`,
+      text: `${this.pair.target} (${pick.target.map((value) => number(value, 3)).join("; ")}) – ${pick.source
+        ? `${this.pair.source} (${pick.source.map((value) => number(value, 3)).join("; ")})` : t("help.now_in", { station: this.pair.source })}`,
     })));
     let worst = 0;
     whole.forEach((a, i) => whole.slice(0, i).forEach((b) => {
       worst = Math.max(worst, Math.abs(norm(subtracted(a.target, b.target)) - norm(subtracted(a.source, b.source))));
     }));
     this.told.textContent = whole.length >= 2
-      ? `${whole.length} pairs; distances between them differ by up to ${(100 * worst).toFixed(1)} cm from scan to scan.` : "";
+      ? t("help.differ", { count: whole.length, worst: number(100 * worst, 1) }) : "";
     this.sendPicks.disabled = whole.length < LEAST;
     this.confirm.disabled = !this.pair.poses.length;
   }
@@ -140,7 +141,7 @@ export class ManualHelp {
     } else {
       start.target_from_source = poses[this.application.viewer.alternative].target_from_source;
     }
-    this.told.textContent = "sending";
+    this.told.textContent = t("help.sending");
     try {
       const asked = await fetch(`${this.application.here}/inputs`, { credentials: "same-origin", headers: { Accept: "application/json" } });
       if (!asked.ok) throw new Error(await reason(asked));
@@ -155,7 +156,7 @@ export class ManualHelp {
       });
       if (!answer.ok) throw new Error(await reason(answer));
       const job = (await answer.json()).jobID;
-      this.told.replaceChildren(element("a", { href: `${this.application.base}/jobs/${encodeURIComponent(job)}`, text: "The registration runs on: open its page" }));
+      this.told.replaceChildren(element("a", { href: `${this.application.base}/jobs/${encodeURIComponent(job)}`, text: t("help.runs_on") }));
       this.application.root.dataset.newJob = job;
       this.told.querySelector("a").focus();
     } catch (error) {
@@ -167,5 +168,5 @@ export class ManualHelp {
 async function reason(answer) {
   const problem = await answer.json().catch(() => ({}));
   const faults = (problem.errors ?? []).map((fault) => fault.detail ?? fault.message).filter(Boolean);
-  return [problem.detail ?? problem.title ?? `The service answers ${answer.status}.`, ...faults].join(" ");
+  return [problem.detail ?? problem.title ?? t("help.refused", { status: answer.status }), ...faults].join(" ");
 }

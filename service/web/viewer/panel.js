@@ -1,5 +1,7 @@
 // The controls beside the picture: plain elements, so that keyboard and screen reader know them. All text is text, never markup.
 
+import { number, t } from "./words.js";
+
 export function element(tag, properties = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
@@ -43,32 +45,18 @@ export function button(text, onclick, extra = {}) {
   return element("button", { type: "button", text, onclick, ...extra });
 }
 
-export const KEYS = [
-  ["Arrow keys", "turn (3-D) or shift (plan, sections)"],
-  ["Shift + arrow keys", "shift"],
-  ["+ and -", "nearer, farther"],
-  ["1, 2, 3, 4", "3-D, plan, section along x, section along y"],
-  ["0", "all of it"],
-  ["[ and ]", "move the slab of a section"],
-  ["C", "next colouring"],
-  ["B", "before and after: first and last step of the registration"],
-  ["A", "next alternative of a pair"],
-  ["M", "measure a distance"],
-  ["X or Enter", "take the point under the cross"],
-  ["Backspace", "take back the last point"],
-  ["Escape", "end measuring or picking, select nothing"],
-];
+const KEYS = ["arrows", "shift", "zoom", "views", "zero", "slab", "c", "b", "a", "m", "x", "backspace", "escape"];
 
 export function keyTable() {
   return element(
     "details", { class: "viewer-keys" },
-    element("summary", { text: "Keys (while the picture has the focus)" }),
-    element("dl", {}, ...KEYS.flatMap(([keys, what]) => [element("dt", { text: keys }), element("dd", { text: what })])),
+    element("summary", { text: t("keys.title") }),
+    element("dl", {}, ...KEYS.flatMap((key) => [element("dt", { text: t(`keys.${key}`) }), element("dd", { text: t(`keys.${key}_do`) })])),
   );
 }
 
 export const metres = (value) => {
   const size = Math.abs(value);
-  if (size < 0.1) return `${(value * 1000).toFixed(size < 0.01 ? 2 : 1)} mm`;
-  return `${value.toFixed(4)} m`;
+  if (size < 0.1) return `${number(value * 1000, size < 0.01 ? 2 : 1)} mm`;
+  return `${number(value, 4)} m`;
 };

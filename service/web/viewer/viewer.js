@@ -7,13 +7,16 @@ import { Cloud, COLOUR_MODES, sharedUniforms } from "./cloud.js";
 import { Detail, pointOnRay } from "./detail.js";
 import { lineMaterial, lineMaterials, SELECTED, StationFeatures, textSprite } from "./features.js";
 import * as poses from "./poses.js";
+import { REACH_M, Residuals } from "./residuals.js";
 import { Views } from "./views.js";
 
 THREE.ColorManagement.enabled = false; // colours are what they are in the files
 
 const PICK_PX = 6;
 const REST_MS = 200;
-export const KINDS = ["points", "lines", "edges", "planes", "cylinders", "instruments", "pieces"];
+const RESIDUALS_MS = 40; // between two pictures
+const MOST_PIECES = 200;
+export const KINDS = ["points", "lines", "edges", "planes", "cylinders", "targets", "instruments", "pieces"];
 
 const matrix4 = (pose) => new THREE.Matrix4().set(...pose.flat());
 
@@ -29,7 +32,7 @@ export class Viewer {
     this.scene = new THREE.Scene();
     this.shared = sharedUniforms();
     this.views = new Views(canvas, () => this._moved());
-    this.visible = { points: true, lines: true, edges: true, planes: false, cylinders: true, instruments: true, pieces: true };
+    this.visible = { points: true, lines: true, edges: true, planes: false, cylinders: true, targets: true, instruments: true, pieces: true };
     this.hidden = new Set(); // stations
     this.only = null; // a station that is shown alone while points are picked in it
     this.featuresBy = "state";
@@ -70,10 +73,12 @@ export class Viewer {
     this.detail = new Detail(
       this.stations.map((own) => own.cloud), () => this._loaded(), (error) => this.listeners.failed(error),
     );
+    this.residuals = new Residuals(this.stations);
     this.recolour();
   }
 
   can(mode) {
+    if (mode === "residual") return this.stations.length > 1;
     if (mode === "rgb") return this.stations.some((own) => own.cloud.hasColour);
     if (mode === "intensity") return this.stations.some((own) => own.cloud.hasIntensity);
     if (mode === "std") return this.data.stations.some((station) => station.covariance);
@@ -137,6 +142,7 @@ export class Viewer {
     if (!box.isEmpty()) this.views.box = box;
     this.shared.heights.value.set(this.views.box.min.z, this.views.box.max.z);
     this._spread();
+    this.residuals.reset();
     this._showEvidence();
     this._showMarks();
     this.invalidate();
@@ -169,6 +175,33 @@ export class Viewer {
     if (this.stdLimits) this.shared.stds.value.set(...this.stdLimits);
   }
 
+  // Distances of the points of shown blocks to planes of others, as many as there is time for; tell whether all are there.
+  _measureResiduals() {
+    const { residuals } = this;
+    const began = performance.now();
+    for (const own of this.stations) {
+      if (!own.group.visible) continue;
+      for (const node of own.cloud.nodes) {
+        if (!node.points?.visible || node.residuals === residuals.version) continue;
+        if (performance.now() - began > RESIDUALS_MS) return false;
+        const { geometry } = node.points;
+        const found = residuals.of(own, node.middle, geometry.attributes.position.array);
+        geometry.setAttribute("residual", new THREE.BufferAttribute(found, 1));
+        node.residuals = residuals.version;
+        this._freshResiduals = true;
+      }
+    }
+    return true;
+  }
+
+  // Colours reach to a round number of some medians.
+  _scaleResiduals() {
+    const { median } = this.residuals;
+    const wanted = Math.min(Math.max(4 * (median ?? REACH_M), 1e-3), REACH_M);
+    const power = 10 ** Math.floor(Math.log10(wanted));
+    this.shared.largestResidual.value = power * [1, 2, 5, 10].find((factor) => factor * power >= 0.999 * wanted);
+  }
+
   // --- what is shown
 
   recolour() {
@@ -192,9 +225,11 @@ export class Viewer {
   // Pieces of surface that stand where the other instrument looked through, with the line of sight.
   _showEvidence() {
     this.evidence.clear();
-    const pair = this.currentPair;
-    if (!pair) return;
-    pair.unexplained.forEach((piece, number) => {
+    const all = this.currentPair ? [this.currentPair]
+      : this.data.pairs.filter((pair) => pair.status === "accepted" || pair.status === "doubtful");
+    const pieces = all.flatMap((pair) => pair.unexplained.map((piece, number) => ({ pair, piece, number })));
+    pieces.sort((a, b) => b.piece.area_m2 - a.piece.area_m2);
+    pieces.slice(0, MOST_PIECES).forEach(({ pair, piece, number }) => {
       const own = this.byName.get(piece.station);
       const other = this.byName.get(piece.station === pair.target ? pair.source : pair.target);
       if (!own?.pose || !other?.pose) return;
@@ -330,7 +365,7 @@ export class Viewer {
     const candidates = [];
     for (const own of this.stations) {
       if (!own.group.visible) continue;
-      for (const kind of ["lines", "edges", "instruments", "cylinders", "planes"]) {
+      for (const kind of ["lines", "edges", "targets", "instruments", "cylinders", "planes"]) {
         const group = own.features.groups[kind];
         if (!group.visible) continue;
         for (const hit of raycaster.intersectObjects(group.children.filter((object) => !object.isSprite), false)) {
@@ -420,6 +455,14 @@ export class Viewer {
       this._place(alternative);
       if (this.beside !== null) { this._showEvidence(); this._showMarks(); }
       this.detail.update(camera, height);
+      const isLeft = left === 0;
+      if (this.colouring === "residual" && isLeft && !this.detail.isMoving) {
+        this.isMeasuring = !this._measureResiduals();
+        if (this.isMeasuring) this._loaded();
+        if (this._freshResiduals) this._scaleResiduals();
+      }
+      // distances are those of the pose to the left
+      this.shared.mode.value = COLOUR_MODES[this.colouring === "residual" && !isLeft ? "station" : this.colouring];
       this.renderer.setViewport(left, 0, wide, height);
       this.renderer.setScissor(left, 0, wide, height);
       this.renderer.render(this.scene, camera);
@@ -432,6 +475,10 @@ export class Viewer {
       this._isShown = true;
       this.waitForPixels();
       this.listeners.first(performance.now(), this.detail.loadedBytes);
+    }
+    if (this._freshResiduals) {
+      this._freshResiduals = false;
+      this.listeners.measured();
     }
     this.listeners.changed();
   }

@@ -4,10 +4,10 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 export const VIEWS = {
-  orbit: { title: "3-D", direction: [-0.55, 0.75, -0.55], up: [0, 0, 1] },
-  plan: { title: "Plan", direction: [0, 0, -1], up: [0, 1, 0] },
-  front: { title: "Section along x", direction: [0, 1, 0], up: [0, 0, 1] },
-  side: { title: "Section along y", direction: [-1, 0, 0], up: [0, 0, 1] },
+  orbit: { direction: [-0.55, 0.75, -0.55], up: [0, 0, 1] },
+  plan: { direction: [0, 0, -1], up: [0, 1, 0] },
+  front: { direction: [0, 1, 0], up: [0, 0, 1] },
+  side: { direction: [-1, 0, 0], up: [0, 0, 1] },
 };
 const STEP_RAD = THREE.MathUtils.degToRad(5);
 
