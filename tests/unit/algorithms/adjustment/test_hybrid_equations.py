@@ -11,6 +11,7 @@ from algorithms.adjustment.hybrid.congruence import congruence
 from algorithms.adjustment.hybrid.datum import common_motions, defect_of
 from algorithms.adjustment.hybrid.estimation import estimate
 from algorithms.adjustment.hybrid.image_equations import ImageObservations
+from algorithms.adjustment.hybrid.joint_poses import JointPoses
 from algorithms.adjustment.hybrid.network import Network
 from algorithms.adjustment.hybrid.observations import Observations, variances
 from algorithms.adjustment.hybrid.point_equations import (
@@ -82,6 +83,9 @@ EVERY = {
         np.full((6, 2), 300.0), np.array([True, False] * 3),
     ),
     "control": Control(covariances(6, 3), POINTS, np.zeros((6, 3))),
+    "joint poses": JointPoses(
+        covariances(1, 6), 0, ints(1), Rotation.from_rotvec([[0.3, -0.2, 0.4]]).as_matrix(), np.array([[1.0, 2.0, 3.0]])
+    ),
     "differences": Differences(covariances(3, 3), ints(0, 1, 2), ints(3, 4, 5), np.zeros((3, 3))),
     "distances": Distances(variances(np.ones(3)), ints(0, 1, 2), ints(3, 4, 5), np.ones(3), np.arange(3) == 0),
     "heights": HeightDifferences(variances(np.ones(3)), ints(0, 1, 2), ints(3, 4, 5), np.ones(3)),
@@ -119,7 +123,9 @@ def test_derivatives_agree_with_differences(name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("name", ["polar", "coordinates", "image", "differences", "distances", "plane", "line"])
+@pytest.mark.parametrize(
+    "name", ["polar", "coordinates", "joint poses", "image", "differences", "distances", "plane", "line"]
+)
 def test_a_common_motion_changes_no_observation(name: str) -> None:
     state = on_the_line(some_state()) if name == "line" else some_state()
     state = replace(state, scanners=np.zeros_like(state.scanners))
