@@ -68,7 +68,7 @@ class TopocentricFrame:
 
         crs = CRS.from_user_input(self.crs)
         parts = [part for part in (crs.sub_crs_list or [crs]) if not part.is_vertical]
-        found = parts[0].source_crs if parts[0].is_bound else parts[0]
+        found = (parts[0].source_crs or parts[0]) if parts[0].is_bound else parts[0]
         return found.to_2d() if len(found.axis_info) > 2 else found
 
     @cached_property

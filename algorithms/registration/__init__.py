@@ -13,6 +13,7 @@ from algorithms.registration.ndt import NdtMethod
 from algorithms.registration.ndt_3d import Ndt3dMethod
 from algorithms.registration.planes import PlanesMethod
 from algorithms.registration.planes_triples import PlanesTriplesMethod
+from algorithms.registration.targets import TargetsMethod
 
 RegistrationMethod = (
     AutoMethod
@@ -28,6 +29,7 @@ RegistrationMethod = (
     | EgiMethod
     | IcpPointMethod
     | IcpD2Method
+    | TargetsMethod
 )
 """All methods, `A | B | ...`; validation, documentation and dispatch follow from it."""
 

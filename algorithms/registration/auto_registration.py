@@ -19,7 +19,7 @@ from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import Progress
 from algorithms.registration.auto import AutoMethod
-from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
+from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem, TargetFit
 from algorithms.registration.final_pose import (
     Comparison,
     compared,
@@ -40,6 +40,13 @@ from algorithms.registration.pair_verdict import (
 )
 from algorithms.registration.surface_estimate import SurfaceEstimate, estimate_by_surfaces
 from algorithms.registration.surface_options import SurfaceOptions
+from algorithms.registration.target_registration import (
+    fit_in_words,
+    judged_by_targets,
+    started_by_targets,
+    targets_in_common,
+    with_targets,
+)
 from algorithms.registration.verdict import Answer, judged
 
 NOISES_APART = 2.0
@@ -84,10 +91,18 @@ def register_automatically(problem: RegistrationProblem, method: AutoMethod, pro
         Is told the steps.
     """
     progress.report(0.0, "matching")
+    fit, why = targets_in_common(problem)
+    if fit is not None and fit.is_controlled:
+        problem = started_by_targets(problem, fit)
     coarse = searched(problem, method.matching)
     if isinstance(coarse, PairResult):
-        return coarse
-    return estimated_and_judged(problem, coarse, method.matching, method.adjustment, method.surfaces, progress)
+        if fit is None:
+            return replace(coarse, reasons=(*coarse.reasons, *why))
+        return judged_by_targets(problem, fit, method.matching, f"{fit_in_words(fit)}; {coarse.reasons[0]}")
+    result = estimated_and_judged(
+        problem, coarse, method.matching, method.adjustment, method.surfaces, progress, targets=fit
+    )
+    return replace(result, reasons=(*result.reasons, *why))
 
 
 def estimated_and_judged(
@@ -97,6 +112,8 @@ def estimated_and_judged(
     adjustment: AdjustmentOptions,
     surface: SurfaceOptions,
     progress: Progress,
+    *,
+    targets: TargetFit | None = None,
 ) -> PairResult:
     """Estimate from a pose on by what the scans have there, and judge the result.
 
@@ -110,11 +127,17 @@ def estimated_and_judged(
         Options.
     progress
         Is told the steps.
+    targets
+        Survey targets in common, which join the rest; None: there are none.
     """
     progress.report(0.6, "adjustment")
     surfaces = _by_surfaces(problem, coarse, surface)
     attempts, remarks = _attempts(problem, coarse, adjustment, surfaces)
     answer = _answer(problem, surfaces, attempts, remarks, surface)
+    if answer is None and targets is not None:
+        return judged_by_targets(problem, targets, matching, "; ".join([fit_in_words(targets), *remarks]))
+    if answer is not None and targets is not None:
+        answer = with_targets(problem, answer, targets)
     if answer is None:
         reason = f"a pose was found, but nothing to determine it by: {'; '.join(remarks)}"
         return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)

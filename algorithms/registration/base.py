@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
+from algorithms.adjustment.hybrid.tied_results import PointTest
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.adjustment.rank import CentredFrame
-from algorithms.arrays import IndexPairs, OtherIndexPairs, Vector3
+from algorithms.arrays import Flags, IndexPairs, OtherIndexPairs, Points, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
@@ -14,6 +17,7 @@ from algorithms.matching.priors import PairPriors
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.rigidity import Rigidity
 from algorithms.registration.surface_estimate import SurfaceEstimate
+from algorithms.targets.common_points import TargetSet
 
 
 class PairStatus(StrEnum):
@@ -34,6 +38,10 @@ class RegistrationProblem:
     source: ScanFeatures
     priors: PairPriors | None = None
     """What is known of the stations beforehand: levelling, approximate poses; None: nothing."""
+    target_points: TargetSet | None = None
+    """Survey targets of the target station, in its reduced frame; None: there are none."""
+    source_points: TargetSet | None = None
+    """Those of the source station."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +113,37 @@ class PosePart:
 
 
 @dataclass(frozen=True, eq=False)
+class TargetFit:
+    """Survey targets that two stations have in common, and the pose that they give alone."""
+
+    names: tuple[str, ...]
+    """What each common target is called; of those without a name their numbers in both stations."""
+    pairs: IndexPairs
+    """(n, 2) their numbers in the target station and in the source station."""
+    residuals_m: Points
+    """(n, 3) R x1 + t - x2 in the target's axes; of those that were left out with the pose of the others [m]."""
+    tests: PointTest
+    """Of the source's measurements: test values, redundancy, smallest errors that would be found."""
+    used: Flags
+    """(n,) False for those that were left out as gross errors."""
+    pose: PoseEstimate
+    """Target from source between the reduced frames, a posteriori where the residuals are too large."""
+    centred: CentredFrame
+    """Centre and rms radius of the used ones, reduced target frame."""
+    omega: float
+    redundancy: int
+    hidden_m: float
+    """How far an error that just stays undetected shifts the pose at their centre; inf where one is not controlled."""
+    reason: str
+    """How they were recognised, in words."""
+
+    @property
+    def is_controlled(self) -> bool:
+        """Say whether an error in any one of them would be found."""
+        return bool(np.isfinite(self.hidden_m))
+
+
+@dataclass(frozen=True, eq=False)
 class FinalPose:
     """A pose to be judged, and where it comes from."""
 
@@ -117,7 +156,8 @@ class FinalPose:
     centre_m: Vector3
     """(3,) the same centre in full target coordinates [m]."""
     estimator: str
-    """Which estimator gave it: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes, planes or lines."""
+    """Which estimator gave it: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes, planes or lines, each
+    with +targets where survey targets take part, or targets."""
     reason: str
     """Why, in words with figures."""
     parts: tuple[PosePart, ...]
@@ -130,6 +170,9 @@ class FinalPose:
     """Motions that nothing determines, in words."""
     advice: str = ""
     """What to add then."""
+    without_targets: PoseEstimate | None = None
+    """What lines, planes and surfaces say of it alone, between the reduced frames, where survey targets take part;
+    None: none do, or there is nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +203,8 @@ class PairResult:
     there is one, is the same then, and its adjustment is that of the lines and planes in it."""
     rigidity: Rigidity | None = None
     """Whether the scans differ by more than a motion; None where no pose was worth the question."""
+    targets: TargetFit | None = None
+    """Survey targets in common; None: there are too few, or the method does not ask for them."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":

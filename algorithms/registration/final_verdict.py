@@ -8,7 +8,7 @@ from algorithms.adjustment.testing import noncentrality
 from algorithms.geometry.pose_parameters import shift_of_origin
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict, Verification
-from algorithms.registration.base import FinalPose, FineRegistration, PairStatus, RegistrationProblem
+from algorithms.registration.base import FinalPose, FineRegistration, PairStatus, RegistrationProblem, TargetFit
 from algorithms.registration.final_pose import PARAMETERS, Joined
 from algorithms.registration.neighbourhood_covariance import LEAST_NEIGHBOURHOODS
 from algorithms.registration.pair_verdict import (
@@ -40,6 +40,7 @@ def status_of_final(
     fine: FineRegistration | None,
     doubts: tuple[str, ...],
     hidden_m: float,
+    targets: TargetFit | None = None,
 ) -> tuple[PairStatus, tuple[str, ...]]:
     """Join what surfaces, runner-up, tests and geometry say; the most severe decides.
 
@@ -59,6 +60,8 @@ def status_of_final(
         What is known already.
     hidden_m
         How far an error that no test finds may shift the pose [m].
+    targets
+        Survey targets in it; None: there are none.
     """
     reasons = [final.reason, *verdict.reasons, *coarse.remarks, *remarks_on(problem, fine)]
     if verdict.status is AcceptanceStatus.REJECTED:
@@ -71,9 +74,10 @@ def status_of_final(
             *reasons,
             *doubts,
         )
-    if verdict.status is AcceptanceStatus.AMBIGUOUS or coarse.ambiguous:
+    told = targets is not None and targets.is_controlled
+    if verdict.status is AcceptanceStatus.AMBIGUOUS or (coarse.ambiguous and not told):
         return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons, *doubts]))
-    found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem)), *_doubts_far_off(problem, final)]
+    found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem), targets), *_doubts_far_off(problem, final)]
     if fine is not None:
         found += [*misfit_doubts([fine]), *agreement_doubts(fine)]
     if problem.priors is not None:
@@ -83,7 +87,9 @@ def status_of_final(
     return PairStatus.ACCEPTED, tuple(reasons)
 
 
-def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, limit_m: float) -> list[str]:
+def _doubts(
+    final: FinalPose, fine: FineRegistration | None, hidden_m: float, limit_m: float, targets: TargetFit | None
+) -> list[str]:
     """Say what keeps a determined pose from being accepted."""
     doubts = []
     surfaces = final.surfaces
@@ -93,7 +99,9 @@ def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, li
         doubts.append("the adjustment did not settle")
     spare = 0 if fine is None else fine.adjustment.redundancy
     common = 0 if surfaces is None else surfaces.neighbourhoods
-    if spare < LEAST_REDUNDANCY and common < LEAST_NEIGHBOURHOODS:
+    if targets is not None and final.without_targets is None:
+        doubts += _doubts_of_targets(targets, limit_m)
+    elif spare < LEAST_REDUNDANCY and common < LEAST_NEIGHBOURHOODS and (targets is None or not targets.is_controlled):
         doubts.append(
             f"lines and planes have {spare} conditions more than parameters, and the surfaces {common} neighbourhoods "
             f"in common: errors could hide ({LEAST_REDUNDANCY} or {LEAST_NEIGHBOURHOODS} would be needed)"
@@ -110,6 +118,23 @@ def _doubts(final: FinalPose, fine: FineRegistration | None, hidden_m: float, li
         if motion.std_m > limit_m
     ]
     return doubts
+
+
+def _doubts_of_targets(targets: TargetFit, limit_m: float) -> list[str]:
+    """Say where an error in one of the targets that carry a pose alone could hide."""
+    if not targets.is_controlled:
+        doubt = (
+            f"an error in one of {int(targets.used.sum())} common targets would not show, whatever its size: four that "
+            "do not lie in one plane, or more, control each other"
+        )
+        return [doubt]
+    if targets.hidden_m > limit_m:
+        doubt = (
+            f"an error in a target that no test could find would shift the pose by {targets.hidden_m * 1e3:.0f} mm "
+            f"({limit_m * 1e3:.0f} mm would be allowed)"
+        )
+        return [doubt]
+    return []
 
 
 def _doubts_far_off(problem: RegistrationProblem, final: FinalPose) -> list[str]:

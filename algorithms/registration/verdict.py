@@ -4,9 +4,16 @@ from dataclasses import dataclass, replace
 
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
-from algorithms.quality.acceptance import judge
+from algorithms.quality.acceptance import (
+    MAX_VIOLATION_SHARE,
+    MOVABLE_M2,
+    AcceptanceStatus,
+    Verdict,
+    Verification,
+    judge,
+)
 from algorithms.quality.overlap import verify_pose
-from algorithms.registration.base import FinalPose, FineRegistration, PairResult, RegistrationProblem
+from algorithms.registration.base import FinalPose, FineRegistration, PairResult, RegistrationProblem, TargetFit
 from algorithms.registration.final_pose import widened
 from algorithms.registration.final_verdict import doubts_of_slivers, status_of_final
 from algorithms.registration.pair_verdict import agreement_doubts, expected_supporters, rigidity_of
@@ -23,6 +30,8 @@ class Answer:
     """How far an error that no test finds may shift it [m]."""
     doubts: tuple[str, ...] = ()
     """What is known against it already."""
+    targets: TargetFit | None = None
+    """Survey targets that take part in it; None: none do."""
 
 
 def judged(
@@ -53,12 +62,40 @@ def judged(
         conditions=0 if fine is None or agreement_doubts(fine) else fine.adjustment.redundancy,
         ambiguity_ratio=matching.ambiguity_ratio,
     )
+    if answer.targets is not None:
+        verdict = _with_targets(verdict, verification, answer.targets)
     tested = rigidity_of(problem, final.reduced, verdict)
     doubts = *answer.doubts, *doubts_of_slivers(final, verification), *(() if tested is None else tested.doubts())
     status, reasons = status_of_final(
-        problem, coarse, final, verdict, fine=fine, doubts=doubts, hidden_m=answer.hidden_m
+        problem,
+        coarse,
+        final,
+        verdict,
+        fine=fine,
+        doubts=doubts,
+        hidden_m=answer.hidden_m,
+        targets=answer.targets,
     )
     if tested is not None:
         final = widened(problem, final, tested)
     shown = None if fine is None else replace(fine, pose=final.pose)
-    return PairResult(status, reasons, coarse, shown, verification, final=final, rigidity=tested)
+    return PairResult(
+        status, reasons, coarse, shown, verification, final=final, rigidity=tested, targets=answer.targets
+    )
+
+
+def _with_targets(verdict: Verdict, verification: Verification, targets: TargetFit) -> Verdict:
+    """Let targets that control each other stand where the scans hardly overlap; what stands in free space still speaks.
+
+    Surfaces that say too little are no argument against points that were identified; such as contradict are.
+    """
+    largest = max((piece.area_m2 for piece in verification.unexplained), default=0.0)
+    if verdict.status is AcceptanceStatus.ACCEPTED or not targets.is_controlled:
+        return verdict
+    if verification.violation_share > MAX_VIOLATION_SHARE:
+        return verdict
+    words = f"{int(targets.used.sum())} common targets that control each other tell the place; of the surfaces: "
+    reasons = (words + verdict.reasons[0], *verdict.reasons[1:])
+    if largest > MOVABLE_M2:
+        return Verdict(AcceptanceStatus.DOUBTFUL, reasons)
+    return Verdict(AcceptanceStatus.ACCEPTED, reasons)

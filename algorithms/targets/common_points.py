@@ -67,9 +67,7 @@ def common_points(first: TargetSet, second: TargetSet) -> CommonPoints:
     more = [
         (i, k)
         for i, k in found.pairs.tolist()
-        if i not in taken[0]
-        and k not in taken[1]
-        and not (first.names[i] in theirs or second.names[k] in ours)
+        if i not in taken[0] and k not in taken[1] and not (first.names[i] in theirs or second.names[k] in ours)
     ]
     words = f"{len(named)} names in common; by distances: {found.reason}" if named else found.reason
     return CommonPoints(_pairs([*named, *more]), len(named), words)

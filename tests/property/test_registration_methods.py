@@ -28,11 +28,13 @@ from algorithms.registration.method import ProposingMethod
 from algorithms.registration.ndt import NdtMethod
 from algorithms.registration.own_estimates import register_own_way
 from algorithms.registration.own_procedures import OwnProcedure, Proposal
+from algorithms.registration.targets import TargetsMethod
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 
-METHODS = get_args(RegistrationMethod) or (RegistrationMethod,)
+METHODS = tuple(method for method in get_args(RegistrationMethod) if method is not TargetsMethod)
+"""All that register scans; what targets owe is in `test_target_registration.py`."""
 SCANNER = VirtualScanner(rows=160, columns=400, mixed_pixels=False)
 FAR_ORIGIN_M = np.array([500_000.0, 5_300_000.0, 400.0])
 LARGEST_NEES = 22.5

@@ -29,6 +29,13 @@ class PointTest:
     used: Flags
     """(n,)."""
 
+    def selected(self, which: slice) -> "PointTest":
+        """Keep the tests of some (MATH 4.2)."""
+        return PointTest(
+            *(each[which] for each in (self.residuals, self.w, self.redundancy, self.detectable_m)),
+            *(each[which] for each in (self.statistics, self.degrees, self.p_values, self.used)),
+        )
+
 
 @dataclass(frozen=True)
 class ScaleTest:
