@@ -1,11 +1,13 @@
 """Inputs of the process `register` (section 3 of the interface)."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from schemas.approximate_pose import Approximate
-from schemas.base import NotYetList, RequestModel
+from schemas.base import RequestModel
+from schemas.control_points import MAX_CONTROL, MAX_TARGETS, Axes, ControlPoint, FixedFrame, StationTarget
+from schemas.crs import StatedCrs
 from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.file_references import FileReference
 from schemas.photos import StationPhoto
@@ -14,6 +16,7 @@ from schemas.registration_methods import ComparedMethod, DefaultMethod, MethodRe
 from schemas.report_options import ReportOptions, Tolerance
 from schemas.starts import ChosenStart
 from schemas.station_names import StationName
+from schemas.target_kinds import TargetSearch
 from schemas.text_columns import StatedColumns
 from schemas.units import StatedUnit
 
@@ -65,6 +68,9 @@ class Station(RequestModel):
     """Standard deviation of single points across a surface that faces the instrument; null: estimated from the scan
     [m]. It sets how far points of one surface may lie off it and widens the limits of the search; the covariances of
     planes and lines follow from the residuals of their own points in any case."""
+    targets: list[StationTarget] = Field(default=[], max_length=MAX_TARGETS)
+    """Survey targets that were measured at this station, such as the downloads of `find-targets` have them; those that
+    `targets` of the registration looks for come to them."""
 
 
 class RegisterInputs(RequestModel):
@@ -82,10 +88,25 @@ class RegisterInputs(RequestModel):
     `method` stands for it with its options, which is always the first of the table where it is not named."""
     photo_lines: PhotoLineOptionsRequest = Field(default_factory=PhotoLineOptionsRequest, title="Lines from photos")
     """Which edges of the photos become lines in space."""
-    fix: Literal["first-station"] = Field(default="first-station", title="Datum")
-    """Whose frame becomes the world frame."""
-    control: NotYetList = Field(default=[], title="Control")
-    """Control points; not supported yet."""
+    targets: TargetSearch | None = Field(default=None, title="Targets")
+    """Survey targets to look for in every scan; null: only those that the stations state."""
+    fix: FixedFrame = Field(default="first-station", title="Datum")
+    """Whose frame becomes the world frame: `first-station`, the name of a station, `control` (the default where there
+    are control points), or `free`: the first station's frame, standard deviations those of the smallest trace over all
+    stations."""
+    control: list[ControlPoint] = Field(default=[], max_length=MAX_CONTROL, title="Control")
+    """Points with known coordinates among the targets of the stations. Three that do not lie on one line, `use:
+    "control"`, hold the world frame."""
+    crs: StatedCrs | None = Field(default=None, title="System of the control")
+    """Map projection of the control, such as `EPSG:25832`. The adjustment is done in a local Cartesian frame (x east, y
+    north, z up at a point of the site), which is the world frame then, and points are given in the projection as well;
+    null: the control is Cartesian already."""
+    control_axes: Axes = Field(default="east-north-height", title="Axes of the control")
+    """What x, y, z of the control are, and of what is given beside it: `north-east-height` is left-handed. The world
+    frame is right-handed always: east, north, height."""
+    geoid_undulation_m: float = Field(default=0.0, ge=-200.0, le=200.0, title="Undulation of the geoid")
+    """With `crs`: height of the geoid over the ellipsoid at the site [m]. It is added to the heights of the control,
+    which else count as ellipsoidal; 50 m that are missing change lengths by 8 mm in a km."""
     starts: list[ChosenStart] = Field(default=[], max_length=MAX_STARTS, title="Chosen starts")
     """Where a person says that stations lie to each other, a pair each, where the scans alone do not tell: by points
     picked in both scans, or by a pose such as one of two alternatives. The pair is adjusted from there on and judged as
@@ -98,3 +119,18 @@ class RegisterInputs(RequestModel):
     """Head and language of the report."""
     tolerance: Tolerance | None = Field(default=None, title="Tolerance")
     """What was ordered, to be compared with what was reached; null: the report gives what was reached alone."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _frame_of_the_control(cls, data: Any) -> Any:
+        """Take the control's frame where there is control and nothing else is said; `first` is `first-station`."""
+        if not isinstance(data, dict):
+            return data
+        points = data.get("control")
+        if "fix" not in data and isinstance(points, list) and any(_takes_part(each) for each in points):
+            return {**data, "fix": "control"}
+        return {**data, "fix": "first-station"} if data.get("fix") == "first" else data
+
+
+def _takes_part(point: Any) -> bool:
+    return isinstance(point, dict) and point.get("use", "control") == "control"

@@ -7,6 +7,7 @@ from pydantic import ConfigDict, Field
 from schemas.adjustment_figures import Accuracy, Adjustment, RankReport, WeakDirection
 from schemas.cleaning_figures import CleaningStep
 from schemas.comparison import ComparedParameter, StationComparison
+from schemas.control_result import ControlResult
 from schemas.correspondences import Correspondence, Outlier, PlaneCorrespondence
 from schemas.instruments import MeasuringInstrument
 from schemas.method_comparison import MethodComparison
@@ -186,7 +187,7 @@ class Pair(Document):
     estimator: str | None = Field(
         default=None,
         description="What gave the pose: lines+planes+surfaces, planes+surfaces, surfaces, lines+planes, planes or "
-        "lines; null: an estimator of the method's own.",
+        "lines, each with +targets where survey targets take part, or targets; null: an estimator of the method's own.",
     )
     estimator_reason: str | None = Field(default=None, description="Why, in words with figures.")
     pose_parts: list[PosePart] = Field(default=[], description="What that pose is made of, the largest share first.")
@@ -362,6 +363,11 @@ class RegistrationDocument(Document):
     pairs: list[Pair]
     """Every pair that was tried."""
     network: Network | None = Field(default=None, description="Null: there are only two stations.")
+    control: ControlResult | None = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="Targets and control in one adjustment with what the scans say, where there are any.",
+    )
     method_comparison: MethodComparison | None = Field(
         default=None, exclude_if=lambda value: value is None, description="Where `compare_methods` asks for it."
     )

@@ -32,6 +32,8 @@ class StationLink:
     """Larger standard deviation of single points of the two scans [m]."""
     feature_share: float = 1.0
     """Share of the pose's information that lines and planes give, 0..1; the rest comes from surfaces."""
+    of_targets: bool = False
+    """Whether survey targets alone gave it: it tells nothing that the targets themselves do not tell."""
 
     @property
     def stations(self) -> tuple[int, int]:

@@ -1,13 +1,14 @@
 """Many stations from registered pairs: loops, start values, one adjustment, and what became of each station."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.solver import Solution
+from algorithms.arrays import Array
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
@@ -52,6 +53,8 @@ class NetworkRegistration:
     """By which the covariances were multiplied because these two differ by more than chance."""
     remarks: tuple[str, ...]
     """What the reader should know, in words."""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(6 k, 6 k) of the poses of all stations but the first, in their order."""
 
     @property
     def variance_factor(self) -> float:
@@ -123,6 +126,7 @@ def register_network(
         feature_share=fused.feature_share,
         difference_factor=fused.factor,
         remarks=(*remarks, *_in_words(fused, joint)),
+        covariance=fused.covariance * factor,
     )
 
 

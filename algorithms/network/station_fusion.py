@@ -34,6 +34,8 @@ class FusedStations:
     """Weight of the adjustment to lines and planes, 0..1; the rest is that of the registrations."""
     factor: float
     """By which covariances were multiplied because the two adjustments differ by more than chance; 1: they do not."""
+    covariance: Array
+    """(6 k, 6 k) of all of them."""
 
 
 def with_shared_scans(links: Sequence[StationLink]) -> list[StationLink]:
@@ -80,20 +82,22 @@ def fused_stations(joint: JointAdjustment | None, graph: Solution, share: float)
     base = [graph.unknowns.poses[k] for k in range(1, len(graph.unknowns.poses))]
     size = 6 * len(base)
     if joint is None or not joint.solution.converged or share < LEAST_SHARE:
-        return FusedStations(_estimates(base, np.zeros(size), graph.cofactors[:size, :size]), 0.0, 1.0)
+        alone = graph.cofactors[:size, :size]
+        return FusedStations(_estimates(base, np.zeros(size), alone), 0.0, 1.0, alone)
     away = np.concatenate(
         [_motion(joint.pose(station), own) for station, own in zip(joint.stations[1:], base, strict=True)]
     )
     features = joint.solution.cofactors[:size, :size] * joint.variance_factor
     if share > 1.0 - LEAST_SHARE:
-        return FusedStations(_estimates(base, away, features), 1.0, 1.0)
+        return FusedStations(_estimates(base, away, features), 1.0, 1.0, features)
     registrations = graph.cofactors[:size, :size]
     differing = float(away @ linalg.solve(features + registrations, away, assume_a="pos"))
     factor = differing / size if differing > stats.chi2.isf(CONTRADICTION_ALPHA, size) else 1.0
     known = share * linalg.inv(features)
     normal = known + (1.0 - share) * linalg.inv(registrations)
     mixed = linalg.solve(normal, known @ away, assume_a="sym")
-    return FusedStations(_estimates(base, mixed, linalg.inv(normal) * factor), share, factor)
+    covariance = linalg.inv(normal) * factor
+    return FusedStations(_estimates(base, mixed, covariance), share, factor, covariance)
 
 
 def _motion(pose: RigidTransform, base: RigidTransform) -> Array:

@@ -25,6 +25,7 @@ MOST_REMOVED = 0.4
 """Share of the observations that may be left out."""
 MAX_ITERATIONS = 50
 SCALE_ROUNDS = 3
+LEAST_CONTROL = 3
 OPTIONS = GrossErrorOptions(
     screening_m=None, robust=False, alpha=ALPHA, power=POWER, max_removed_share=MOST_REMOVED,
     max_iterations=MAX_ITERATIONS,
@@ -121,6 +122,11 @@ def adjust_tied_stations(
         kept = _used_with_scale(problem, start, options)
         if kept is not None and int((~kept).sum()) < blamed:
             cleaned = _adjusted(network, cleaned.estimate.state, kept, options)
+    first = len(problem.scans)
+    kept_control = cleaned.used[first : first + len(problem.control)]
+    if len(problem.control) and kept_control.sum() < max(LEAST_CONTROL, 0.5 * len(kept_control)):
+        # control of another shape, such as a map projection's, is no set of single errors: nothing is left out
+        cleaned = _adjusted(network, cleaned.estimate.state, np.ones(len(cleaned.used), dtype=bool), options)
     if not cleaned.used[: len(problem.scans)].all() and _is_free(network, cleaned.estimate):
         # targets contradict the scans, but do not hold all stations without them
         kept = cleaned.used.copy()

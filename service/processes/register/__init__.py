@@ -23,6 +23,8 @@ REGISTER = Process(
     plan=RegisterPlan(),
     steps={
         "compare-method": "service.use_cases.steps.run_method_comparison:compare_method",
+        "station-targets": "service.use_cases.steps.station_targets:find_station_targets",
+        "tie-stations": "service.use_cases.steps.run_tied_stations:tie_stations",
         "choose-pairs": "service.use_cases.steps.run_network_growth:choose_pairs",
         "report-registration": "service.use_cases.steps.run_registration_report:report_registration",
         "list-registered": "service.use_cases.steps.run_registration_report:list_registered",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from algorithms.network.options import ALL_PAIRS_UP_TO
+from service.names.content_keys import content_key
 from service.ports import Json, StepCall
 from service.use_cases.steps.registered_calls import WRITING_WEIGHT, registered_calls
 from service.use_cases.steps.station_calls import (
@@ -17,6 +18,7 @@ from service.use_cases.steps.station_calls import (
     scan_of,
     viewer_points_call,
 )
+from service.use_cases.steps.target_lists import targets_by_station
 
 PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT = 2.0, 0.3, 0.3
 REGISTERED = "registered"
@@ -38,14 +40,18 @@ class RegisterPlan:
         stations = inputs["stations"]
         if len(outputs) == 0:
             options, of_photos = inputs["method"].get("features"), inputs.get("photo_lines")
-            return [features_call(job, station, options, of_photos) for station in stations]
+            return [*(features_call(job, station, options, of_photos) for station in stations), *_target_calls(job)]
+        # beside the features the first stage looked for targets
+        found = {output["station"]: output["targets"] for output in outputs[0][len(stations) :]}
+        job = {**job, "targets": targets_by_station(inputs, found)}
+        outputs = [outputs[0][: len(stations)], *outputs[1:]]
         pairs = _grown(job, outputs) if grows(inputs) else _planned(job, outputs)
         if pairs.calls is not None:
             return pairs.calls
-        is_network = len(stations) > 2
-        if is_network and len(outputs) == pairs.stages:
-            return [_network_call(job, outputs[0], pairs.outputs)]
-        done = pairs.stages + is_network
+        whole = _whole(job, outputs, pairs)
+        if whole.calls is not None:
+            return whole.calls
+        done = whole.stages
         others = other_methods(inputs) if pairs.outputs else {}
         if others and len(outputs) == done:
             return _comparing_calls(job, outputs[0], pairs.outputs, others)
@@ -61,7 +67,7 @@ class RegisterPlan:
                         "inputs": inputs,
                         "features": outputs[0],
                         "pairs": pairs.outputs,
-                        "network": outputs[done - 1][0]["network"] if is_network else None,
+                        **whole.results,
                         "viewer_points": [call.arguments for call in points],
                         **({"compared": compared} if inputs.get("compare_methods") else {}),
                     },
@@ -77,10 +83,10 @@ class RegisterPlan:
         inputs = job["inputs"]
         stations = len(inputs["stations"])
         pairs = 3 * stations if grows(inputs) else len(pairs_to_try(inputs))
-        network = NETWORK_WEIGHT if stations > 2 else 0.0
+        network = NETWORK_WEIGHT * (stations > 2) + NETWORK_WEIGHT * bool(inputs.get("control"))
         files = stations * WRITING_WEIGHT + REPORT_WEIGHT if REGISTERED in job.get("wanted", {}) else 0.0
         methods = 1 + len(other_methods(inputs))
-        before = (2.0 + VIEWER_WEIGHT) * stations + PAIR_WEIGHT * pairs * methods
+        before = (2.0 + VIEWER_WEIGHT + bool(inputs.get("targets"))) * stations + PAIR_WEIGHT * pairs * methods
         return before + network + REPORT_WEIGHT + files
 
 
@@ -96,6 +102,19 @@ def _registered_stage(job: Json, outputs: Sequence[Sequence[Json]], after_report
         arguments = {"job_id": job["id"], "written": outputs[-1], "result": result}
         return [StepCall("list-registered", arguments, "listing the registered scans", weight=REPORT_WEIGHT)]
     return None
+
+
+def ties(job: Json) -> bool:
+    """Say whether targets, control or another frame ask for one more adjustment of all stations.
+
+    Parameters
+    ----------
+    job
+        With the `targets` of its stations, stated and found.
+    """
+    inputs = job["inputs"]
+    several = len(inputs["stations"]) > 2 and len(job["targets"]) > 1
+    return bool(inputs.get("control") or several or inputs.get("fix", "first-station") != "first-station")
 
 
 def grows(inputs: Json) -> bool:
@@ -160,6 +179,36 @@ class _Pairs:
     """Stages up to and with the last one of pairs, features counted."""
 
 
+@dataclass(frozen=True)
+class _Whole:
+    """How far the adjustments of all stations are."""
+
+    calls: Sequence[StepCall] | None
+    """The next stage; None when all of them are done."""
+    stages: int
+    """Stages up to and with the last one of them."""
+    results: Json
+    """Where their results are, as the report takes them."""
+
+
+def _whole(job: Json, outputs: Sequence[Sequence[Json]], pairs: _Pairs) -> _Whole:
+    """Adjust three stations or more by the scans, then with targets and control where there are any."""
+    done = pairs.stages
+    results: Json = {"network": None}
+    if len(job["inputs"]["stations"]) > 2:
+        if len(outputs) == done:
+            return _Whole([_network_call(job, outputs[0], pairs.outputs)], done, {})
+        results["network"] = outputs[done][0]["network"]
+        done += 1
+    if ties(job):
+        if len(outputs) == done:
+            poses = outputs[done - 1][0]["poses"] if results["network"] is not None else None
+            return _Whole([_tying_call(job, outputs, pairs.outputs, poses)], done, {})
+        results["tied"] = outputs[done][0]["tied"]
+        done += 1
+    return _Whole(None, done, results)
+
+
 def _planned(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
     """Register the pairs that are known in advance."""
     if len(outputs) == 1:
@@ -207,6 +256,7 @@ def _pair_calls(
                 "target": sides[target],
                 "source": sides[source],
                 "method": job["inputs"]["method"],
+                **_targets_of(job, target, source),
                 **_start_of(job["inputs"], target, source),
             },
             f"registering {source} to {target}",
@@ -233,6 +283,12 @@ def _comparing_calls(
     ]
 
 
+def _targets_of(job: Json, target: str, source: str) -> Json:
+    """Give the targets of a pair where either station has some; names of clients stand under `inputs`."""
+    found = {side: job["targets"].get(name, []) for side, name in (("target", target), ("source", source))}
+    return {"inputs": {"targets": found}} if any(found.values()) else {}
+
+
 def _start_of(inputs: Json, target: str, source: str) -> Json:
     """Give the start that somebody chose for a pair, if there is one."""
     chosen = [each for each in inputs.get("starts", ()) if {each["target"], each["source"]} == {target, source}]
@@ -254,6 +310,51 @@ def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> 
 def _network_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
     arguments = {**_network_arguments(job, features), "pairs": pairs, "method": job["inputs"]["method"]}
     return StepCall("adjust-network", arguments, "adjusting all stations", weight=NETWORK_WEIGHT)
+
+
+def _target_calls(job: Json) -> list[StepCall]:
+    """Look for targets in every scan, where that is asked for."""
+    sought = job["inputs"].get("targets")
+    if sought is None:
+        return []
+    return [
+        StepCall(
+            "station-targets",
+            {
+                **{
+                    name: value
+                    for name, value in features_call(job, station, None, None).arguments.items()
+                    if name in {"name", "filename", "sha256", "index", "columns", "unit"}
+                },
+                "kinds": sought["kinds"],
+                "reads": [content_key(job["files"][station["scan"]["file"]]["sha256"])],
+            },
+            f"targets of {station['name']}",
+        )
+        for station in job["inputs"]["stations"]
+    ]
+
+
+def _tying_call(job: Json, outputs: Sequence[Sequence[Json]], pairs: Sequence[Json], poses: str | None) -> StepCall:
+    inputs = job["inputs"]
+    return StepCall(
+        "tie-stations",
+        {
+            **_network_arguments(job, outputs[0]),
+            "pairs": pairs,
+            "network": poses,
+            "inputs": {
+                "targets": job["targets"],
+                "fix": inputs.get("fix", "first-station"),
+                "control": inputs.get("control", []),
+                "crs": inputs.get("crs"),
+                "control_axes": inputs.get("control_axes", "east-north-height"),
+                "geoid_undulation_m": inputs.get("geoid_undulation_m", 0.0),
+            },
+        },
+        "adjusting stations, targets and control",
+        weight=NETWORK_WEIGHT,
+    )
 
 
 def _network_arguments(job: Json, features: Sequence[Json]) -> Json:

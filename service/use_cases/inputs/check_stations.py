@@ -10,6 +10,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
 from service.ports import FileStore, Json, StoredFile
 from service.use_cases.documents.scan_warnings import is_usable
+from service.use_cases.inputs.check_control import control_faults
 from service.use_cases.inputs.check_photos import station_photo_faults
 from service.use_cases.inputs.check_starts import start_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
@@ -31,6 +32,7 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *_pair_faults(inputs),
         *_reference_faults(inputs),
         *start_faults(inputs),
+        *control_faults(inputs),
         *_method_faults(inputs),
         *_same_scan_faults(inputs.stations, files),
         *(

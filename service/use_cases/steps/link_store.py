@@ -33,14 +33,20 @@ def link_of(
         adjustment = fine.adjustment
         lines = fine.lines[adjustment.lines.states != int(CorrespondenceState.REMOVED)]
         planes = fine.planes[adjustment.planes.states != int(CorrespondenceState.REMOVED)]
+    alone = None if final is None else final.without_targets
+    of_targets = final is not None and (
+        final.estimator == "targets" or (alone is not None and alone.null_space.shape[1] > 0)
+    )
     if final is not None:
-        pose, centroid_m, radius_m = final.reduced, final.centred.centroid, final.centred.radius_m
+        # targets take part in the adjustment of all stations themselves: nothing may count twice
+        pose = final.reduced if alone is None or of_targets else alone
+        centroid_m, radius_m = final.centred.centroid, final.centred.radius_m
     elif fine is not None:
         pose, centroid_m, radius_m = adjustment.pose_a_posteriori, adjustment.centroid_m, adjustment.radius_m
     else:
         raise InvalidInputError("registration", "it has no pose")
     share = 1.0 if final is None else final.feature_share
-    return StationLink(0, 1, pose, lines, planes, centroid_m, radius_m, noise_m, share)
+    return StationLink(0, 1, pose, lines, planes, centroid_m, radius_m, noise_m, share, of_targets)
 
 
 def save_link(path: Path, link: StationLink) -> None:
@@ -55,6 +61,7 @@ def save_link(path: Path, link: StationLink) -> None:
         radius_m=link.radius_m,
         noise_m=link.noise_m,
         feature_share=link.feature_share,
+        of_targets=link.of_targets,
     )
 
 
@@ -79,4 +86,5 @@ def load_link(path: Path, target: int, source: int) -> StationLink:
             radius_m=float(stored["radius_m"]),
             noise_m=float(stored["noise_m"]),
             feature_share=float(stored["feature_share"]),
+            of_targets=bool(stored["of_targets"]) if "of_targets" in stored else False,
         )

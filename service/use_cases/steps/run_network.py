@@ -1,6 +1,7 @@
 """Adjust all stations of a `register` job at once."""
 
 import json
+import shutil
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -27,8 +28,11 @@ KEPT_IN_MEMORY = 24
 def adjust_network(context: StepContext, arguments: Json) -> Json:
     """Find the poses of all stations from the accepted pairs, and store them with the figures of the network."""
     names: list[str] = arguments["names"]
-    links = stored_links(context, arguments["pairs"], names, "accepted")
-    doubtful = stored_links(context, arguments["pairs"], names, "doubtful")
+    links, doubtful = (
+        # targets are adjusted with all stations later
+        [link for link in stored_links(context, arguments["pairs"], names, status) if not link.of_targets]
+        for status in ("accepted", "doubtful")
+    )
     context.progress.report(0.0, "loading features")
     features: dict[int, StationFeatures] = {}
     origins: dict[int, Vector3] = {}
@@ -45,7 +49,25 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     }
     key = f"jobs/{arguments['job_id']}/network.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
-    return {"network": key}
+    return {"network": key, "poses": _stored_poses(context, arguments["job_id"], result)}
+
+
+def _stored_poses(context: StepContext, job_id: str, result: NetworkRegistration) -> str:
+    """Keep the poses between the reduced frames with their joint covariance, for targets and control."""
+    stations = [0, *(station for station in result.poses if station != 0)]
+    key = f"jobs/{job_id}/network.npz"
+    scratch = context.blobs.scratch()
+    try:
+        np.savez(
+            scratch / "network.npz",
+            stations=np.array(stations, dtype=np.int64),
+            matrices=np.array([result.poses[station].target_from_source.as_matrix() for station in stations]),
+            covariance=result.covariance,
+        )
+        context.blobs.put_file(key, scratch / "network.npz")
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return key
 
 
 def _features_of(context: StepContext, arguments: Json, number: int) -> ScanFeatures:

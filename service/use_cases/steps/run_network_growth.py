@@ -39,7 +39,7 @@ def choose_pairs(context: StepContext, arguments: Json) -> Json:
     alike = similarities(profiles)
     whereabouts = whereabouts_of(surfaces, poses)
     if arguments["pairs"]:
-        links = stored_links(context, arguments["pairs"], names, "accepted")
+        links = [link for link in stored_links(context, arguments["pairs"], names, "accepted") if not link.of_targets]
         place = {name: number for number, name in enumerate(names)}
         tried = [(place[pair["target"]], place[pair["source"]]) for pair in arguments["pairs"]]
         chosen = next_pairs(alike, surfaces, _known(links, names, tried), whereabouts)

@@ -59,6 +59,7 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     from service.use_cases.steps.chosen_starts import chosen_start
     from service.use_cases.steps.pair_remarks import distrusted_if_copied, remarks_on_scans
     from service.use_cases.steps.station_priors import priors_of_pair
+    from service.use_cases.steps.station_targets import target_set
     from service.use_cases.steps.timed_progress import TimedProgress
 
     target, source = arguments["target"], arguments["source"]
@@ -66,7 +67,9 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     origins = features[0].origin_m, features[1].origin_m
     start = None if arguments.get("start") is None else chosen_start(arguments["start"], target["name"], *origins)
     priors = priors_of_pair(target, source, *origins) if start is None else start.priors(target, source)
-    problem = RegistrationProblem(features[0], features[1], priors)
+    stated = arguments.get("inputs", {}).get("targets", {})
+    points = [target_set(stated.get(side), own) for side, own in zip(("target", "source"), origins, strict=True)]
+    problem = RegistrationProblem(features[0], features[1], priors, *points)
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
     started = time.perf_counter()

@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
 from schemas.comparison import ComparedParameter, StationComparison
+from schemas.control_result import ControlResult
 from schemas.network import Network
 from schemas.poses import Pose
 from schemas.registration_result import (
@@ -70,24 +71,32 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         Pair.model_validate_json(context.blobs.local_path(output["pair"]).read_bytes()) for output in arguments["pairs"]
     ]
     pairs = _with_warnings(_judged_by_loops(found, network), arguments["features"])
-    poses = _station_poses([station["name"] for station in inputs["stations"]], pairs, network)
+    stored = arguments.get("tied")
+    tied = None if stored is None else json.loads(context.blobs.local_path(stored).read_bytes())
+    names = [station["name"] for station in inputs["stations"]]
+    poses = _station_poses(names, pairs, network) if tied is None else _tied_poses(names, pairs, network, tied)
+    relative = _relative_to_first(poses, tied)
     stations = [pose.station for pose in poses]
     scans, shown, fits = {}, {}, feature_fits(pairs)
     for output in arguments["features"]:
         name, features = output["counts"]["station"], load_features(context.blobs.local_path(output["features"]))
         scans[name], shown[name] = ScanLines.of_features(features), scene_station(name, features, fits)
     unregistered = sum(station.status == "unregistered" for station in stations)
-    comparison, summary = (None, None) if inputs.get("reference") is None else _comparison(poses, inputs["reference"])
+    others = len(stations) - any(station.status == "fixed" for station in stations)
+    comparison, summary = (
+        (None, None) if inputs.get("reference") is None else _comparison(relative, inputs["reference"])
+    )
     methods = compared_methods(context, arguments, pairs)
     files = {**_downloads(stations, pairs, scans), **method_files(methods)}
     joined = None if network is None else Network.model_validate(network["network"])
     document = RegistrationDocument(
-        status=_overall(len(stations), unregistered),
+        status=_overall(others, unregistered),
         stations=stations,
         pairs=pairs,
         network=joined,
         method_comparison=methods,
-        tolerance=_tolerance(inputs.get("tolerance"), poses, scans, pairs, joined),
+        control=None if tied is None else ControlResult.model_validate(tied["control"]),
+        tolerance=_tolerance(inputs.get("tolerance"), relative, scans, pairs, joined),
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
         comparison=comparison,
         comparison_summary=summary,
@@ -165,10 +174,44 @@ def list_registered(context: StepContext, arguments: Json) -> Json:
     return {"status": document.status}
 
 
+def _tied_poses(names: Sequence[str], pairs: Sequence[Pair], network: Json | None, tied: Json) -> list[StationPose]:
+    """Give the poses from the adjustment with targets and control; where there is none, those of the scans.
+
+    Without poses in the frame that was asked for the first station carries the frame, and the result says why.
+    """
+    if tied["poses"] is None:
+        return _station_poses(names, pairs, network)
+    found = []
+    for name in names:
+        pose = tied["poses"].get(name)
+        if name == tied["fixed"]:
+            fixed = Station(name=name, status="fixed", world_from_scan=fixed_pose_document(name))
+            found.append(StationPose(fixed, PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))))
+        elif pose is None:
+            why = _why_not(name, pairs)
+            station = Station(name=name, status="unregistered", reason=why, world_from_scan=None)
+            found.append(StationPose(station, None))
+        else:
+            found.append(_registered(name, _stored(pose), None, a_posteriori=pose["a_posteriori"]))
+    return found
+
+
+def _stored(pose: Json) -> PoseEstimate:
+    return PoseEstimate(RigidTransform.from_matrix(np.array(pose["matrix"])), np.array(pose["covariance"]))
+
+
+def _relative_to_first(poses: Sequence[StationPose], tied: Json | None) -> Sequence[StationPose]:
+    """Give the poses in the frame of the first station, for what is told relative to it."""
+    if tied is None or tied["poses"] is None or tied["relative"] is None:
+        return poses
+    told = {name: _stored(pose) for name, pose in tied["relative"].items()}
+    return [StationPose(pose.station, told.get(pose.station.name)) for pose in poses]
+
+
 def _overall(stations: int, unregistered: int) -> str:
     if unregistered == 0:
         return "registered"
-    return "not-registered" if unregistered == stations - 1 else "partly-registered"
+    return "not-registered" if unregistered == stations else "partly-registered"
 
 
 def _station_poses(names: Sequence[str], pairs: Sequence[Pair], network: Json | None) -> list[StationPose]:
