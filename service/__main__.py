@@ -112,7 +112,7 @@ def register(
         str | None,
         typer.Option(
             help="auto, lines, planes, icp-plane, icp-point, icp-d2, planes-triples, ndt, ndt-3d, egi, lines-compat, "
-            "lines-alshawa or icl."
+            "lines-alshawa, icl or targets."
         ),
     ] = None,
     compare_methods: Annotated[
@@ -130,6 +130,40 @@ def register(
             exists=True,
             dir_okay=False,
         ),
+    ] = None,
+    control: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON file with a list of known points: name, x, y, z, std (or covariance), use (control or check); "
+            "poses come in their frame.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    targets: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON file with the survey targets of stations by name: lists of name, x, y, z, std (or covariance).",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    find_targets: Annotated[
+        str | None,
+        typer.Option(
+            help="Kinds of targets to look for in the scans, with their sizes in metres: sphere:0.0725 (radius), "
+            "board:0.3, retro-square:0.05, retro-cylinder:0.05."
+        ),
+    ] = None,
+    crs: Annotated[
+        str | None, typer.Option(help="Map projection of the control, such as EPSG:25832; left out: it is Cartesian.")
+    ] = None,
+    control_axes: Annotated[
+        str | None, typer.Option(help="east-north-height, or north-east-height (left-handed).")
+    ] = None,
+    fix: Annotated[
+        str | None,
+        typer.Option(help="Whose frame becomes that of the world: first-station, a station's name, control or free."),
     ] = None,
     options: Annotated[
         Path | None,
@@ -186,6 +220,12 @@ def register(
         compare_methods=compare_methods,
         pairs=pairs,
         reference=reference,
+        control=control,
+        targets=targets,
+        find_targets=find_targets,
+        crs=crs,
+        control_axes=control_axes,
+        fix=fix,
         levelled_std_gon=levelled_std_gon,
         point_std_m=point_std_m,
         columns=columns,

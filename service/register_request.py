@@ -31,6 +31,15 @@ class RequestOptions:
     """`auto`, or names of stations: ``A:B,A:C``, target first."""
     reference: Path | None = None
     """JSON file with known poses by name of the station."""
+    control: Path | None = None
+    """JSON file with a list of known points, as `control` of a request."""
+    targets: Path | None = None
+    """JSON file with the targets of stations by their names."""
+    find_targets: str | None = None
+    """Kinds of targets and their sizes in metres, such as ``sphere:0.0725,board:0.3``."""
+    crs: str | None = None
+    control_axes: str | None = None
+    fix: str | None = None
     levelled_std_gon: float | None = None
     point_std_m: float | None = None
     columns: str | None = None
@@ -78,6 +87,14 @@ def read_request(said: RequestOptions, scans: Sequence[Path]) -> PhotoList:
         inputs["pairs"] = parsed_pairs(said.pairs)
     if said.reference is not None:
         inputs["reference"] = object_in(said.reference)
+    if said.control is not None:
+        inputs["control"] = list_in(said.control)
+    if said.targets is not None:
+        inputs["stations"] = with_targets(inputs.get("stations"), object_in(said.targets))
+    if said.find_targets is not None:
+        inputs["targets"] = {"kinds": parsed_kinds(said.find_targets)}
+    given = {"crs": said.crs, "control_axes": said.control_axes, "fix": said.fix}
+    inputs.update({name: value for name, value in given.items() if value is not None})
     try:
         validated(RegisterInputs, {**inputs, "stations": [said.completed(station) for station in ANY_STATIONS]})
     except InvalidRequestError as error:
@@ -102,6 +119,47 @@ def parsed_pairs(text: str) -> str | list[list[str]]:
     return pairs
 
 
+def parsed_kinds(text: str) -> list[Document]:
+    """Read kinds of targets with their sizes as on the command line.
+
+    Raises
+    ------
+    InvalidRequestError
+        These are none.
+    """
+    kinds: list[Document] = []
+    for each in text.split(","):
+        kind, _, size = each.strip().partition(":")
+        try:
+            kinds.append({"kind": kind, "radius_m" if kind == "sphere" else "size_m": float(size)})
+        except ValueError:
+            fault = FieldFault("/targets/kinds", "kinds with their sizes in metres, such as sphere:0.0725,board:0.3")
+            raise InvalidRequestError(f"'{each}' names no kind of targets", [fault]) from None
+    return kinds
+
+
+def with_targets(stations: Any, targets: Document) -> list[Document]:
+    """Add targets to the stations of their names."""
+    listed = [dict(station) for station in stations] if isinstance(stations, list) else []
+    known = {station.get("name") for station in listed}
+    listed += [{"name": name} for name in targets if name not in known]
+    return [{**each, "targets": targets[each["name"]]} if each.get("name") in targets else each for each in listed]
+
+
+def list_in(path: Path) -> list[Any]:
+    """Read a JSON file that holds a list.
+
+    Raises
+    ------
+    InvalidRequestError
+        It cannot be read, or holds something else.
+    """
+    found = _document_in(path)
+    if not isinstance(found, list):
+        raise InvalidRequestError(f"{path}: a list is expected, {json.dumps(found)[:40]} was found")
+    return found
+
+
 def object_in(path: Path) -> Document:
     """Read a JSON file that holds an object.
 
@@ -110,12 +168,16 @@ def object_in(path: Path) -> Document:
     InvalidRequestError
         It cannot be read, or holds something else.
     """
+    document = _document_in(path)
+    if not isinstance(document, dict):
+        raise InvalidRequestError(f"{path}: an object is expected, {json.dumps(document)[:40]} was found")
+    return document
+
+
+def _document_in(path: Path) -> Any:
     try:
-        document = parse_json(path.read_bytes())
+        return parse_json(path.read_bytes())
     except OSError as error:
         raise InvalidRequestError(f"{path} cannot be read: {error.strerror}") from None
     except InvalidRequestError as error:
         raise InvalidRequestError(f"{path}: {error}") from None
-    if not isinstance(document, dict):
-        raise InvalidRequestError(f"{path}: an object is expected, {json.dumps(document)[:40]} was found")
-    return document
