@@ -10,7 +10,6 @@ import os
 import time
 
 import numpy as np
-import open3d as o3d
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -21,8 +20,10 @@ from algorithms.distributions.cell_registration import match_cells, starts_aroun
 from algorithms.distributions.layer_registration import cell_sizes
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.registration.ndt_3d import CellOptions
+from algorithms.scans.open3d_loading import import_open3d
 from tests.benchmark.peer_sets import DATA
 
+o3d = import_open3d()
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
 SETS = {"eth_facade": ("s0", "s2"), "garage_a": ("scan000", "scan001")}
 CHOSEN = os.environ.get("TIELINE_BASIN_SETS", ",".join(SETS)).split(",")

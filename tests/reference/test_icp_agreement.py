@@ -5,13 +5,14 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.closest_points.iteration import ErrorKind, IterationLimits, iterated
 from algorithms.closest_points.surface_model import SurfaceModel
+from algorithms.scans.open3d_loading import import_open3d
 
+o3d = import_open3d()
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "eth_facade"
 MAX_DISTANCE_M = 0.3
 pytestmark = [
