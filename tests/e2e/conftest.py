@@ -12,10 +12,16 @@ from tests.e2e.virtual_scans import simulate, write_scans
 __all__ = ["bucket", "elsewhere", "reaching"]
 
 
+BY_DEFAULT = "test_registration_over_http.py"
+"""Each file takes many seconds of jobs; one shows that the whole service works, the others run with the slow tests."""
+
+
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.e2e)
+            if item.path.name != BY_DEFAULT and not any(map(item.get_closest_marker, ("service", "benchmark"))):
+                item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")
