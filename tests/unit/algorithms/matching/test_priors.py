@@ -172,6 +172,7 @@ def test_approximate_poses_decide_what_a_symmetric_room_leaves_open() -> None:
     assert any("North and South were left out" in reason for reason in result.reasons)
 
 
+@pytest.mark.slow
 def test_approximate_poses_that_fit_no_possible_pose_decide_nothing() -> None:
     features, poses = symmetric_room()
     wrong = RigidTransform.from_translation([40.0, 0.0, 0.0])
@@ -187,6 +188,7 @@ def chosen(target: RigidTransform, source: RigidTransform, std_m: float = 0.1) -
     return PairPriors(north, south, chosen_by="a person")
 
 
+@pytest.mark.slow
 def test_a_start_that_a_person_chose_decides_what_a_symmetric_room_leaves_open_and_is_told() -> None:
     features, poses = symmetric_room()
     result = registered(features, chosen(*reduced(poses, features)))
@@ -194,6 +196,7 @@ def test_a_start_that_a_person_chose_decides_what_a_symmetric_room_leaves_open_a
     assert "a person chose where the search starts" in result.reasons
 
 
+@pytest.mark.slow
 def test_a_person_may_confirm_the_other_pose_of_an_ambiguous_pair() -> None:
     features, _poses = symmetric_room()
     open_ = registered(features, None)
@@ -207,6 +210,7 @@ def test_a_person_may_confirm_the_other_pose_of_an_ambiguous_pair() -> None:
     assert confirmed.status is PairStatus.ACCEPTED
 
 
+@pytest.mark.slow
 def test_a_start_that_the_scans_refute_is_followed_but_not_accepted_and_the_searchs_own_pose_is_its_rival() -> None:
     features, poses = scene_features("pipe_hall")
     target, source = reduced(poses, features)
@@ -219,6 +223,7 @@ def test_a_start_that_the_scans_refute_is_followed_but_not_accepted_and_the_sear
     assert np.linalg.norm(rival.translation) < 0.1
 
 
+@pytest.mark.slow
 def test_a_rough_but_right_start_changes_no_clear_answer() -> None:
     features, poses = scene_features("pipe_hall")
     target, source = reduced(poses, features)
@@ -237,12 +242,14 @@ def test_a_wrong_approximate_pose_neither_bends_the_answer_nor_goes_unsaid() -> 
     assert any("South and North" in reason and "contradicts" in reason for reason in result.reasons)
 
 
+@pytest.mark.slow
 def test_right_approximate_poses_change_no_clear_answer() -> None:
     features, poses = scene_features("pipe_hall")
     result = registered(features, approximate(*reduced(poses, features)))
     assert (result.status, is_right(result, poses)) == (PairStatus.ACCEPTED, True)
 
 
+@pytest.mark.slow
 def test_scans_wrongly_said_to_be_levelled_are_not_accepted_wrongly() -> None:
     features, poses = scene_features("pipe_hall")  # turned at random
     result = registered(features, levelled(1e-4))
