@@ -5,19 +5,22 @@ here with all kernels that there are.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from jaxtyping import UInt8
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Points, Scalars
-from algorithms.cleaning.cleaned_stations import PlacedScan
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.cameras import Camera
 from algorithms.registration import RegistrationMethod
 from algorithms.registration.method import ProposingMethod
 from algorithms.scans.scan import Scan, ScanGrid
+
+if TYPE_CHECKING:
+    # loaded where it is needed: this module is loaded by every computation
+    from algorithms.cleaning.cleaned_stations import PlacedScan
 
 ROWS, COLUMNS = 180, 360
 HALF_ROOM_M = np.array([3.0, 2.2, 1.4])
@@ -81,7 +84,7 @@ def _features_of(scan: Scan) -> ScanFeatures:
     return extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
 
 
-def _clean(stations: Sequence[PlacedScan]) -> None:
+def _clean(stations: "Sequence[PlacedScan]") -> None:
     from algorithms.cleaning import options
     from algorithms.cleaning.cleaned_stations import clean_stations
     from algorithms.progress import NoProgress
@@ -99,7 +102,7 @@ def _clean(stations: Sequence[PlacedScan]) -> None:
         clean_stations(stations, np.zeros(3), wanted, NoProgress())
 
 
-def _colour(station: PlacedScan) -> None:
+def _colour(station: "PlacedScan") -> None:
     from algorithms.cleaning.best_view import point_normals
     from algorithms.colouring.coloured_cloud import coloured_cloud
     from algorithms.colouring.options import ColouringOptions
