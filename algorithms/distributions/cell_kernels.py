@@ -12,7 +12,7 @@ FARTHEST_EXPONENT = 25.0
 
 
 @nb.njit(cache=True, nogil=True)
-def score(  # noqa: C901 - one nest of loops over cells and their neighbours
+def score(  # noqa: C901, PLR0912 - one nest of loops over cells and their neighbours
     rotation: Array,
     shift: Array,
     pivot: Array,
@@ -52,17 +52,18 @@ def score(  # noqa: C901 - one nest of loops over cells and their neighbours
     The score.
     """
     total = 0.0
-    turns = _generators()
     derivatives[:] = 0.0
-    # derivatives of a source cell's place and covariance by small turns, first and second
-    turned, bent, arms, bends = np.empty((3, 3, 3)), np.empty((3, 3, 3, 3)), np.zeros((6, 3)), np.empty((3, 3, 3))
-    own, gap, pull, precision = np.empty(6), np.empty(3), np.empty(3), np.empty((3, 3))
-    slopes, leans, stiff = np.empty(6), np.empty((3, 3)), np.empty((6, 3))
+    own, place, arm, gap, pull = np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    half, spread, precision = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    crossed, drawn, moved, stiff = np.zeros((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(means)):
-        place = rotation @ means[n] + shift
-        spread = rotation @ covariances[n] @ rotation.T
-        if wanted:
-            _prepare(turns, place - pivot, spread, arms, bends, turned, bent)
+        _times(rotation, means[n], place)
+        for a in range(3):
+            place[a] += shift[a]
+            arm[a] = place[a] - pivot[a]
+            _times(covariances[n], rotation[a], half[a])
+        for a in range(3):
+            _times(rotation, half[a], spread[a])
         own[:] = 0.0
         for g in range(grids.shape[0]):
             x, y, z = _around(place, low, cell, 0.5 * g, grids)
@@ -80,34 +81,15 @@ def score(  # noqa: C901 - one nest of loops over cells and their neighbours
                             e = math.exp(-0.5 * q)
                             total += e
                             if wanted:
-                                _add(
-                                    e,
-                                    pull,
-                                    precision,
-                                    arms,
-                                    bends,
-                                    turned,
-                                    bent,
-                                    slopes,
-                                    leans,
-                                    stiff,
-                                    own,
-                                    derivatives,
-                                )
-        if wanted:
-            derivatives[0] += own
-            derivatives[7:] += np.outer(own, own)
+                                _add(e, pull, precision, spread, arm, crossed, drawn, moved, stiff, own, derivatives)
+        for a in range(6):
+            derivatives[0, a] += own[a]
+            for b in range(6):
+                derivatives[7 + a, b] += own[a] * own[b]
+    for a in range(6):
+        for b in range(a):
+            derivatives[1 + a, b] = derivatives[1 + b, a]
     return total
-
-
-@nb.njit(cache=True, nogil=True)
-def _generators() -> Array:
-    """Give the derivatives of a rotation by its three small turns, at none."""
-    turns = np.zeros((3, 3, 3))
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        turns[a, c, b], turns[a, b, c] = 1.0, -1.0
-    return turns
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
@@ -122,63 +104,55 @@ def _around(place: Array, low: Array, cell: float, shifted: float, grids: Array)
 
 
 @nb.njit(cache=True, nogil=True)
-def _prepare(
-    generators: Array, arm: Array, spread: Array, arms: Array, bends: Array, turned: Array, bent: Array
-) -> None:
-    """Give the derivatives of a cell's place and covariance by small turns, first and second."""
-    for a in range(3):
-        arms[a] = generators[a] @ arm
-        arms[3 + a] = 0.0
-        arms[3 + a, a] = 1.0
-        half = generators[a] @ spread
-        turned[a] = half + half.T
-    for a in range(3):
-        for b in range(3):
-            both = 0.5 * (generators[a] @ generators[b] + generators[b] @ generators[a])
-            bends[a, b] = both @ arm
-            outer = both @ spread
-            inner = generators[a] @ spread @ generators[b].T
-            bent[a, b] = outer + outer.T + inner + inner.T
-
-
-@nb.njit(cache=True, nogil=True)
 def _add(
     e: float,
     pull: Array,
     precision: Array,
-    arms: Array,
-    bends: Array,
-    turned: Array,
-    bent: Array,
-    slopes: Array,
-    leans: Array,
+    spread: Array,
+    arm: Array,
+    crossed: Array,
+    drawn: Array,
+    moved: Array,
     stiff: Array,
     own: Array,
     derivatives: Array,
 ) -> None:
-    """Add what one pair of cells contributes to gradient and Hessian; slopes, leans and stiff are room to work in."""
+    """Add what one pair of cells contributes to the gradient, and to the upper half of the Hessian.
+
+    With p = P m of the precision P = (C + S)^-1, the spread S of the source's cell in the target, its arm v from the
+    pivot, u = v - S p, and unit vectors g_a: -q/2 has the gradient -(u x p, p) by (turn, shift), and q/2 the Hessian
+    J'PJ + (p_a u_b + p_b u_a)/2 - d_ab p.u - (g_a x p)' S (g_b x p) by turns, PJ by turn and shift, P by shifts, where
+    J_a = g_a x u + S (g_a x p). `crossed`, `drawn`, `moved` and `stiff` are room for g_a x p (whose diagonal is zero),
+    S (g_a x p), J and PJ, by rows.
+    """
+    ux, uy, uz = arm[0] - _dot(spread[0], pull), arm[1] - _dot(spread[1], pull), arm[2] - _dot(spread[2], pull)
+    u = (ux, uy, uz)
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        crossed[a, b], crossed[a, c] = -pull[c], pull[b]
+        _times(spread, crossed[a], drawn[a])
+        moved[a, a], moved[a, b], moved[a, c] = drawn[a, a], drawn[a, b] - u[c], drawn[a, c] + u[b]
+        _times(precision, moved[a], stiff[a])
+    t = (
+        uy * pull[2] - uz * pull[1],
+        uz * pull[0] - ux * pull[2],
+        ux * pull[1] - uy * pull[0],
+        pull[0],
+        pull[1],
+        pull[2],
+    )
+    along = ux * pull[0] + uy * pull[1] + uz * pull[2]
     for a in range(6):
-        _times(precision, arms[a], stiff[a])
-        slopes[a] = 2.0 * (pull[0] * arms[a, 0] + pull[1] * arms[a, 1] + pull[2] * arms[a, 2])
-        if a < 3:
-            _times(turned[a], pull, leans[a])
-            slopes[a] -= pull[0] * leans[a, 0] + pull[1] * leans[a, 1] + pull[2] * leans[a, 2]
-        own[a] -= 0.5 * e * slopes[a]
-    for a in range(6):
+        own[a] -= e * t[a]
         for b in range(a, 6):
-            curve = 2.0 * _dot(arms[a], stiff[b])
-            if a < 3:
-                curve -= 2.0 * _dot(leans[a], stiff[b])
             if b < 3:
-                curve -= 2.0 * _dot(leans[b], stiff[a])
-            if a < 3 and b < 3:
-                curve += 2.0 * _dot(pull, bends[a, b])
-                curve += 2.0 * _form(leans[a], precision, leans[b])
-                curve -= _form(pull, bent[a, b], pull)
-            value = e * (0.25 * slopes[a] * slopes[b] - 0.5 * curve)
-            derivatives[1 + a, b] += value
-            if b > a:
-                derivatives[1 + b, a] += value
+                bend = 0.5 * (pull[a] * u[b] + pull[b] * u[a]) - (along if a == b else 0.0)
+                curve = _dot(moved[a], stiff[b]) + bend - _dot(crossed[a], drawn[b])
+            elif a < 3:
+                curve = stiff[a, b - 3]
+            else:
+                curve = precision[a - 3, b - 3]
+            derivatives[1 + a, b] += e * (t[a] * t[b] - curve)
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
@@ -191,14 +165,6 @@ def _dot(a: Array, b: Array) -> float:
 def _times(matrix: Array, vector: Array, product: Array) -> None:
     for i in range(3):
         product[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
-
-
-@nb.njit(cache=True, nogil=True, inline="always")
-def _form(a: Array, matrix: Array, b: Array) -> float:
-    total = 0.0
-    for i in range(3):
-        total += a[i] * (matrix[i, 0] * b[0] + matrix[i, 1] * b[1] + matrix[i, 2] * b[2])
-    return total
 
 
 @nb.njit(cache=True, nogil=True)
