@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import AliasChoices, Field, model_validator
+from pydantic import AfterValidator, AliasChoices, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
@@ -11,7 +11,10 @@ PointName: TypeAlias = Annotated[str, Field(min_length=1, max_length=100)]
 Coordinate: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
 Std: TypeAlias = Annotated[float, Field(ge=1e-6, le=100.0)]
 Row3: TypeAlias = tuple[float, float, float]
-FixedFrame: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
+FixedFrame: TypeAlias = Annotated[
+    str, Field(min_length=1, max_length=64), AfterValidator(lambda name: "first-station" if name == "first" else name)
+]
+"""`first-station` or `first`, `control`, `free`, or the name of a station."""
 Axes: TypeAlias = Literal["east-north-height", "north-east-height"]
 MAX_TARGETS, MAX_CONTROL = 500, 2000
 

@@ -1,6 +1,6 @@
 """Inputs of the process `register` (section 3 of the interface)."""
 
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -90,13 +90,13 @@ class RegisterInputs(RequestModel):
     """Which edges of the photos become lines in space."""
     targets: TargetSearch | None = Field(default=None, title="Targets")
     """Survey targets to look for in every scan; null: only those that the stations state."""
+    control: list[ControlPoint] = Field(default=[], max_length=MAX_CONTROL, title="Control")
+    """Points with known coordinates among the targets of the stations. Three that do not lie on one line, `use:
+    "control"`, hold the world frame."""
     fix: FixedFrame = Field(default="first-station", title="Datum")
     """Whose frame becomes the world frame: `first-station`, the name of a station, `control` (the default where there
     are control points), or `free`: the first station's frame, standard deviations those of the smallest trace over all
     stations."""
-    control: list[ControlPoint] = Field(default=[], max_length=MAX_CONTROL, title="Control")
-    """Points with known coordinates among the targets of the stations. Three that do not lie on one line, `use:
-    "control"`, hold the world frame."""
     crs: StatedCrs | None = Field(default=None, title="System of the control")
     """Map projection of the control, such as `EPSG:25832`. The adjustment is done in a local Cartesian frame (x east, y
     north, z up at a point of the site), which is the world frame then, and points are given in the projection as well;
@@ -120,17 +120,9 @@ class RegisterInputs(RequestModel):
     tolerance: Tolerance | None = Field(default=None, title="Tolerance")
     """What was ordered, to be compared with what was reached; null: the report gives what was reached alone."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _frame_of_the_control(cls, data: Any) -> Any:
-        """Take the control's frame where there is control and nothing else is said; `first` is `first-station`."""
-        if not isinstance(data, dict):
-            return data
-        points = data.get("control")
-        if "fix" not in data and isinstance(points, list) and any(_takes_part(each) for each in points):
-            return {**data, "fix": "control"}
-        return {**data, "fix": "first-station"} if data.get("fix") == "first" else data
-
-
-def _takes_part(point: Any) -> bool:
-    return isinstance(point, dict) and point.get("use", "control") == "control"
+    @model_validator(mode="after")
+    def _frame_of_the_control(self) -> Self:
+        """Take the control's frame where points of it take part and nothing else is said."""
+        if "fix" in self.model_fields_set or all(point.use == "check" for point in self.control):
+            return self
+        return self.model_copy(update={"fix": "control"})

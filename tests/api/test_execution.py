@@ -64,7 +64,7 @@ def test_wishing_for_a_synchronous_registration_still_gives_a_job(client: Client
         ({"stations": None}, "/inputs/stations"),
         ({"surprise": 1}, "/inputs/surprise"),
         ({"fix": "last"}, "/inputs/fix"),
-        ({"control": [{"x": 1}]}, "/inputs/control"),
+        ({"control": [{"name": "1", "x": 1, "y": 1, "z": 1}]}, "/inputs/control/0"),
         ({"method": {"method": "guess"}}, "/inputs/method/method"),
         ({"method": {}}, "/inputs/method/method"),
         ({"method": "lines"}, "/inputs/method"),
