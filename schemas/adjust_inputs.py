@@ -2,10 +2,16 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from schemas.base import RequestModel
 from schemas.hybrid_network import HybridNetwork, NetworkName, Number, Std
+from schemas.network_texts import NetworkText, network_dictionary
+
+GivenNetwork: TypeAlias = Annotated[
+    HybridNetwork, BeforeValidator(network_dictionary, json_schema_input_type=HybridNetwork | NetworkText)
+]
+"""A network, or the text of a file of another program that holds one."""
 
 HeldCoordinate: TypeAlias = tuple[NetworkName, Annotated[str, Field(pattern="^[XYZ]{1,3}$")]]
 
@@ -72,8 +78,9 @@ class GrossErrorSteps(RequestModel):
 class AdjustInputs(RequestModel):
     """A network of observations and how to adjust it."""
 
-    network: HybridNetwork = Field(title="Network")
-    """Stations, points and observations."""
+    network: GivenNetwork = Field(title="Network")
+    """Stations, points and observations; or the text of GNU Gama's or RiSCAN PRO's file: `{"format": "gama-local",
+    "xml": "…"}`."""
     datum: NetworkDatum = Field(default_factory=lambda: FreeDatum(type="free"), title="Datum")
     """What defines the frame."""
     other_datum: OtherDatum | None = Field(default=None, title="Other datum")
@@ -82,7 +89,7 @@ class AdjustInputs(RequestModel):
     """`haring`: screening, robust weights, single tests; or one of these, or its steps."""
     variance_components: bool = False
     """Whether standard deviations of groups are estimated from the residuals; single tests are then done once more."""
-    epoch: HybridNetwork | None = Field(default=None, title="Second epoch")
+    epoch: GivenNetwork | None = Field(default=None, title="Second epoch")
     """A later network of the same points: which of them moved is tested."""
     alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.001
     """Probability that a good observation fails its test."""

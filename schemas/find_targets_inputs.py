@@ -1,8 +1,11 @@
 """Inputs of the process `find-targets`."""
 
-from pydantic import Field
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
 
 from schemas.base import RequestModel
+from schemas.point_tables import PointTable, point_dictionaries
 from schemas.register_inputs import Station
 from schemas.target_kinds import KindRequest
 
@@ -22,6 +25,17 @@ class NamedPoint(RequestModel):
     """Standard deviation of each coordinate [m]."""
 
 
+def _names_of_table(given: Any) -> Any:
+    """Give the points of a table: of three standard deviations the largest, and nothing of their use."""
+    points = point_dictionaries(given)
+    if points is given:
+        return given
+    return [
+        {key: max(value) if key == "std_m" else value for key, value in point.items() if key != "use"}
+        for point in points
+    ]
+
+
 class FindTargetsInputs(RequestModel):
     """Which scan to look for targets in, and what they are."""
 
@@ -29,5 +43,8 @@ class FindTargetsInputs(RequestModel):
     """The station and its scan."""
     kinds: list[KindRequest] = Field(min_length=1, max_length=10, title="Kinds")
     """What is looked for, one entry for each kind and size."""
-    names: list[NamedPoint] = Field(default_factory=list, max_length=500, title="Names")
-    """Known targets; the found ones are recognised by their distances and named, or said not to be determined."""
+    names: Annotated[
+        list[NamedPoint], BeforeValidator(_names_of_table, json_schema_input_type=list[NamedPoint] | PointTable)
+    ] = Field(default_factory=list, max_length=500, title="Names")
+    """Known targets; the found ones are recognised by their distances and named, or said not to be determined. A list,
+    or the text of a table: `{"csv": "…"}`."""

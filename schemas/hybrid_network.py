@@ -6,6 +6,7 @@ from pydantic import AliasChoices, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
+from schemas.point_tables import PointTable, point_dictionaries
 
 
 def _as_text(value: Any) -> Any:
@@ -401,6 +402,13 @@ class UnknownObservation(_Grouped):
     """How well it is expected."""
 
 
+def _control_of_table(given: Any) -> Any:
+    points = point_dictionaries(given)
+    if points is given:
+        return given
+    return [{key.removesuffix("_m"): _as_tuples(value) for key, value in point.items()} for point in points]
+
+
 class NetworkObservations(RequestModel):
     """What was observed; a missing key is a type that was not."""
 
@@ -410,8 +418,11 @@ class NetworkObservations(RequestModel):
     """Points in photos."""
     coordinates: list[StationCoordinatesObservation] = Field(default_factory=list)
     """Points in the frames of stations."""
-    control: list[ControlObservation] = Field(default_factory=list)
-    """Known points."""
+    control: Annotated[
+        list[ControlObservation],
+        BeforeValidator(_control_of_table, json_schema_input_type=list[ControlObservation] | PointTable),
+    ] = Field(default_factory=list)
+    """Known points; or the text of a table of them: `{"csv": "…"}`, with standard deviations in its columns."""
     distances: list[DistanceObservation] = Field(default_factory=list)
     """Between points."""
     heights: list[HeightObservation] = Field(default_factory=list)

@@ -28,7 +28,7 @@ from service.register_command import (
     upload_files,
     wait_for_job,
 )
-from service.register_request import object_in
+from service.register_request import document_in, object_in, table_in
 from service.use_cases.inputs.validate_request import parse_json
 
 Document: TypeAlias = dict[str, Any]
@@ -109,7 +109,7 @@ def _run(process: Process[Any], files: Sequence[_Files], options: Sequence[_Opti
     request: Document = {"inputs": {} if given["options"] is None else object_in(given["options"])}
     for name in process.document_inputs:
         if given[name] is not None:
-            request["inputs"][name] = object_in(given[name])
+            request["inputs"][name] = document_in(given[name])
     for option in options:
         if given[option.parameter] is not None:
             _put(request, option.way, _read(option, given[option.parameter]))
@@ -202,7 +202,7 @@ def _members(annotation: Any) -> Iterator[Any]:
 def _document_parameters(process: Process[Any]) -> Iterator[inspect.Parameter]:
     """Give the inputs that are JSON files of their own, the first as argument."""
     for number, name in enumerate(process.document_inputs):
-        text = escape(f"JSON file. {process.inputs.model_fields[name].description or ''}")
+        text = escape(f"File. {process.inputs.model_fields[name].description or ''}")
         if number == 0:
             yield _parameter(name, Path, typer.Argument(exists=True, dir_okay=False, help=text), ...)
         else:
@@ -276,7 +276,7 @@ def _read(option: _Option, value: Any) -> Any:
 
 
 def _json(text: str) -> Any:
-    return parse_json(text.encode())
+    return table_in(Path(text)) if text.endswith((".csv", ".txt")) else parse_json(text.encode())
 
 
 def _put(document: Document, way: Way, value: Any) -> None:

@@ -181,3 +181,31 @@ def _document_in(path: Path) -> Any:
         raise InvalidRequestError(f"{path} cannot be read: {error.strerror}") from None
     except InvalidRequestError as error:
         raise InvalidRequestError(f"{path}: {error}") from None
+
+
+def document_in(path: Path) -> Document:
+    """Read a document that is an input of its own: a JSON file that holds an object, or a network of another program.
+
+    Raises
+    ------
+    InvalidRequestError
+        It cannot be read, or holds something else.
+    """
+    text = _text_in(path)
+    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return object_in(path)
+    return {"format": "gama-local" if "<gama-local" in text else "riscan-project", "xml": text}
+
+
+def table_in(path: Path) -> Document:
+    """Read a text table of points, in place of their list."""
+    return {"csv": _text_in(path)}
+
+
+def _text_in(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InvalidRequestError(f"{path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InvalidRequestError(f"{path} is no text in UTF-8") from None

@@ -1,10 +1,13 @@
 """A hybrid network goes in over HTTP; coordinates, tests, reliability and reports come out."""
 
 import copy
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.e2e.command_line import tieline
 from tests.e2e.running_service import Document, RunningService
 from tests.scenes.hybrid_networks import hybrid_network
 
@@ -106,9 +109,53 @@ def test_bad_networks_are_refused_with_a_pointer(service: RunningService) -> Non
     refused(service, {"network": NETWORK, "datum": held}, "/inputs/datum/held/0/0")
 
 
-def test_numbers_that_are_none_are_refused(service: RunningService) -> None:
-    import json
+GAMA = """<gama-local xmlns="http://www.gnu.org/software/gama/gama-local"><network axes-xy="en">
+<points-observations distance-stdev="2" direction-stdev="10" zenith-angle-stdev="10">
+<point id="A" x="0" y="0" z="0" fix="xyz"/><point id="B" x="10" y="0" z="1" fix="xyz"/>
+<point id="P" x="5.01" y="5.02" z="0.11" adj="xyz"/>
+<obs from="A"><direction to="B" val="50"/><direction to="P" val="0"/><z-angle to="P" val="99.1"/>
+<s-distance to="P" val="7.072"/></obs>
+<height-differences><dh from="A" to="P" val="0.1" stdev="1"/></height-differences>
+</points-observations></network></gama-local>"""
 
+
+def test_networks_of_other_programs_are_adjusted(service: RunningService, tmp_path: Path) -> None:
+    inputs = {"network": {"format": "gama-local", "xml": GAMA}, "datum": {"type": "control"}}
+    (point,) = [p for p in service.result(service.execute("adjust", inputs))["points"] if p["id"] == "P"]
+    np.testing.assert_allclose(point["xyz_m"], [5.0, 5.0, 0.1], atol=0.005)
+    file = tmp_path / "net.gkf"
+    file.write_text(GAMA)
+    where = ("--datum", '{"type": "control"}', "--url", service.url, "--output", tmp_path / "kept")
+    done = tieline("adjust", file, *where)
+    assert done.returncode == 0, done.stderr
+    kept = json.loads((tmp_path / "kept" / "result.json").read_text())
+    assert [p["xyz_m"] for p in kept["points"] if p["id"] == "P"] == [point["xyz_m"]]
+
+
+def test_networks_of_others_are_refused_by_name(service: RunningService) -> None:
+    foreign = {"format": "gama-local", "xml": GAMA.replace("z-angle", "azimuth")}
+    refused(service, {"network": foreign}, "/inputs/network")
+    bomb = {"format": "gama-local", "xml": '<!DOCTYPE a [<!ENTITY b "b">]><gama-local>&b;</gama-local>'}
+    refused(service, {"network": bomb}, "/inputs/network")
+
+
+def test_a_million_observations_are_refused_at_the_door(service: RunningService) -> None:
+    one = {"station": "S1", "point": "1"}
+    for name, value in (("horizontal", 1.0), ("zenith", 99.0), ("distance", 9.0)):
+        one |= {name: value, f"sigma_{name}": 0.1}
+    network = copy.deepcopy(NETWORK)
+    network["observations"]["polar"] = []
+    body = json.dumps({"inputs": {"network": network}})
+    many = ",".join([json.dumps(one)] * 333_334)
+    body = body.replace('"polar": []', f'"polar": [{many}]')
+    answer = service.http.post(
+        "/processes/adjust/execution", content=body, headers={"Content-Type": "application/json"}
+    )
+    assert answer.status_code in {400, 413}, answer.text
+    assert service.http.get("/healthz").status_code == 200
+
+
+def test_numbers_that_are_none_are_refused(service: RunningService) -> None:
     body = json.dumps({"inputs": {"network": NETWORK}}).replace(
         str(NETWORK["observations"]["polar"][0]["distance"]), "NaN", 1
     )

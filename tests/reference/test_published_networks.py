@@ -13,7 +13,7 @@ from algorithms.progress import NoProgress
 from schemas.adjust_inputs import AdjustInputs
 from schemas.adjust_result import AdjustDocument
 from service.processes.adjust.adjusting import adjusted_document
-from tests.scenes.gama_networks import gama_answer, gama_network
+from tests.scenes.gama_networks import gama_answer
 
 OPEN = Path(__file__).parents[2].parent / "shared" / "data" / "adj_open"
 
@@ -42,7 +42,9 @@ def existing(path: Path) -> Path:
 )
 def test_spatial_networks_of_gama_have_gamas_answer(name: str, held: bool) -> None:
     path = existing(OPEN / "gama" / f"{name}.gkf")
-    document = adjusted(gama_network(path), datum={"type": "control" if held else "free"})
+    document = adjusted(
+        {"format": "gama-local", "xml": path.read_text()}, datum={"type": "control" if held else "free"}
+    )
     points, squares, freedom, prior = gama_answer(path)
     assert document.redundancy == freedom
     assert document.omega == pytest.approx(squares / prior**2, rel=1e-6, abs=1e-9)
