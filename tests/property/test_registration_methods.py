@@ -46,12 +46,10 @@ quick_method = pytest.mark.parametrize(
     ids=lambda method: method.name,
 )
 """Every method, and those that search anew for themselves with the slow tests."""
-usual_method = pytest.mark.parametrize(
-    "method",
-    [pytest.param(each, marks=[] if each is DEFAULT_METHOD else pytest.mark.slow) for each in METHODS],
-    ids=lambda method: method.name,
+further_method = pytest.mark.parametrize(
+    "method", [pytest.param(each, marks=pytest.mark.slow) for each in METHODS], ids=lambda method: method.name
 )
-"""Every method, and all but the default one with the slow tests: each registers once more."""
+"""Every method, with the slow tests: each registers once more."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -134,7 +132,7 @@ def test_the_work_of_a_method_is_a_function_of_problem_method_and_progress(metho
     assert get_type_hints(work)["method"] is method
 
 
-@usual_method
+@further_method
 def test_the_same_input_gives_the_same_answer(method: Any) -> None:
     again = method().register(same_problem_again(), progress=NoProgress())
     first = registered(method, "pipe_hall")
@@ -143,7 +141,7 @@ def test_the_same_input_gives_the_same_answer(method: Any) -> None:
     )
 
 
-@usual_method
+@further_method
 def test_swapping_the_scans_inverts_the_answer(method: Any) -> None:
     there, back = (pose_of(registered(method, "pipe_hall", swapped=swapped)) for swapped in (False, True))
     difference = error_of(back.inverse().target_from_source, there.target_from_source)
@@ -152,7 +150,7 @@ def test_swapping_the_scans_inverts_the_answer(method: Any) -> None:
     assert (np.abs(difference) < part * np.sqrt(np.diag(there.covariance))).all()
 
 
-@usual_method
+@further_method
 def test_swapping_the_scans_changes_neither_status_nor_estimator(method: Any) -> None:
     there, back = (registered(method, "pipe_hall", swapped=swapped) for swapped in (False, True))
     assert back.status is there.status
@@ -200,7 +198,7 @@ def test_scans_of_different_places_are_never_accepted(method: Any) -> None:
     assert result.reasons
 
 
-@usual_method
+@further_method
 def test_far_coordinates_give_the_answer_of_near_ones(method: Any) -> None:
     far = pose_of(method().register(far_problem(), progress=NoProgress()))
     near = pose_of(registered(method, "pipe_hall"))
