@@ -24,6 +24,7 @@ from algorithms.scans.open3d_loading import import_open3d
 from tests.benchmark.peer_sets import DATA
 
 o3d = import_open3d()
+
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
 SETS = {"eth_facade": ("s0", "s2"), "garage_a": ("scan000", "scan001")}
 CHOSEN = os.environ.get("TIELINE_BASIN_SETS", ",".join(SETS)).split(",")

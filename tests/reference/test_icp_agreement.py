@@ -3,6 +3,7 @@
 import json
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ pytestmark = [
 
 
 @cache
-def cloud(name: str) -> o3d.geometry.PointCloud:
+def cloud(name: str) -> Any:
+    o3d = import_open3d()
     points = o3d.io.read_point_cloud(DATA / f"{name}.ply").voxel_down_sample(0.15)
     points.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=0.5, max_nn=30))
     return points
@@ -45,7 +47,7 @@ def _poses() -> dict[str, list[list[float]]]:
 def test_the_pose_is_that_of_open3d(kind: ErrorKind, target: str, source: str) -> None:
     ours, theirs = cloud(target), cloud(source)
     start = start_of(target, source)
-    estimation = o3d.pipelines.registration
+    estimation = import_open3d().pipelines.registration
     rule = (
         estimation.TransformationEstimationPointToPlane()
         if kind is ErrorKind.PLANE
