@@ -1,0 +1,145 @@
+"""The steps of `register` with targets and control, one after the other in this process."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from algorithms.progress import NoProgress
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import simulate_stations
+from algorithms.simulation.scenes import SCENES
+from schemas.register_inputs import RegisterInputs
+from schemas.registration_result import RegistrationDocument
+from service.adapters.files.local_files import LocalFiles
+from service.formats import writers
+from service.names.content_keys import content_key
+from service.ports import Json, StepContext
+from service.processes import STEPS
+from service.processes.register.plan import RegisterPlan
+
+STD_M = 0.002
+SCENE = SCENES["house"]()
+POSES = SCENE.stations[:3]
+TO_GRID = RigidTransform.from_components([4_512_000.0, 5_402_000.0, 312.0], Rotation.from_euler("z", 0.7))
+PLACES = np.array(
+    [[0.0, 0.0, 0.5], [9.0, 1.0, 3.0], [2.0, 8.0, 1.0], [11.0, 7.0, 4.0], [5.0, -4.0, 2.0], [-3.0, 4.0, 2.5]]
+)
+GRID = TO_GRID.apply(PLACES)
+NAMES = ("A", "B", "C")
+
+
+@pytest.fixture(scope="module")
+def context(tmp_path_factory: pytest.TempPathFactory) -> StepContext:
+    folder = tmp_path_factory.mktemp("tied")
+    found = StepContext(
+        LocalFiles(folder / "store"),
+        NoProgress(),
+        {"max_points": 10**6, "max_photo_pixels": 10**6, "min_free_bytes": 0},
+    )
+    scanner = VirtualScanner(rows=100, columns=240, mixed_pixels=False)
+    for name, scan in zip(NAMES, simulate_stations(SCENE, POSES, scanner, np.random.default_rng(1)), strict=True):
+        path: Path = folder / f"{name}.e57"
+        writers.write_scans(path, [scan])
+        found.blobs.put_file(content_key(name * 64), path)
+    return found
+
+
+def targets(number: int) -> list[Json]:
+    rng = np.random.default_rng(number)
+    places = POSES[number].inv().apply(PLACES) + STD_M * rng.normal(size=PLACES.shape)
+    return [{"name": f"P{k}", "x": x, "y": y, "z": z, "std": STD_M} for k, (x, y, z) in enumerate(places.tolist())]
+
+
+def control(wrong_m: float = 0.0) -> list[Json]:
+    values = GRID + STD_M * np.random.default_rng(9).normal(size=GRID.shape)
+    values[4, 1] += wrong_m
+    return [
+        {"name": f"P{k}", "x": x, "y": y, "z": z, "std": STD_M, "use": "check" if k == 5 else "control"}
+        for k, (x, y, z) in enumerate(values.tolist())
+    ]
+
+
+def registered(context: StepContext, stations: int, **said: object) -> RegistrationDocument:
+    listed = [
+        {"name": name, "scan": {"file": name}, "targets": targets(number)}
+        for number, name in enumerate(NAMES[:stations])
+    ]
+    inputs = RegisterInputs.model_validate_json(
+        json.dumps({"stations": listed, "method": {"method": "targets"}, **said})
+    ).model_dump(mode="json")
+    files = {name: {"name": f"{name}.e57", "sha256": name * 64, "scans": []} for name in NAMES}
+    job: Json = {"id": "j", "inputs": inputs, "files": files}
+    outputs: list[list[Json]] = []
+    while (calls := RegisterPlan().next_stage(job, outputs)) is not None:
+        outputs.append([json.loads(json.dumps(STEPS[call.name](context, call.arguments))) for call in calls])
+    return RegistrationDocument.model_validate_json(context.blobs.local_path("jobs/j/result.json").read_bytes())
+
+
+def statistic(document: RegistrationDocument, frame: RigidTransform) -> float:
+    """Give the largest eᵀ C⁻¹ e of a station's pose."""
+    found = []
+    for station, known in zip(document.stations, POSES, strict=False):
+        assert station.world_from_scan is not None
+        if station.status == "fixed":
+            continue
+        truth = frame * known
+        estimate = RigidTransform.from_matrix(np.array(station.world_from_scan.matrix))
+        turn = (estimate.rotation * truth.rotation.inv()).as_rotvec()
+        error = np.concatenate([turn, np.asarray(estimate.translation) - np.asarray(truth.translation)])
+        found.append(float(error @ np.linalg.solve(np.array(station.world_from_scan.covariance), error)))
+    return max(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stations", [2, 3])
+def test_poses_come_in_the_frame_of_the_control_and_its_wrong_point_is_named(
+    context: StepContext, stations: int
+) -> None:
+    document = registered(context, stations, control=control(wrong_m=0.06))
+    assert document.status == "registered"
+    assert {station.status for station in document.stations} == {"registered"}
+    assert statistic(document, TO_GRID) < 27.9  # chi-square of 6, 0.01 %
+    assert document.control is not None
+    told = {point.name: point for point in document.control.points}
+    assert [name for name, point in told.items() if point.state == "removed"] == ["P4"]
+    assert told["P5"].state == "check"
+    assert told["P5"].statistic is not None
+    assert told["P5"].statistic < 16.3
+    assert any("P4" in reason for reason in document.control.reasons)
+    page = context.blobs.local_path("jobs/j/artifacts/report.html").read_text(encoding="utf-8")
+    assert "P4" in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fix", ["first", "B", "free"])
+def test_other_frames_are_those_of_stations(context: StepContext, fix: str) -> None:
+    document = registered(context, 2, control=control(), fix=fix)
+    base = 1 if fix == "B" else 0
+    assert [station.name for station in document.stations if station.status == "fixed"] == (
+        [] if fix == "free" else [NAMES[base]]
+    )
+    if fix != "free":
+        assert statistic(document, POSES[base].inv()) < 27.9
+
+
+@pytest.mark.slow
+def test_three_stations_are_adjusted_with_their_targets_without_control(context: StepContext) -> None:
+    document = registered(context, 3)
+    assert document.status == "registered"
+    assert document.control is not None
+    assert document.control.status == "adjusted"
+    assert statistic(document, POSES[0].inv()) < 27.9
+
+
+@pytest.mark.slow
+def test_control_that_nobody_sees_leaves_the_poses_and_says_why(context: StepContext) -> None:
+    elsewhere = [{**point, "name": f"Q{k}", "x": 3.0 * point["x"]} for k, point in enumerate(control())]
+    document = registered(context, 2, control=elsewhere)
+    assert document.status == "registered"
+    assert document.control is not None
+    assert document.control.status == "not-determined"
+    assert "control points among the targets" in document.control.reasons[0]
+    assert document.stations[0].status == "fixed"
