@@ -63,6 +63,8 @@ class Messages:
         if value is None:
             return NOT_KNOWN
         text = f"{value:.{decimals}f}"
+        if text.startswith("-") and not text.strip("-0."):
+            text = text[1:]  # nothing is less than nothing
         return text.replace(".", ",") if self.language == "de" else text
 
     def milli(self, value: float | None, decimals: int = 3) -> str:

@@ -92,8 +92,11 @@ def _row(pair: Pair, state: str, reason: str | None) -> LinkRow:
 
 
 def rms_explained(rows: Sequence[LinkRow], messages: Messages) -> str | None:
-    """Say why the rms of surfaces may be many times the standard deviation of a pose; None where it is not."""
-    seen = [row for row in rows if row.rms_m and row.worst_m and row.rms_m > OFTEN * row.worst_m]
+    """Say why the rms of surfaces may be many times the standard deviation of a pose; None where it is not.
+
+    Links that carry nothing are passed over: of a wrong pose a large rms is no wonder.
+    """
+    seen = [row for row in rows if row.carries and row.rms_m and row.worst_m and row.rms_m > OFTEN * row.worst_m]
     if not seen:
         return None
     most = max(seen, key=lambda row: (row.rms_m or 0.0) / (row.worst_m or 1.0))

@@ -19,8 +19,12 @@ ELLIPSE_95 = 2.4477
 """Square root of chi-square's 95 % with two degrees of freedom: from one sigma to the 95 % ellipse."""
 LONGEST_RESIDUAL_SHARE = 0.06
 """Length of the longest residual in the plan, as a share of its width."""
+SMALLEST_SHOWN_M = 1e-7
+"""Residuals that are all smaller come from the arithmetic, and are not drawn."""
 LOWEST_RATIO = 1e-3
 """Where the logarithmic axis of the tests begins."""
+LETTER_WIDTH, LONGEST_LABEL_SHARE = 6.6, 0.4
+"""Of the labels beside the bars: width of a letter, and how much of the drawing they may take."""
 STATES = ("used", "not-controlled", "removed", "alone")
 """Of lines, as the legend lists them."""
 
@@ -75,7 +79,9 @@ def statistic_bars(entries: Sequence[Correspondence | PlaneCorrespondence], mess
     tested = [entry for entry in entries if entry.test is not None]
     if not tested:
         return ""
-    row, left = 15.0, 190.0
+    row = 15.0
+    left = min(LONGEST_LABEL_SHARE * WIDTH, 12.0 + LETTER_WIDTH * max(len(pair_name(entry)) for entry in tested))
+    most = int((left - 12.0) / LETTER_WIDTH)
     height = 46.0 + row * len(tested)
     largest = max(10.0, *(entry.test.statistic / entry.test.critical for entry in tested if entry.test))
     decades = math.log10(largest / LOWEST_RATIO)
@@ -87,13 +93,15 @@ def statistic_bars(entries: Sequence[Correspondence | PlaneCorrespondence], mess
     for exponent in range(math.ceil(math.log10(LOWEST_RATIO)), math.floor(math.log10(largest)) + 1):
         x = place(10.0**exponent)
         shapes.append(f'<line x1="{x:.1f}" y1="18" x2="{x:.1f}" y2="{height - 22:.1f}" stroke="#ddd"/>')
-        shapes.append(f'<text x="{x:.1f}" y="{height - 8:.1f}" text-anchor="middle">{10.0**exponent:g}</text>')
+        text = messages.number(10.0**exponent, max(-exponent, 0))
+        shapes.append(f'<text x="{x:.1f}" y="{height - 8:.1f}" text-anchor="middle">{text}</text>')
     for k, entry in enumerate(tested):
         if entry.test is None:
             continue
         y, ratio = 22.0 + row * k, entry.test.statistic / entry.test.critical
+        name = escape(shortened(pair_name(entry), most))
         shapes.append(
-            f'<text x="{left - 6:.0f}" y="{y + 10:.1f}" text-anchor="end">{escape(pair_name(entry))}</text>'
+            f'<text x="{left - 6:.0f}" y="{y + 10:.1f}" text-anchor="end">{name}</text>'
             f'<rect x="{left:.0f}" y="{y:.1f}" width="{place(ratio) - left:.1f}" height="{row - 4:.0f}" '
             f'fill="{_hex(entry.state)}"><title>T = {entry.test.statistic:.3g} / {entry.test.critical:.4g}'
             "</title></rect>"
@@ -104,6 +112,11 @@ def statistic_bars(entries: Sequence[Correspondence | PlaneCorrespondence], mess
     shapes.append(f'<line x1="{limit:.1f}" y1="14" x2="{limit:.1f}" y2="{height - 22:.1f}" stroke="#000"/>')
     shapes.append(f'<text x="{limit:.1f}" y="11" text-anchor="middle">{escape(messages("table.limit"))}</text>')
     return svg(WIDTH, height, shapes, messages("drawing.bars"))
+
+
+def shortened(text: str, most: int) -> str:
+    """Leave out the middle of a text that is too long: names of stations begin alike, those of features end them."""
+    return text if len(text) <= most else f"{text[: (most - 1) // 2]}…{text[-(most - 1 - (most - 1) // 2) :]}"
 
 
 def pair_name(entry: Correspondence | PlaneCorrespondence) -> str:
@@ -166,7 +179,7 @@ def _enlargement(residuals: Sequence[Correspondence], paper: _Paper) -> float:
         if covariance is not None:
             spread = ELLIPSE_95 * math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
             longest = max(longest, float(np.linalg.norm(offset)), spread)
-    if longest <= 0.0:
+    if longest <= SMALLEST_SHOWN_M:
         return 0.0
     factor = LONGEST_RESIDUAL_SHARE * WIDTH / paper.pixels_per_m / longest
     magnitude = 10.0 ** math.floor(math.log10(factor))

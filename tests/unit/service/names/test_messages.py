@@ -22,6 +22,7 @@ def test_a_message_exists_in_every_language_with_the_same_values(key: str) -> No
 def test_numbers_have_the_decimal_sign_of_the_language() -> None:
     assert messages_in("en").number(1.25, 2) == "1.25"
     assert messages_in("de").number(-1.25, 2) == "-1,25"
+    assert [messages_in("en").number(value, 2) for value in (-0.004, -0.0, -0.006)] == ["0.00", "0.00", "-0.01"]
     assert messages_in("de").milli(0.00123, 2) == "1,23"
     assert messages_in("de").share(0.125) == "12,5 %"
     assert messages_in("en").milli(None) == messages_in("en").share(None) == "–"

@@ -120,6 +120,8 @@ def test_a_large_rms_beside_a_small_standard_deviation_is_explained() -> None:
     assert re.search(r"An rms of 9\.5 mm beside a standard deviation of 1\.\d\d mm is no contradiction", page)
     few = [found.pairs[0].model_copy(update={"overlap": overlap.model_copy(update={"rms_m": 0.002})})]
     assert "is no contradiction" not in rendered(found.model_copy(update={"pairs": few}))
+    wrong = [pairs[0].model_copy(update={"status": "rejected"})]
+    assert "is no contradiction" not in rendered(found.model_copy(update={"pairs": wrong}))
 
 
 def test_tables_have_smallest_detectable_errors_and_long_ones_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
