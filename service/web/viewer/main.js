@@ -7,7 +7,7 @@ import { REACH_M } from "./residuals.js";
 import { foundTargets } from "./targets.js";
 import { KINDS, Viewer } from "./viewer.js";
 import { VIEWS } from "./views.js";
-import { number, t, word } from "./words.js";
+import { decimal, t, word } from "./words.js";
 
 const COLOURINGS = ["station", "intensity", "rgb", "height", "std", "residual"];
 
@@ -168,7 +168,7 @@ class Application {
     const pair = viewer.currentPair;
     if (pair) {
       const options = pair.poses.map((pose, k) => [String(k), pose.score === null ? t(`poses.${pose.name}`)
-        : t("score", { title: t(`poses.${pose.name}`), score: number(pose.score, 2) })]);
+        : t("score", { title: t(`poses.${pose.name}`), score: decimal(pose.score, 2) })]);
       fill(this.alternative, options.length ? options : [["0", t("no_pose")]], "0");
       fill(this.beside, [["", t("nothing_beside")], ...options], "");
       const other = pair.poses.findIndex((pose) => pose.name === "runner-up");
@@ -330,12 +330,12 @@ class Application {
     const known = std === null ? null : metres(std);
     this._tell(t("measuring.title"), [
       ["A, B", `${marks[0].station}, ${marks[1].station}`],
-      [t("measuring.distance"), `${number(distance, 4)} m`],
+      [t("measuring.distance"), `${decimal(distance, 4)} m`],
       [t("measuring.std"), known ?? t("measuring.no_std")],
-      [t("measuring.parts"), `${number(Math.hypot(difference[0], difference[1]), 4)} m, ${number(difference[2], 4)} m`],
+      [t("measuring.parts"), `${decimal(Math.hypot(difference[0], difference[1]), 4)} m, ${decimal(difference[2], 4)} m`],
       [t("measuring.made_of"), t(same ? "measuring.same" : "measuring.other")],
     ]);
-    this.say(t("measuring.said", { distance: `${number(distance, 4)} m`, std: known ?? t("measuring.unknown") }));
+    this.say(t("measuring.said", { distance: `${decimal(distance, 4)} m`, std: known ?? t("measuring.unknown") }));
   }
 
   _key(event) {
@@ -395,7 +395,7 @@ class Application {
     const world = this.viewer.end({ station, point }).pose;
     const at = world.slice(0, 3).map((row) => row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]);
     const { currentPair: pair } = this.viewer;
-    const written = (place) => place.map((value) => number(value, 4)).join("; ");
+    const written = (place) => place.map((value) => decimal(value, 4)).join("; ");
     this._tell(t("tell.point", { station }), [
       [pair ? t("tell.in_frame", { station: pair.target }) : t("tell.world"), written(at)],
       [t("tell.file"), written(point)],
@@ -407,7 +407,7 @@ class Application {
     const pair = this.viewer.currentPair;
     if (!pair) { this.info.replaceChildren(); return; }
     const rows = pair.unexplained.map((piece, k) => [`unexplained/${pair.target}/${pair.source}/${k}`, t("tell.piece_row", {
-      area: number(piece.area_m2, 2), station: piece.station, range: number(piece.range_m, 1),
+      area: decimal(piece.area_m2, 2), station: piece.station, range: decimal(piece.range_m, 1),
     })]);
     this._tell(t("tell.pair", pair), [
       [t("tell.status"), word("status", pair.status)],
@@ -433,7 +433,7 @@ class Application {
     const rows = features.slice(0, MOST_ROWS).map(({ kind, feature }) => [
       feature.id, feature.id, kind === "targets" ? t(`targets.${feature.kind}`) : t(`kinds.${kind}`), sizeOf(feature),
       feature.state ? word("feature", feature.state) : "",
-      feature.ratio === null || feature.ratio === undefined ? "" : number(feature.ratio, 2),
+      feature.ratio === null || feature.ratio === undefined ? "" : decimal(feature.ratio, 2),
     ]);
     const list = table(t("tell.features"), [
       t("tell.feature"), t("tell.kind"), t("tell.size"), t("tell.state"), t("tell.ratio"),
@@ -459,8 +459,8 @@ class Application {
     if (found?.piece) {
       const { piece } = found.piece.userData;
       this._tell(t("tell.piece"), [
-        [t("tell.station"), piece.station], [t("tell.area"), `${number(piece.area_m2, 3)} m²`],
-        [t("tell.seen_through"), `${number(piece.range_m, 2)} m`],
+        [t("tell.station"), piece.station], [t("tell.area"), `${decimal(piece.area_m2, 3)} m²`],
+        [t("tell.seen_through"), `${decimal(piece.range_m, 2)} m`],
       ]);
     } else if (found) {
       const { feature, kind } = found;
@@ -470,12 +470,12 @@ class Application {
       const rows = [];
       if (feature.source) rows.push([t("tell.from"), word("source", feature.source)]);
       if (feature.state) rows.push([t("tell.state"), word("feature", feature.state)]);
-      if (feature.ratio !== null && feature.ratio !== undefined) rows.push([t("tell.ratio"), number(feature.ratio, 2)]);
+      if (feature.ratio !== null && feature.ratio !== undefined) rows.push([t("tell.ratio"), decimal(feature.ratio, 2)]);
       if (kind === "lines" || kind === "edges") rows.push([t("tell.length"), sizeOf(feature)]);
-      if (feature.radius_m) rows.push([t("tell.radius"), `${number(feature.radius_m, 4)} m`]);
+      if (feature.radius_m) rows.push([t("tell.radius"), `${decimal(feature.radius_m, 4)} m`]);
       if (kind === "targets") {
         rows.push([t("tell.kind"), t(`targets.${feature.kind}`)]);
-        rows.push([t("tell.file"), feature.centre_m.map((value) => number(value, 4)).join("; ")]);
+        rows.push([t("tell.file"), feature.centre_m.map((value) => decimal(value, 4)).join("; ")]);
         rows.push([t("tell.coordinates_std"), feature.std_m.map(metres).join("; ")]);
       }
       if (partners.length) rows.push([t("tell.partners"), partners.join(", ")]);
@@ -500,7 +500,7 @@ class Application {
     const parts = [];
     if (viewer.colouring === "height") {
       const { min, max } = viewer.views.box;
-      parts.push(element("p", { text: t("legend.height") }), ramp(`${number(min.z + viewer.base[2], 2)} m`, `${number(max.z + viewer.base[2], 2)} m`));
+      parts.push(element("p", { text: t("legend.height") }), ramp(`${decimal(min.z + viewer.base[2], 2)} m`, `${decimal(max.z + viewer.base[2], 2)} m`));
     }
     if (viewer.colouring === "std") {
       parts.push(element("p", { text: t("legend.std") }));
@@ -529,13 +529,13 @@ class Application {
 
 // How large a feature is: length, radius, area of its outline; nothing for targets.
 function sizeOf(feature) {
-  if (feature.radius_m) return `r ${number(feature.radius_m, 3)} m`;
-  if (feature.end_m) return `${number(Math.hypot(...feature.end_m.map((value, k) => value - feature.start_m[k])), 3)} m`;
+  if (feature.radius_m) return `r ${decimal(feature.radius_m, 3)} m`;
+  if (feature.end_m) return `${decimal(Math.hypot(...feature.end_m.map((value, k) => value - feature.start_m[k])), 3)} m`;
   if (!feature.boundary_m) return "";
   const [first, ...others] = feature.boundary_m;
   const sides = others.map((corner) => subtracted(corner, first));
   const doubled = sides.slice(1).reduce((sum, side, k) => added(sum, cross(sides[k], side)), [0, 0, 0]);
-  return `${number(norm(doubled) / 2, 2)} m²`;
+  return `${decimal(norm(doubled) / 2, 2)} m²`;
 }
 
 // A list whose rows show what they speak of: the first member of each is its feature.

@@ -3,7 +3,7 @@
 
 import { button, element } from "./panel.js";
 import { norm, subtracted } from "./poses.js";
-import { number, t } from "./words.js";
+import { decimal, t } from "./words.js";
 
 const LEAST = 3;
 
@@ -120,15 +120,15 @@ export class ManualHelp {
     if (!this.pair) return;
     const whole = this.picks.filter((pick) => pick.source);
     this.list.replaceChildren(...this.picks.map((pick) => element("li", {
-      text: `${this.pair.target} (${pick.target.map((value) => number(value, 3)).join("; ")}) – ${pick.source
-        ? `${this.pair.source} (${pick.source.map((value) => number(value, 3)).join("; ")})` : t("help.now_in", { station: this.pair.source })}`,
+      text: `${this.pair.target} (${pick.target.map((value) => decimal(value, 3)).join("; ")}) – ${pick.source
+        ? `${this.pair.source} (${pick.source.map((value) => decimal(value, 3)).join("; ")})` : t("help.now_in", { station: this.pair.source })}`,
     })));
     let worst = 0;
     whole.forEach((a, i) => whole.slice(0, i).forEach((b) => {
       worst = Math.max(worst, Math.abs(norm(subtracted(a.target, b.target)) - norm(subtracted(a.source, b.source))));
     }));
     this.told.textContent = whole.length >= 2
-      ? t("help.differ", { count: whole.length, worst: number(100 * worst, 1) }) : "";
+      ? t("help.differ", { count: whole.length, worst: decimal(100 * worst, 1) }) : "";
     this.sendPicks.disabled = whole.length < LEAST;
     this.confirm.disabled = !this.pair.poses.length;
   }

@@ -1,6 +1,6 @@
 // The controls beside the picture: plain elements, so that keyboard and screen reader know them. All text is text, never markup.
 
-import { number, t } from "./words.js";
+import { decimal, t } from "./words.js";
 
 export function element(tag, properties = {}, ...children) {
   const made = document.createElement(tag);
@@ -57,6 +57,6 @@ export function keyTable() {
 
 export const metres = (value) => {
   const size = Math.abs(value);
-  if (size < 0.1) return `${number(value * 1000, size < 0.01 ? 2 : 1)} mm`;
-  return `${number(value, 4)} m`;
+  if (size < 0.1) return `${decimal(value * 1000, size < 0.01 ? 2 : 1)} mm`;
+  return `${decimal(value, 4)} m`;
 };

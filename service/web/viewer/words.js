@@ -19,7 +19,7 @@ export function t(key, values = {}) {
 // The word for a code of a document; the code itself where there is none.
 export const word = (subject, code) => texts()[`${subject}.${code}`] ?? code;
 
-export function number(value, decimals) {
+export function decimal(value, decimals) {
   texts();
   return new Intl.NumberFormat(language, {
     minimumFractionDigits: decimals, maximumFractionDigits: decimals, useGrouping: false,
