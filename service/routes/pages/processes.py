@@ -1,10 +1,14 @@
 """Forms by which processes are started."""
 
+from typing import Any
+
 from fastapi import Request, Response
 
+from service.ports import Process
 from service.processes import PROCESSES, offered_process
 from service.processes.register import REGISTER
-from service.routes.page_answers import PageRoute, page
+from service.routes.page_answers import PageRoute, language_of, page
+from service.web.option_help import option_words
 
 
 def list_processes(request: Request) -> Response:
@@ -14,12 +18,17 @@ def list_processes(request: Request) -> Response:
 
 def show_process(request: Request) -> Response:
     """Show the form of a process; what it asks for follows from the schema of its inputs."""
-    return page(request, "process", {"process": offered_process(request.path_params["process_id"])})
+    return _form(request, "process", offered_process(request.path_params["process_id"]))
 
 
 def new_registration(request: Request) -> Response:
     """Show where scans and photos are dropped, stations named, options chosen, and a registration started."""
-    return page(request, "registration", {"process": REGISTER})
+    return _form(request, "registration", REGISTER)
+
+
+def _form(request: Request, template: str, process: Process[Any]) -> Response:
+    words = option_words(process, language_of(request))
+    return page(request, template, {"process": process, "option_words": words})
 
 
 ROUTES = (

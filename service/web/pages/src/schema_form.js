@@ -8,13 +8,16 @@ export function label(name) {
   const parts = name.replace(/([a-z])([A-Z])/g, (all, one, other) => `${one}_${other.toLowerCase()}`).split("_");
   const unit = parts.length > 1 ? UNITS[parts.at(-1)] : undefined;
   if (unit) parts.pop();
-  const text = parts.join(" ");
+  const own = words().options?.labels[name];
+  const text = own || parts.join(" ");
   return `${text.charAt(0).toUpperCase()}${text.slice(1)}${unit ? ` [${unit}]` : ""}`;
 }
 
 // of the marks that descriptions have, those of code
-export function explained(text, id) {
-  return element("p", { class: "help", id }, ...text.split("`").map((part, index) => (index % 2 ? element("code", {}, part) : part)));
+export function explained(english, id) {
+  const own = words().options?.help[english];
+  const text = own || english;
+  return element("p", { class: "help", id, lang: own ? document.documentElement.lang : undefined }, ...text.split("`").map((part, index) => (index % 2 ? element("code", {}, part) : part)));
 }
 
 const short = (value) => {
