@@ -10,6 +10,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
+from service.formats import inspect_file
 from tests.e2e.running_service import RunningService, running_service
 from tests.e2e.test_keys_over_http import command
 from tests.measures.patience import patience
@@ -21,6 +22,8 @@ WIDTHS = (1280, 390)
 HOSTILE = "<img src=x onerror=document.title='hacked'>.e57"
 HARMLESS = "_img src_x onerror_document.title__hacked__"
 SERIOUS = {"serious", "critical"}
+A4_PX = round((210 - 2 * 20) / 25.4 * 96)
+"""Width of what is printed on A4 with margins of 2 cm."""
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +113,10 @@ def test_scans_are_registered_by_the_page(
     # named after the files, whichever was inspected first, with nothing in the names that could be markup
     assert {names.nth(k).input_value() for k in range(2)} == {first.stem, HARMLESS}
     visit.is_accessible_and_fits()
+    page.locator("details.options > summary").click()
+    registered = page.locator("[data-outputs] [data-field=registered]").first
+    registered.locator("summary").first.click()
+    registered.get_by_label("Use").first.check()
     page.get_by_role("button", name="Start").click()
     page.wait_for_url("**/jobs/*")
     visit.is_accessible_and_fits()
@@ -126,9 +133,30 @@ def test_scans_are_registered_by_the_page(
     with page.expect_download() as document:
         page.locator("a[data-json]").click()
     assert json.loads(Path(document.value.path()).read_text())["status"] == "registered"
+    with page.expect_download() as scans:
+        page.get_by_role("link", name=f"{first.stem}-registered.e57").click()
+    (given,) = inspect_file(first, first.name)
+    (written,) = inspect_file(Path(scans.value.path()), "registered.e57")
+    assert (written.points, written.scan_pose is not None) == (given.points, True)
     page.get_by_role("link", name="Open the report").click()
     page.wait_for_url("**/report.html")
+    columns_fit_on_paper(page)
     visit.close()
+
+
+def columns_fit_on_paper(page: Page) -> None:
+    """Lay the page out as it is printed on A4 with margins of 2 cm: nothing is wider, so no column is cut."""
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": A4_PX, "height": 900})
+    too_wide = page.evaluate(
+        """(width) => [...document.querySelectorAll('table, svg, img, p, figure')]
+            .filter((each) => each.getBoundingClientRect().right > width + 0.5)
+            .map((each) => each.outerHTML.slice(0, 200))""",
+        A4_PX,
+    )
+    assert too_wide == []
+    margins = dict.fromkeys(("top", "bottom", "left", "right"), "20mm")
+    assert page.pdf(format="A4", margin=margins).startswith(b"%PDF")
 
 
 def test_every_page_is_accessible_in_light_and_dark_and_asks_nobody_else(

@@ -80,7 +80,7 @@ def test_before_and_after_are_other_pictures(shown: ViewerPage) -> None:
 
 
 def test_a_row_of_a_table_is_shown_in_3d_and_the_feature_marks_its_row(shown: ViewerPage, used_line: str) -> None:
-    row = shown.page.locator(f'tr[data-feature="{used_line}"]')
+    row = shown.page.locator(f'body > table tr[data-feature="{used_line}"]')
     row.focus()
     shown.page.keyboard.press("Enter")
     assert used_line in str(shown.page.locator(".viewer-info h3").text_content())
