@@ -123,7 +123,8 @@ def resection(ideal: Array, points: Points) -> tuple[Matrix3, Vector3, float] | 
         for k in range(count):
             rotation, shift = cv2.Rodrigues(turns[k])[0], shifts[k].ravel()
             misfit = _image_misfits(rotation, shift, points - centre, flipped)
-            middle = float(np.median(misfit))
+            # the three fit whatever they are: the others decide
+            middle = float(np.median(np.delete(misfit, rows)))
             if np.isfinite(middle) and (best is None or middle < best[2]):
                 best = (rotation, shift, middle)
     if best is None:

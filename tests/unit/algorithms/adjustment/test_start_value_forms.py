@@ -90,3 +90,12 @@ def test_rays_meet_in_their_points_and_parallel_ones_nowhere(rng: np.random.Gene
     np.testing.assert_allclose(places, points, atol=1e-9)
     same = np.tile(vectors[5], (2, 1))
     assert len(intersections(np.array([1, 1]), origins[:2], same)[0]) == 0
+
+
+def test_of_four_points_the_fourth_decides_between_the_poses_that_fit_three(rng: np.random.Generator) -> None:
+    square = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    for _ in range(10):
+        turn, place = a_pose(rng)
+        found = resection(photo(square, turn, place), square)
+        assert found is not None
+        np.testing.assert_allclose(found[1], place, atol=1e-6)
