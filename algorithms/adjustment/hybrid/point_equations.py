@@ -172,8 +172,8 @@ class ObservedUnknowns(Observations):
     def stacked(self, state: State) -> Stacked:
         """Compute the present value minus the observed one (MATH 6.1)."""
         n = np.arange(len(self))
-        jacobian = np.zeros((len(self), 1, SIZES[self.kind]))
         if self.kind in {Kind.POSE, Kind.MOUNT}:
+            jacobian = np.zeros((len(self), 1, SIZES[self.kind]))
             of_pose = self.kind is Kind.POSE
             rotations = (state.rotations if of_pose else state.mount_rotations)[self.numbers]
             positions = (state.positions if of_pose else state.mount_positions)[self.numbers]
@@ -187,5 +187,7 @@ class ObservedUnknowns(Observations):
         else:
             values = {Kind.POINT: state.points, Kind.CAMERA: state.cameras, Kind.SCANNER: state.scanners}[self.kind]
             residuals = values[self.numbers, self.parameters] - self.values
+            # cameras of a calibration have the parameters of their own lens
+            jacobian = np.zeros((len(self), 1, values.shape[1]))
             jacobian[n, 0, self.parameters] = 1.0
         return Stacked(residuals[:, None], (Block(self.kind, self.numbers, jacobian),))

@@ -1,0 +1,1 @@
+"""Calibration of cameras and of their mounts on scanners."""

@@ -1,0 +1,185 @@
+"""Calibrations of rigs whose camera is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from algorithms.arrays import Array
+from algorithms.calibration.comparison import Halves, compare_halves, compare_with_earlier
+from algorithms.calibration.lenses import LENSES
+from algorithms.calibration.projection import differences, format_grid, projection_map
+from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate
+from algorithms.calibration.structure import require_structure
+from algorithms.calibration.target_field import HeadMount, TargetField
+from algorithms.errors import DegenerateGeometryError
+
+WIDTH, HEIGHT = 1280, 960
+NOISE_PX = 0.1
+LENS = LENSES["opencv"]
+TRUTH = LENS.started(1000.0, WIDTH, HEIGHT)
+TRUTH[[1, 2, 3, 5]] += (8.0, -6.0, -0.15, 0.001)
+UNKNOWN = np.isin(LENS.names, ("f", "cx", "cy", "k1", "p1"))
+PLAIN = CalibrationOptions(scaled_stds=False, gross_errors=False)
+
+
+def _field(targets: Array, photos: Array, points: Array, images: Array, **others: object) -> TargetField:
+    start = LENS.started(np.nan, WIDTH, HEIGHT)
+    count = int(photos.max()) + 1
+    field = TargetField(
+        LENS, WIDTH, HEIGHT, start, UNKNOWN, np.full(len(start), np.inf), [f"T{k}" for k in range(len(targets))],
+        targets, np.zeros((len(targets), 3, 3)), [f"P{k}" for k in range(count)], photos, points, images,
+        np.full(images.shape, NOISE_PX),
+    )  # fmt: skip
+    return replace(field, **others)
+
+
+def board_rig(tilt_rad: float, photos: int = 6, noise_px: float = NOISE_PX) -> TargetField:
+    """Photos of a flat board, each turned about its normal and tilted by up to an angle about either axis."""
+    rng = np.random.default_rng(4)
+    board = np.array([[0.05 * j, 0.05 * i, 0.0] for i in range(5) for j in range(7)]) - [0.15, 0.1, 0.0]
+    images = []
+    for k in range(photos):
+        turn = Rotation.from_euler("ZXY", [1.5 * k, *(tilt_rad * rng.uniform(-1.0, 1.0, 2))]).as_matrix()
+        place = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.35, 0.5)])
+        images.append(LENS.image(board @ turn.T + place, TRUTH))
+    images = np.concatenate(images) + noise_px * rng.normal(size=(photos * len(board), 2))
+    return _field(board, np.repeat(np.arange(photos), len(board)), np.tile(np.arange(len(board)), photos), images)
+
+
+AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # the camera looks along x of the head
+MOUNT_TURN = AXES @ Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix()
+MOUNT_PLACE = np.array([0.05, 0.02, 0.25])
+POLAR_STD_M = 0.002
+
+
+def mounted_rig(
+    rng: np.random.Generator, columns: int, rows: int, heads: Array, *, noisy: bool = True, head_std: float = 2e-5
+) -> TargetField:
+    """A field of near and far targets before a scanner, photographed at head angles; the middle of it is at x."""
+    azimuths = np.linspace(-0.45, 0.45, columns) if columns > 1 else np.zeros(1)
+    heights = np.linspace(-0.38, 0.38, rows)
+    grid = np.array([
+        distance * np.array([np.cos(a), np.sin(a), h])
+        for shift, distance in ((0.0, 3.0), (0.03, 9.0)) for a in azimuths + shift for h in heights
+    ])  # fmt: skip
+    photos, points, images = [], [], []
+    for k, angle in enumerate(heads + head_std * rng.normal(size=len(heads)) * noisy):
+        in_head = grid @ Rotation.from_euler("Z", angle).as_matrix()
+        seen = (in_head - MOUNT_PLACE) @ MOUNT_TURN
+        inside = np.flatnonzero(seen[:, 2] > 0.3)
+        shown = LENS.image(seen[inside], TRUTH)
+        kept = ((shown > 0.0) & (shown < [WIDTH - 1, HEIGHT - 1])).all(axis=1)
+        photos.append(np.full(kept.sum(), k))
+        points.append(inside[kept])
+        images.append(shown[kept])
+    image = np.concatenate(images)
+    std = POLAR_STD_M * np.ones(len(grid))
+    targets = grid + noisy * std[:, None] * rng.normal(size=grid.shape)
+    image += noisy * NOISE_PX * rng.normal(size=image.shape)
+    return _field(
+        targets, np.concatenate(photos), np.concatenate(points), image,
+        target_covariances=np.square(std)[:, None, None] * np.eye(3), mount=HeadMount(heads, head_std),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tilted() -> Calibration:
+    return calibrate(board_rig(0.6, photos=8), PLAIN)
+
+
+def test_without_noise_the_camera_is_found_exactly_and_without_start_values() -> None:
+    found = calibrate(board_rig(0.6, noise_px=0.0), PLAIN)
+    np.testing.assert_allclose(found.parameters, TRUTH, rtol=1e-8, atol=1e-8)
+
+
+def test_a_camera_is_found_within_its_standard_deviations(tilted: Calibration) -> None:
+    free = np.flatnonzero(UNKNOWN)
+    errors = tilted.parameters[free] - TRUTH[free]
+    statistic = errors @ np.linalg.solve(tilted.covariance, errors)
+    assert statistic < 20.5  # chi-square of 5, one of a thousand
+    assert tilted.names == ["f", "cx", "cy", "k1", "p1"]
+
+
+def test_photos_from_one_direction_are_refused_with_the_principal_distance_named() -> None:
+    with pytest.raises(DegenerateGeometryError) as refused:
+        calibrate(board_rig(0.0), PLAIN)
+    assert any(text.startswith("f") for text in refused.value.free_directions)
+    assert "tilted by 20 to 45 degrees" in refused.value.advice
+
+
+def test_a_target_in_one_photo_only_is_refused_by_name_and_one_without_photos_too() -> None:
+    field = board_rig(0.6)
+    free = np.full((3, 3), np.nan)
+    covariances = field.target_covariances.copy()
+    covariances[[3, 4]] = free
+    kept = (field.points != 4) & ~((field.points == 3) & (field.photos > 0))
+    lacking = replace(
+        field, target_covariances=covariances, photos=field.photos[kept], points=field.points[kept],
+        images=field.images[kept], image_stds=field.image_stds[kept],
+    )  # fmt: skip
+    with pytest.raises(DegenerateGeometryError, match=r"target T3: one photo .* target T4: no photo") as refused:
+        require_structure(lacking)
+    whole = 5 + 6 * 6 + 6
+    assert (refused.value.rank, "of 47 parameters" in str(refused.value)) == (whole - 4, True)
+
+
+def test_without_known_targets_the_datum_is_missing() -> None:
+    field = board_rig(0.6)
+    free = np.full_like(field.target_covariances, np.nan)
+    with pytest.raises(DegenerateGeometryError, match="no datum"):
+        require_structure(replace(field, target_covariances=free))
+
+
+def test_mount_and_camera_are_found_from_photos_at_head_angles() -> None:
+    field = mounted_rig(np.random.default_rng(1), 5, 5, np.radians([-12.0, 0.0, 15.0]), noisy=False)
+    found = calibrate(field, PLAIN)
+    np.testing.assert_allclose(found.parameters, TRUTH, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(found.state.mount_rotations[1], MOUNT_TURN, atol=1e-9)
+    np.testing.assert_allclose(found.state.mount_positions[1], MOUNT_PLACE, atol=1e-8)
+    assert found.names[-6:] == [f"mount {p}" for p in ("rotation x", "rotation y", "rotation z", "X", "Y", "Z")]
+
+
+def test_a_gross_error_is_left_out() -> None:
+    field = board_rig(0.6, photos=4)
+    images = field.images.copy()
+    images[17, 0] += 3.0
+    found = calibrate(replace(field, images=images))
+    assert np.flatnonzero(~found.used).tolist() == [17]
+
+
+def test_the_projection_is_surest_where_targets_were_seen(tilted: Calibration) -> None:
+    image = format_grid(WIDTH, HEIGHT)
+    found = projection_map(tilted, image, 5.0)
+    middle = np.argmin(np.linalg.norm(image - [640, 480], axis=1))
+    assert found.stds[middle] == pytest.approx(found.stds.min(), rel=0.3)
+    assert found.stds[0] > 1.5 * found.stds[middle]
+    assert found.object_stds[middle] == pytest.approx(5.0 * found.stds[middle] / 1000.0, rel=0.05)
+
+
+def test_cameras_that_differ_by_a_motion_only_do_not_differ() -> None:
+    image = format_grid(WIDTH, HEIGHT)
+    same = differences((LENS, TRUTH), (LENS, TRUTH), image)
+    np.testing.assert_allclose(same, 0.0, atol=1e-9)
+    shifted = TRUTH.copy()
+    shifted[1] += 5.0
+    # a principal point 5 px away is a turn of 5 mrad, up to what that turn bends
+    apart = np.linalg.norm(differences((LENS, TRUTH), (LENS, shifted), image), axis=1)
+    assert apart.max() < 2.0
+
+
+def test_halves_of_the_photos_agree_with_what_is_expected_of_them(tilted: Calibration) -> None:
+    halves = compare_halves(tilted.field, tilted.state)
+    assert isinstance(halves, Halves)
+    assert 0.1 < halves.ratio < 2.0
+    assert isinstance(compare_halves(board_rig(0.6, photos=4), tilted.state), str)
+
+
+def test_a_camera_that_changed_is_told_from_one_that_did_not(tilted: Calibration) -> None:
+    none = np.zeros(len(TRUTH))
+    same = compare_with_earlier(tilted, LENS, TRUTH, none)
+    moved = TRUTH.copy()
+    moved[0] += 8.0
+    other = compare_with_earlier(tilted, LENS, moved, none)
+    assert same.p_value > 0.001 > other.p_value
