@@ -24,7 +24,6 @@ pytestmark = [
 
 @cache
 def cloud(name: str) -> Any:
-    o3d = import_open3d()
     points = o3d.io.read_point_cloud(DATA / f"{name}.ply").voxel_down_sample(0.15)
     points.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=0.5, max_nn=30))
     return points
