@@ -27,15 +27,15 @@ def lacks_of(field: TargetField) -> Iterator[Lack]:
     """Find what the incidence of targets and photos alone leaves undetermined."""
     rays = np.bincount(field.points, minlength=len(field.targets))
     free = ~field.known
-    for k in np.flatnonzero(free & (rays == 1)):
+    for k in np.flatnonzero(free & (rays == 1)).tolist():
         name = field.target_names[k]
         yield Lack(1, f"target {name}: one photo shows it, its distance is free", f"show {name} in another photo")
-    for k in np.flatnonzero(free & (rays == 0)):
+    for k in np.flatnonzero(free & (rays == 0)).tolist():
         name = field.target_names[k]
         yield Lack(3, f"target {name}: no photo shows it", f"leave {name} out, or measure it in two photos")
     shown = np.bincount(field.photos, minlength=len(field.photo_names))
     if field.mount is None:
-        for k in np.flatnonzero(shown < LEAST_POINTS):
+        for k in np.flatnonzero(shown < LEAST_POINTS).tolist():
             name = field.photo_names[k]
             yield Lack(6, f"photo {name}: {shown[k]} targets in it", f"measure {LEAST_POINTS} targets in {name}")
         known = field.targets[field.known & (rays > 0)]

@@ -36,7 +36,7 @@ def translations(process_id: str, language: Language) -> Mapping[str, Mapping[st
 
 def described_fields(process: Process[Any]) -> dict[str, str]:
     """Give the English help of every field of a process's form by its place, such as ``report.project``."""
-    described = {}
+    described: dict[str, str] = {}
     for name, each in input_descriptions(process).items():
         schema = each.model_dump(mode="json", by_alias=True, exclude_none=True)["schema"]
         described.update(_described(schema, name))
