@@ -9,8 +9,8 @@ from service.web.option_help import described_fields, digest_of, option_words, t
 
 ENGLISH = described_fields(REGISTER)
 GERMAN = translations("register", "de")
-BESIDE_THE_OPTIONS = {"stations", "control"}
-"""Which the page of a new registration asks for otherwise, or not at all."""
+BESIDE_THE_OPTIONS = {"stations"}
+"""Which the page of a new registration asks for otherwise."""
 
 
 @pytest.mark.parametrize("place", sorted(GERMAN))
