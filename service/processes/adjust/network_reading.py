@@ -152,6 +152,7 @@ class _Reading:
                 self.at_points[k] = of[station["point"]]
                 self.station_heights[k] = station["height_m"]
         self._place_centred(points, known, positions, poses_known)
+        self._orient_centred(points, known, rotations, poses_known)
         mounts = self.given["mounts"]
         mount_poses = [self._pose(m["approx"]) if m["approx"] else (np.eye(3), np.zeros(3)) for m in mounts]
         state = State(
@@ -182,22 +183,33 @@ class _Reading:
         positions[at] = points[self.at_points[at]]
         positions[at, 2] += self.station_heights[at]
 
+    def _orient_centred(self, points: Array, known: Array, rotations: Array, poses_known: Array) -> None:
+        """Orient levelled stations above known points by their directions to known points."""
+        turns: dict[int, complex] = {}
+        for each in self.observations["polar"]:
+            k, end = self.numbers[Kind.POSE].get(each["station"], -1), self.numbers[Kind.POINT][each["point"]]
+            at = self.at_points[k] if k >= 0 else -1
+            turned = at < 0 or at == end or not self.levelled[k] or poses_known[k] or each["horizontal"] is None
+            if not turned and known[at] and known[end]:
+                x, y = points[end, :2] - points[at, :2]
+                turns[k] = turns.get(k, 0.0) + np.exp(1j * (np.arctan2(y, x) - each["horizontal"] * self.radians))
+        for k, turn in turns.items():
+            rotations[k], poses_known[k] = Rotation.from_euler("Z", float(np.angle(turn))).as_matrix(), True
+
     def _pose(self, approx: Json) -> tuple[Array, Array]:
         if approx["omega"] is not None:
             angles, order = [approx["omega"], approx["phi"], approx["kappa"]], "XYZ"
         else:
             angles, order = [approx["alpha"], approx["zeta"], approx["kappa"]], "ZYZ"
-        rotation = Rotation.from_euler(order, np.array(angles) * self.radians).as_matrix()
-        return rotation, np.array([approx["X"], approx["Y"], approx["Z"]])
+        rotation = Rotation.from_euler(order, np.array(angles) * self.radians)
+        return rotation.as_matrix(), np.array([approx[each] for each in COORDINATES])
 
     def _camera(self, camera: Json) -> Array:
-        distortion = camera["distortion"] or {}
-        terms = [distortion.get(name, 0.0) for name in CAMERA_PARAMETERS[3:]]
+        terms = [(camera["distortion"] or {}).get(name, 0.0) for name in CAMERA_PARAMETERS[3:]]
         return np.array([camera["principal_distance_px"], camera["x0_px"], camera["y0_px"], *terms])
 
     def _scanner(self, scanner: Json) -> Array:
-        angles = [scanner[name] * self.radians for name in SCANNER_PARAMETERS[1:]]
-        return np.array([scanner["distance_offset"], *angles])
+        return np.array([scanner["distance_offset"], *(scanner[n] * self.radians for n in SCANNER_PARAMETERS[1:])])
 
     def _free(self) -> dict[Kind, Array]:
         free = {kind: np.ones((self.start.count(kind), SIZES[kind]), dtype=bool) for kind in Kind}

@@ -157,3 +157,19 @@ def test_wrong_distances_of_a_whole_scan_are_left_out() -> None:
     assert len(wrong) >= 18
     assert len(document.removals) - len(wrong) <= 2
     assert document.global_test.passed
+
+
+def test_a_levelled_station_above_a_known_point_is_oriented_by_one_direction() -> None:
+    points = {"A": [0.0, 0.0, 0.0], "B": [10.0, 0.0, 1.0], "P": [5.0, 5.0, 0.1]}
+    polar = [
+        {"station": "S", "point": "B", "horizontal": 350.0, "sigma_horizontal": 0.001},
+        {"station": "S", "point": "P", "horizontal": 0.0, "sigma_horizontal": 0.001, "zenith": 99.1, "sigma_zenith": 0.001,
+         "distance": 7.0718, "sigma_distance": 0.001},
+    ]  # fmt: skip
+    network = {
+        "format": "hybrid-network/1",
+        "stations": [{"id": "S", "point": "A", "levelled": True}],
+        "observations": {"polar": polar, "control": [{"point": n, "xyz": points[n], "held": True} for n in "AB"]},
+    }
+    found = {p.id: p.xyz_m for p in adjusted(network, datum={"type": "control"}, gross_errors="none").points}
+    np.testing.assert_allclose(found["P"], points["P"], atol=0.002)
