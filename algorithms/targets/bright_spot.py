@@ -20,6 +20,8 @@ POINTS_OF_A_TAIL = 30
 TAIL_SIGNIFICANCE, MOST_TAIL = 0.001, 0.4
 STRIPS = 18
 """Of a cylinder, of equal angles: narrow where its brightness falls."""
+LEAN_STD_RAD = 0.01
+"""How upright a cylinder stands in the scanner's frame: its front is so much higher or lower."""
 LAMBERT = 1.0
 """A foil's brightness falls with a power of the cosine of incidence that is fitted; it begins as paper's does."""
 KNOWN_BEFORE = 0.7
@@ -116,6 +118,9 @@ def fit_spot(
                 return None
     solution, covariance, agreement, rms, tail = fit
     covariance = covariance + (LEAST_STD_PX * step_m) ** 2 * np.eye(2)
+    if kind is TargetKind.RETRO_CYLINDER:
+        # the foil lies 0.8 radii before the axis on the average
+        covariance[1, 1] += (0.4 * size_m * LEAN_STD_RAD) ** 2
     level, height = float(solution[2]), float(solution[3])
     return SpotFit(
         centre_m=plane.in_space(solution[:2]),

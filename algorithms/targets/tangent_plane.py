@@ -78,7 +78,7 @@ def plane_through(points: Points) -> TangentPlane | None:
             return None
         normal = axes[:, 0]
         across = (points - centre) @ normal
-        noise = float(np.sqrt(values[0] / (len(kept) - 3)))
+        noise = float(np.sqrt(max(float(values[0]), 0.0) / (len(kept) - 3)))
         near = np.abs(across) <= max(CLIPPING_SIGMAS * noise, 1e-9)
         if np.count_nonzero(near) == len(kept):
             break
