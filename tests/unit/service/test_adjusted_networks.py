@@ -161,11 +161,11 @@ def test_wrong_distances_of_a_whole_scan_are_left_out() -> None:
 
 def test_a_levelled_station_above_a_known_point_is_oriented_by_one_direction() -> None:
     points = {"A": [0.0, 0.0, 0.0], "B": [10.0, 0.0, 1.0], "P": [5.0, 5.0, 0.1]}
-    polar = [
+    polar: list[dict[str, Any]] = [
         {"station": "S", "point": "B", "horizontal": 350.0, "sigma_horizontal": 0.001},
-        {"station": "S", "point": "P", "horizontal": 0.0, "sigma_horizontal": 0.001, "zenith": 99.1, "sigma_zenith": 0.001,
-         "distance": 7.0718, "sigma_distance": 0.001},
-    ]  # fmt: skip
+        {"station": "S", "point": "P", "horizontal": 0.0, "zenith": 99.1, "distance": 7.0718},
+    ]
+    polar[1] |= {f"sigma_{part}": 0.001 for part in ("horizontal", "zenith", "distance")}
     network = {
         "format": "hybrid-network/1",
         "stations": [{"id": "S", "point": "A", "levelled": True}],
