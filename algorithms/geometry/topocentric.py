@@ -14,6 +14,8 @@ import numpy as np
 from algorithms.arrays import Array, Matrices3, Points, Vector3
 from algorithms.errors import InvalidInputError
 
+MARGIN_DEG = 6.0
+"""A zone's width: neighbouring zones are used beyond their rims."""
 STEP_M = 10.0
 """Half the step of the differences by which the projection is linearised."""
 
@@ -61,6 +63,20 @@ class TopocentricFrame:
         steps = STEP_M * np.eye(3)
         columns = [(self.from_local(local + step) - self.from_local(local - step)) / (2.0 * STEP_M) for step in steps]
         return np.stack(columns, axis=2)
+
+    @property
+    def is_in_area(self) -> bool:
+        """Say whether the origin lies about where the system is meant for; True where nobody says where that is."""
+        area = self._plane.area_of_use
+        longitude, latitude = self._geographic.transform(self.origin[0], self.origin[1])
+        if not np.isfinite([longitude, latitude]).all():
+            return False
+        if area is None or area.west > area.east:
+            return True
+        return bool(
+            area.west - MARGIN_DEG <= longitude <= area.east + MARGIN_DEG
+            and area.south - MARGIN_DEG <= latitude <= area.north + MARGIN_DEG
+        )
 
     @cached_property
     def _plane(self) -> Any:

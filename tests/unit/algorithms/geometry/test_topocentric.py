@@ -44,3 +44,8 @@ def test_axes_of_a_system_that_names_north_first_are_taken_east_first() -> None:
 def test_coordinates_outside_of_the_projection_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="projection"):
         TopocentricFrame("EPSG:25832", np.array([1e9, 1e9, 0.0])).to_local(np.array([[1e9, 1e9, 0.0]]))
+
+
+def test_exchanged_axes_lie_outside_of_where_the_system_is_meant_for() -> None:
+    assert UTM.is_in_area
+    assert not TopocentricFrame("EPSG:25832", UTM.origin[[1, 0, 2]]).is_in_area
