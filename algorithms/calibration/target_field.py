@@ -82,17 +82,20 @@ class TargetField:
 
     def with_photos(self, chosen: Flags) -> "TargetField":
         """Keep some photos and what they show."""
-        kept = chosen[self.photos]
         number = np.cumsum(chosen) - 1
         mount = self.mount and replace(self.mount, angles_rad=self.mount.angles_rad[chosen])
+        shown = self.with_points(chosen[self.photos])
+        names = [name for name, is_chosen in zip(self.photo_names, chosen, strict=True) if is_chosen]
+        return replace(shown, photo_names=names, photos=number[shown.photos], mount=mount)
+
+    def with_points(self, chosen: Flags) -> "TargetField":
+        """Keep some image points."""
         return replace(
             self,
-            photo_names=[name for name, is_chosen in zip(self.photo_names, chosen, strict=True) if is_chosen],
-            photos=number[self.photos[kept]],
-            points=self.points[kept],
-            images=self.images[kept],
-            image_stds=self.image_stds[kept],
-            mount=mount,
+            photos=self.photos[chosen],
+            points=self.points[chosen],
+            images=self.images[chosen],
+            image_stds=self.image_stds[chosen],
         )
 
     def free(self) -> dict[Kind, Array]:

@@ -11,6 +11,7 @@ from typing import Any
 from service.errors import NoSuchProcessError
 from service.ports import Json, Plan, Process, StepContext
 from service.processes.adjust import ADJUST
+from service.processes.calibrate_camera import CALIBRATE_CAMERA
 from service.processes.clean import CLEAN
 from service.processes.colour import COLOUR
 from service.processes.compare import COMPARE
@@ -37,6 +38,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     SIMULATE,
     ORIENT,
     ADJUST,
+    CALIBRATE_CAMERA,
     ECHO,
 )
 
