@@ -22,7 +22,9 @@ class RegisteredOptions(RequestModel):
     """One file with all stations; else one each, or of E57 one for each that was uploaded."""
     crs: StatedCrs | None = None
     """Coordinate reference system of the world frame, such as `EPSG:25832` or `EPSG:25832+7837`; it is written into the
-    files that have a place for it. Null: not said. No coordinate is changed by it."""
+    files that have a place for it. Null: not said. No coordinate is changed by it. Where the control of a registration
+    is in a `crs`, points of `laz`, `copc`, `ply`, `pcd`, `pts` and `xyz` are written in it, point by point, and these
+    files name it; the poses of the others are rigid and lead into the local frame of `control.system`."""
     per_point_std: bool = False
     """Whether each point gets the standard deviation of its position, `std_mm`: √(σx² + σy² + σz²) from the covariance
     of its station's pose at its distance, and the noise of its range. PTX and PTS have no place for it."""

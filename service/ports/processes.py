@@ -31,6 +31,10 @@ def _accept(_inputs: RequestModel, _stored: Stored) -> None:
     """Find nothing wrong: the schema says all."""
 
 
+def _accept_files(_inputs: RequestModel, _wanted: Mapping[str, FileOutputRequest]) -> None:
+    """Find nothing wrong likewise."""
+
+
 @dataclass(frozen=True)
 class Process(Generic[InputsT]):
     """One process. All that the service does with processes follows from it; `service.processes` lists them."""
@@ -50,6 +54,8 @@ class Process(Generic[InputsT]):
     nothing of what computes. Steps that all may use stand in `service.use_cases.steps`."""
     check: Callable[[InputsT, Stored], None] = _accept
     """Raises InvalidRequestError, with a pointer to every bad field, for what no schema can know."""
+    check_files: Callable[[InputsT, Mapping[str, FileOutputRequest]], None] = _accept_files
+    """Likewise for files that are wanted by name and do not go with the inputs."""
     file_outputs: Mapping[str, type[FileOutputRequest]] = field(default_factory=dict)
     """Outputs that are files, made only where a request wants them: how each is asked for. Of the same name there is a
     member of the result document, a list of downloads, which is missing when it was not wanted."""

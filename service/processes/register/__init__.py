@@ -1,15 +1,27 @@
 """Process `register`: how scans lie to each other."""
 
+from collections.abc import Mapping
+
+from schemas.execution import FileOutputRequest
 from schemas.register_inputs import RegisterInputs
 from schemas.registered_output import RegisteredOutput
 from schemas.registration_result import RegistrationDocument
+from service.errors import InvalidRequestError
 from service.ports import Process, Stored
 from service.processes.register.plan import REGISTERED, RegisterPlan
+from service.use_cases.inputs.check_control import system_faults
 from service.use_cases.inputs.check_stations import check_register_inputs
+from service.use_cases.inputs.validate_request import WRONG_FIELDS
 
 
 def _check(inputs: RegisterInputs, stored: Stored) -> None:
     check_register_inputs(inputs, stored.files, stored.settings.max_stations)
+
+
+def _check_files(inputs: RegisterInputs, wanted: Mapping[str, FileOutputRequest]) -> None:
+    registered = wanted.get(REGISTERED)
+    if isinstance(registered, RegisteredOutput) and (faults := list(system_faults(inputs, registered))):
+        raise InvalidRequestError(WRONG_FIELDS, faults)
 
 
 REGISTER = Process(
@@ -30,5 +42,6 @@ REGISTER = Process(
         "list-registered": "service.use_cases.steps.run_registration_report:list_registered",
     },
     check=_check,
+    check_files=_check_files,
     file_outputs={REGISTERED: RegisteredOutput},
 )

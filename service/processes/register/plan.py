@@ -97,11 +97,18 @@ def _registered_stage(job: Json, outputs: Sequence[Sequence[Json]], after_report
         return None
     result = f"jobs/{job['id']}/result.json"
     if after_report == 0:
-        return registered_calls(job, job["inputs"]["stations"], options, result)
+        return registered_calls(job, job["inputs"]["stations"], {**options, **_held_by_control(job["inputs"])}, result)
     if after_report == 1:
         arguments = {"job_id": job["id"], "written": outputs[-1], "result": result}
         return [StepCall("list-registered", arguments, "listing the registered scans", weight=REPORT_WEIGHT)]
     return None
+
+
+def _held_by_control(inputs: Json) -> Json:
+    """Say what holds the world frame where that is control."""
+    if inputs.get("fix") != "control":
+        return {}
+    return {"control": {name: inputs.get(name) for name in ("crs", "geoid_undulation_m")}}
 
 
 def ties(job: Json) -> bool:

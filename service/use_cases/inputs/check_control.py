@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable
 
+from schemas.crs import wkt_1
 from schemas.register_inputs import RegisterInputs
+from schemas.registered_output import RegisteredOptions
 from service.errors import FieldFault
 from service.use_cases.inputs.validate_request import pointer_to
 
@@ -34,6 +36,25 @@ def control_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
         yield FieldFault(pointer_to("inputs", "crs"), "there is no control whose system it could be")
     if inputs.crs is not None and inputs.control:
         yield from _outside(inputs, inputs.crs)
+
+
+def system_faults(inputs: RegisterInputs, registered: RegisteredOptions) -> Iterable[FieldFault]:
+    """Name why registered scans cannot be in the system that is asked for."""
+    if registered.crs is None or not inputs.control:
+        return
+    at = pointer_to("outputs", "registered", "crs")
+    if inputs.fix != "control":
+        yield FieldFault(at, f"the world frame is that of a station (`fix`: '{inputs.fix}'); `fix` may be `control`")
+    elif inputs.crs is None:
+        return
+    elif registered.format in {"e57", "ptx", "poses"}:
+        detail = (
+            f"poses in `{registered.format}` are rigid and lead into a local frame, a projection is not rigid: leave "
+            "it out, or ask for laz, copc, ply, pcd, pts or xyz, whose points come in the system of the control"
+        )
+        yield FieldFault(at, detail)
+    elif wkt_1(registered.crs) != wkt_1(inputs.crs):
+        yield FieldFault(at, f"points come in the system of the control, {inputs.crs[:60]}: leave it out")
 
 
 def _outside(inputs: RegisterInputs, crs: str) -> Iterable[FieldFault]:

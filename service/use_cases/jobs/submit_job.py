@@ -68,6 +68,7 @@ def check_execution(process: Process[Any], body: Any, stored: Stored, fetches: t
     inputs = with_stations_of_jobs(request.inputs, stored)
     try:
         process.check(inputs, stored)
+        process.check_files(inputs, request.wanted_files())
     except InvalidRequestError as error:
         other = without_absence(error, fetches)
         if other is not None:

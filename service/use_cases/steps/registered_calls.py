@@ -8,9 +8,11 @@ from service.ports import Json, StepCall
 from service.use_cases.steps.station_calls import photos_of, scan_of
 
 WRITING_WEIGHT = 1.0
-OPTIONS = ("format", "merge", "crs", "per_point_std", "range_std_m", "left_handed", "cleaning")
+OPTIONS = ("format", "merge", "crs", "per_point_std", "range_std_m", "left_handed", "cleaning", "control")
 STEP = "write-registered"
 POSES, E57 = "poses", "e57"
+RIGID = (E57, "ptx", POSES)
+"""Formats in which stations have rigid poses; in all others points are those of the world."""
 
 
 def registered_calls(job: Json, stations: Sequence[Json], options: Json, result: str | None = None) -> list[StepCall]:
@@ -23,7 +25,8 @@ def registered_calls(job: Json, stations: Sequence[Json], options: Json, result:
     stations
         As in its inputs; with `world_from_scan` unless `result` says the poses.
     options
-        The members of `schemas.registered_output.RegisteredOptions`.
+        The members of `schemas.registered_output.RegisteredOptions`; and `control` where points with known coordinates
+        hold the world frame: their `crs`, if any, and `geoid_undulation_m`.
     result
         Key of the result document that has the poses of all stations.
     """

@@ -13,7 +13,6 @@ from algorithms.arrays import Array, Matrix6
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import ProgressSection
 from algorithms.quality.position_std import PositionStd
-from schemas.crs import wkt_1
 from schemas.registration_result import RegisteredFile
 from service.errors import InvalidRequestError
 from service.formats.base import ScanFile
@@ -27,6 +26,7 @@ from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.cleaned_clouds import CLEANED, cleaned_frame
 from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.projected_clouds import WorldSystem, world_system
 from service.use_cases.steps.registered_calls import E57, POSES
 from service.use_cases.steps.registered_images import images_of
 
@@ -80,18 +80,21 @@ def write_registered(context: StepContext, arguments: Json) -> Json:
     stations, left_out = _placed(context, arguments)
     files: list[RegisteredFile] = []
     if stations:
-        files = _writing(options)(context, arguments, stations)
+        result = None if arguments.get("result") is None else _document(context, arguments["result"])
+        files = _writing(options)(context, arguments, stations, world_system(options, result))
     return {"files": [file.model_dump(mode="json") for file in files], "left_out": left_out}
 
 
-def _writing(options: Json) -> Callable[[StepContext, Json, Sequence[_Placed]], list[RegisteredFile]]:
+def _writing(options: Json) -> Callable[[StepContext, Json, Sequence[_Placed], WorldSystem], list[RegisteredFile]]:
     """Give what writes such files."""
     if options["format"] == POSES:
         return _write_poses
     return _write_points if options["cleaning"] is None else _write_cleaned
 
 
-def _write_poses(context: StepContext, arguments: Json, stations: Sequence[_Placed]) -> list[RegisteredFile]:
+def _write_poses(
+    context: StepContext, arguments: Json, stations: Sequence[_Placed], system: WorldSystem
+) -> list[RegisteredFile]:
     """Write the poses in all formats, each kind with its own ending."""
     poses = [StationPose(each.name, each.pose, each.covariance) for each in stations]
     is_left_handed = bool(arguments["options"]["left_handed"])
@@ -102,11 +105,13 @@ def _write_poses(context: StepContext, arguments: Json, stations: Sequence[_Plac
             safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
             context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{safe}", content)
             media = MEDIA_BY_ENDING.get(Path(name).suffix, "text/plain")
-            found.append(_described(context, job_id, safe, media, POSES, stations, Written(0)))
+            found.append(_described(context, job_id, safe, media, POSES, stations, Written(0, system.notes)))
     return found
 
 
-def _write_points(context: StepContext, arguments: Json, stations: Sequence[_Placed]) -> list[RegisteredFile]:
+def _write_points(
+    context: StepContext, arguments: Json, stations: Sequence[_Placed], system: WorldSystem
+) -> list[RegisteredFile]:
     options, job_id = arguments["options"], arguments["job_id"]
     writer = writer_of(options["format"])
     name = f"{arguments['stem']}{writer.ending}"
@@ -114,8 +119,8 @@ def _write_points(context: StepContext, arguments: Json, stations: Sequence[_Pla
         source = stations[0].file
         with output_file(context, job_id, name, source.size) as path:
             poses = {station.scan["index"]: station.pose for station in stations}
-            written = write_back(source, path, poses, context.progress, _crs(options))
-        written = Written(written.points, (SAME_FILE, *written.notes))
+            written = write_back(source, path, poses, context.progress, system.crs_wkt)
+        written = Written(written.points, (SAME_FILE, *written.notes, *system.notes))
     else:
         reading = ProgressSection(context.progress, 0.0, 0.3)
         clouds, notes = [], []
@@ -125,12 +130,15 @@ def _write_points(context: StepContext, arguments: Json, stations: Sequence[_Pla
             notes += said
         points = sum(cloud.facts.points for cloud in clouds if cloud.facts is not None)
         with output_file(context, job_id, name, BYTES_PER_POINT * points) as path:
+            clouds = [system.cloud(cloud) for cloud in clouds]
             written = writer.write(path, clouds, ProgressSection(context.progress, 0.3, 1.0))
-        written = Written(written.points, tuple(dict.fromkeys((*written.notes, *notes))))
+        written = Written(written.points, tuple(dict.fromkeys((*written.notes, *notes, *system.notes))))
     return [_described(context, job_id, name, writer.media_type, options["format"], stations, written)]
 
 
-def _write_cleaned(context: StepContext, arguments: Json, stations: Sequence[_Placed]) -> list[RegisteredFile]:
+def _write_cleaned(
+    context: StepContext, arguments: Json, stations: Sequence[_Placed], system: WorldSystem
+) -> list[RegisteredFile]:
     """Write what cleaning leaves of all stations, in as many files as are asked for."""
     options, job_id = arguments["options"], arguments["job_id"]
     writer, placed = writer_of(options["format"]), {station.name: station for station in stations}
@@ -152,7 +160,7 @@ def _write_cleaned(context: StepContext, arguments: Json, stations: Sequence[_Pl
             std = _position_std(station, notes)
             values = std.at(scan.scan.points[left.numbers], scan.scan.origin_m)
             scalars, fields = {STD_FIELD.name: (1000.0 * values).astype(np.float32)}, (STD_FIELD,)
-        clouds[station.name] = replace(cleaned.cloud(scan, left, scalars, fields), crs_wkt=_crs(options))
+        clouds[station.name] = system.cloud(cleaned.cloud(scan, left, scalars, fields))
     found = []
     for number, file in enumerate(arguments["files"]):
         names = [name for name in file["stations"] if name in clouds]
@@ -167,7 +175,7 @@ def _write_cleaned(context: StepContext, arguments: Json, stations: Sequence[_Pl
                 [clouds[name] for name in names],
                 ProgressSection(progress, *_share(number, len(arguments["files"]))),
             )
-        told = Written(written.points, tuple(dict.fromkeys((*written.notes, *notes))))
+        told = Written(written.points, tuple(dict.fromkeys((*written.notes, *notes, *system.notes))))
         described = _described(
             context, job_id, name, writer.media_type, options["format"], [placed[name] for name in names], told
         )
@@ -194,7 +202,6 @@ def _cloud(
         cloud,
         name=station.name,
         world_from_scan=None if station.estimate is None else station.pose,
-        crs_wkt=_crs(options),
         images=images,
     )
     if not options["per_point_std"]:
@@ -285,10 +292,6 @@ def _described(
         points=written.points,
         notes=list(written.notes),
     )
-
-
-def _crs(options: Json) -> str | None:
-    return None if options["crs"] is None else wkt_1(options["crs"])
 
 
 def _document(context: StepContext, key: str) -> Json:
