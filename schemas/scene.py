@@ -1,4 +1,4 @@
-"""What a viewer shows of a registration beside the points: stations, poses before and after, features, alternatives."""
+"""What a viewer shows of a job beside the points: stations, poses before and after, features, alternatives, colours."""
 
 from typing import Any
 
@@ -9,6 +9,7 @@ from schemas.registration_result import UnexplainedSurface
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Row4, Row4, Row4, Row4]
+Colour = tuple[int, int, int]
 
 
 class SceneFeature(Document):
@@ -72,8 +73,8 @@ class SceneStation(Document):
         description="Of that pose: rotation vector on the left, in the axes of the world (rad), translation (m); null: "
         "unknown."
     )
-    noise_std_m: float
-    """Standard deviation of points across their surfaces [m]."""
+    noise_std_m: float | None
+    """Standard deviation of points across their surfaces; null: unknown [m]."""
     points: int
     """Points that were looked at."""
     sensor_m: Vector | None
@@ -149,15 +150,31 @@ class SceneCloud(Document):
     )
 
 
+class SceneDeviations(Document):
+    """What the colours of points say of a comparison."""
+
+    limits_m: list[float]
+    """Borders between the classes, ascending; the deviations are signed [m]."""
+    colours: list[Colour]
+    """Red, green and blue of each class, one more than borders."""
+    insignificant: Colour | None
+    """Of deviations below their level of detection; null: no such level is known."""
+    without: Colour | None
+    """Of points that the reference has nothing near; null: there are none."""
+
+
 class Scene(Document):
-    """All that a viewer needs of a registration but the points."""
+    """All that a viewer needs of a job but the points."""
 
     stations: list[SceneStation]
-    """Every station."""
+    """Every station; of a comparison the points where it measured, in the world frame."""
     stages: list[SceneStage]
-    """The steps of the registration, the files' own coordinates first."""
+    """The steps of the registration, the files' own coordinates first; of a comparison one."""
     pairs: list[ScenePair]
     """Every pair that was tried."""
+    deviations: SceneDeviations | None = Field(
+        default=None, description="Of comparisons: what the points' colours say."
+    )
 
 
 class ServedScene(Scene):

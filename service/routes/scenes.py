@@ -13,9 +13,14 @@ from service.use_cases.jobs.find_scene import find_points, find_scene
 router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 
 
-@router.get("/jobs/{job_id}/scene", summary="What a viewer shows of a registration", response_model=ServedScene)
+@router.get(
+    "/jobs/{job_id}/scene", summary="What a viewer shows of a registration or comparison", response_model=ServedScene
+)
 def get_scene(job_id: str, adapters: AdaptersDependency) -> Response:
-    """Give stations, their poses before and after, features, possible poses of each pair, and where the points are."""
+    """Give stations, their poses before and after, features, possible poses of each pair, and where the points are.
+
+    Of a comparison: where its coloured points are, and what their colours say.
+    """
     scene = find_scene(job_id, adapters.jobs, adapters.blobs)
     return Response(scene.model_dump_json(by_alias=True), media_type="application/json")
 

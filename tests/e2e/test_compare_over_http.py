@@ -73,6 +73,28 @@ def test_a_lifted_part_is_significant_and_the_rest_is_not(epochs: Document) -> N
     assert sum(epochs["histogram"]["counts"]) > 0
 
 
+def test_a_viewer_shows_where_deviations_are_and_greys_what_is_not_significant(
+    service: RunningService, epochs: Document
+) -> None:
+    job = epochs["artifacts"][0]["href"].split("/artifacts/")[0]
+    scene = service.http.get(f"{job}/scene").json()
+    (cloud,) = scene["clouds"]
+    data = service.http.get(cloud["href"]).content
+    assert len(data) == 16 * cloud["blocks"]["points"] == 16 * epochs["m3c2"]["core_points"]
+    colours = []
+    for *_, first, count in cloud["blocks"]["nodes"]:
+        channels = np.frombuffer(data, dtype="u1", count=4 * count, offset=first + 12 * count)
+        colours.append(channels.reshape(count, 4)[:, 1:])
+    told, figures = np.concatenate(colours), epochs["m3c2"]
+    legend = scene["deviations"]
+    grey = int((told == legend["insignificant"]).all(axis=1).sum())
+    assert grey == figures["measured"] - figures["significant"]
+    reddest = int((told == legend["colours"][-1]).all(axis=1).sum())
+    assert 0 < reddest <= figures["significant"]
+    page = service.http.get(f"{job}/results", headers={"Accept": "text/html"}).text
+    assert 'id="viewer" data-job="' in page
+
+
 def test_pictures_and_grids_are_downloads(service: RunningService, epochs: Document) -> None:
     names = {each["name"] for each in epochs["artifacts"]}
     assert {"histogram.svg", "deviations.png", "difference.asc", "difference.png", "density-cloud.png"} <= names

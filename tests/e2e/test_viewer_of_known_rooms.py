@@ -13,6 +13,7 @@ from algorithms.scans.scan import Scan
 from service.adapters.files.local_files import LocalFiles
 from service.formats.writers import cloud_of
 from service.formats.writers.viewer_points import write_viewer_points
+from service.names.scene_keys import scene_key
 from tests.e2e.served_scene import JOB, ServedScene, ShownStation, served_scene
 from tests.e2e.viewer_page import ViewerPage, browser
 
@@ -152,6 +153,29 @@ def test_rows_of_planes_lead_to_them_too(shown: ViewerPage) -> None:
     shown.page.locator('tr[data-feature="S2/P6"]').click()
     assert f"{4 * HALF_M[0] * HALF_M[1]:.2f} m²" in str(shown.page.locator('tr[data-feature="S2/P6"]').text_content())
     assert shown.page.evaluate("tielineViewer.viewer.selected") == "S2/P6"
+
+
+def test_a_comparison_is_shown_with_the_legend_of_its_deviations_and_nothing_of_registrations(
+    chromium: Any, served: ServedScene
+) -> None:
+    scene = json.loads(served.blobs.local_path(scene_key(JOB)).read_bytes())
+    scene |= {"stations": scene["stations"][:1], "points": scene["points"][:1]}
+    scene["stations"][0] |= {"planes": [], "noise_std_m": None}
+    legend = {"limits_m": [-0.008, 0.008], "colours": [[20, 55, 230], [255, 255, 255], [230, 55, 20]]}
+    scene["deviations"] = {**legend, "insignificant": [120, 120, 120], "without": None}
+    served.blobs.write_bytes(scene_key("compare0"), json.dumps(scene).encode())
+    served.finish("compare0", "compare", {}, None)
+    page = ViewerPage(chromium, served.url, "compare0")
+    page.wait_for_picture()
+    told = str(page.page.locator(".viewer-legend").text_content())
+    assert "≤ -8.0 mm" in told
+    assert "> +8.0 mm" in told
+    assert "level of detection" in told
+    assert "within reach" not in told
+    assert page.page.locator(".viewer-classes .viewer-chip").count() == 3
+    assert not page.page.get_by_role("button", name="Help the registration").is_visible()
+    assert page.page.get_by_label("points by").locator("option").count() == 2
+    assert page.errors == []
 
 
 def test_it_speaks_german_with_german_numbers(chromium: Any, served: ServedScene) -> None:

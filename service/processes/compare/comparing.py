@@ -46,6 +46,7 @@ from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.processes.compare.drawings import histogram_svg, points_png
 from service.processes.compare.raster_part import Files, compared_surfaces
+from service.processes.compare.shown_deviations import store_deviation_scene
 from service.processes.compare.surfaces import StationsInWorld, pose_pairs, read_stations
 from service.use_cases.steps.output_files import artifact, output_file
 from service.use_cases.steps.run_lines_report import software
@@ -138,6 +139,9 @@ def compare(context: StepContext, arguments: Json) -> Json:
     )
     for name, (_, data) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
+    significant = None if compared.m3c2 is None else compared.m3c2.significant
+    names = [station["name"] for station in arguments["cloud"]]
+    store_deviation_scene(context, job_id, names, compared.places, origin, compared.deviations_m, significant, limit)
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"deviations": document.figures.count}
 

@@ -4,7 +4,7 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-from schemas.scene import SceneCloud, ServedScene, StoredScene
+from schemas.scene import Scene, SceneCloud, ServedScene, StoredScene
 from service.errors import ArtifactNotFoundError, ResultNotReadyError
 from service.names.scene_keys import scene_key
 from service.ports import BlobStore, JobStatus, JobStore, Json
@@ -24,7 +24,7 @@ def find_scene(job_id: str, jobs: JobStore, blobs: BlobStore) -> ServedScene:
     ResultNotReadyError
         It has not finished.
     ArtifactNotFoundError
-        It is none that registers, or was made before there were scenes.
+        It is none that registers or compares, or was made before there were scenes.
     """
     stored = _stored(job_id, jobs, blobs)
     clouds = []
@@ -33,7 +33,8 @@ def find_scene(job_id: str, jobs: JobStore, blobs: BlobStore) -> ServedScene:
         blocks = _listed(stored.points[number][1], blobs) if number < len(stored.points) else None
         href = None if blocks is None else f"/jobs/{job_id}/scene/points/{number}"
         clouds.append(SceneCloud(station=station.name, href=href, blocks=blocks))
-    return ServedScene(stations=stored.stations, stages=stored.stages, pairs=stored.pairs, clouds=clouds)
+    shown = {name: getattr(stored, name) for name in Scene.model_fields}
+    return ServedScene(**shown, clouds=clouds)
 
 
 def find_points(job_id: str, number: int, jobs: JobStore, blobs: BlobStore) -> Path:

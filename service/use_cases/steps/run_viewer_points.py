@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from algorithms.progress import ProgressSection
+from algorithms.progress import Progress, ProgressSection
 from service.names.content_keys import content_key
 from service.names.feature_keys import viewer_points_of_step
 from service.ports import Json, StepContext
@@ -33,26 +33,54 @@ def write_points_of_scan(context: StepContext, arguments: Json) -> Json:
     """
     from service.formats.base import ScanFile
     from service.formats.streaming import stream_scan
-    from service.formats.writers.viewer_points import write_viewer_points
 
-    blocks, listed = viewer_points_of_step(arguments)
-    if context.blobs.exists(listed):
+    keys = viewer_points_of_step(arguments)
+    if context.blobs.exists(keys[1]):
         return {}
     path = context.blobs.local_path(content_key(arguments["sha256"]))
     file = ScanFile(path, arguments["filename"], arguments.get("columns") or "", arguments.get("unit") or "")
     section = ProgressSection(context.progress, 0.0, 0.3)
     cloud = stream_scan(file, arguments["index"], read_limits(context), section)
+    points = 0 if cloud.facts is None else cloud.facts.points
+    shown = every_nth(cloud, math.ceil(points / MOST_POINTS))
+    store_viewer_points(context, shown, points, keys, ProgressSection(context.progress, 0.3, 1.0))
+    return {}
+
+
+def store_viewer_points(
+    context: StepContext, cloud: "StationCloud", points: int, keys: tuple[str, str], progress: Progress
+) -> None:
+    """Write the blocks of points of a cloud and the list of them.
+
+    Parameters
+    ----------
+    context
+        Of the step.
+    cloud
+        What is shown.
+    points
+        How many may lie on the disk while they are sorted.
+    keys
+        Of the blob of the blocks, and of that of the list.
+    progress
+        Is told how far it is.
+
+    Raises
+    ------
+    InsufficientStorageError
+        The disk has no room for it.
+    """
+    from service.formats.writers.viewer_points import write_viewer_points
+
+    blocks, listed = keys
     scratch = context.blobs.scratch()
     try:
-        points = 0 if cloud.facts is None else cloud.facts.points
         require_free_space(scratch, context.limits.get("min_free_bytes", 0), BYTES_IN_BETWEEN * points)
-        shown = every_nth(cloud, math.ceil(points / MOST_POINTS))
-        found = write_viewer_points(scratch / "blocks", shown, ProgressSection(context.progress, 0.3, 1.0))
+        found = write_viewer_points(scratch / "blocks", cloud, progress)
         context.blobs.put_file(blocks, scratch / "blocks")
         context.blobs.write_bytes(listed, json.dumps(found).encode())  # the last: where it is, the blocks are
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    return {}
 
 
 def every_nth(cloud: "StationCloud", nth: int) -> "StationCloud":

@@ -4,7 +4,8 @@ import * as THREE from "three";
 
 const BYTES_PER_POINT = 16;
 
-export const COLOUR_MODES = { station: 0, intensity: 1, rgb: 2, height: 3, std: 4, residual: 5 };
+// deviations are colours that the points bring
+export const COLOUR_MODES = { station: 0, intensity: 1, rgb: 2, deviation: 2, height: 3, std: 4, residual: 5 };
 
 const VERTEX = `
 attribute vec4 channels;

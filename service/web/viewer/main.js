@@ -9,7 +9,7 @@ import { KINDS, Viewer } from "./viewer.js";
 import { VIEWS } from "./views.js";
 import { decimal, t, word } from "./words.js";
 
-const COLOURINGS = ["station", "intensity", "rgb", "height", "std", "residual"];
+const COLOURINGS = ["deviation", "station", "intensity", "rgb", "height", "std", "residual"];
 
 const MOST_ROWS = 500;
 
@@ -87,6 +87,7 @@ class Application {
     this.root.dataset.firstPictureMs = ms.toFixed(0);
     this.root.dataset.firstPictureBytes = String(bytes);
     if (this.status.textContent === t("loading_points")) this.say("");
+    if (this.data.deviations) return; // a comparison registers no scan
     foundTargets(base(), this.job).then((found) => this._showTargets(found), () => {}); // what is shown does without them
   }
 
@@ -153,6 +154,11 @@ class Application {
         element("summary", { text: t("stations") }), element("div", { class: "viewer-row" }, ...stations)),
     );
     this.toggles.targets.hidden = true; // until there are some
+    if (data.deviations) { // there are points, and nothing that was found in them
+      this.help.opener.hidden = true;
+      for (const field of [this.scope, this.featuresBy, this.search]) field.parentElement.hidden = true;
+      for (const kind of KINDS) this.toggles[kind].hidden = kind !== "points";
+    }
     this.root.querySelector(".viewer-side").prepend(this.help.panel);
     viewer.applyVisibility();
   }
@@ -163,7 +169,7 @@ class Application {
     viewer.alternative = 0;
     viewer.beside = null;
     this.scope.value = number === null ? "" : String(number);
-    this.steps.hidden = number !== null;
+    this.steps.hidden = number !== null || this.data.stages.length < 2;
     this.alternatives.hidden = number === null;
     const pair = viewer.currentPair;
     if (pair) {
@@ -399,7 +405,7 @@ class Application {
     this._tell(t("tell.point", { station }), [
       [pair ? t("tell.in_frame", { station: pair.target }) : t("tell.world"), written(at)],
       [t("tell.file"), written(point)],
-      [t("tell.noise"), metres(own.station.noise_std_m)],
+      ...(own.station.noise_std_m === null ? [] : [[t("tell.noise"), metres(own.station.noise_std_m)]]),
     ]);
   }
 
@@ -427,6 +433,7 @@ class Application {
 
   // Everything that was found, as rows that show what they speak of.
   _list() {
+    if (this.data.deviations) return;
     const features = this.viewer.stations.flatMap((own) => [...own.features.byId.values()])
       .filter(({ kind }) => kind !== "instruments");
     features.sort((a, b) => (b.feature.ratio ?? -1) - (a.feature.ratio ?? -1));
@@ -498,6 +505,22 @@ class Application {
     const { viewer } = this;
     const ramp = (low, high) => element("div", { class: "viewer-ramp" }, element("span", { text: low }), element("span", { class: "viewer-bar" }), element("span", { text: high }));
     const parts = [];
+    const { deviations } = this.data;
+    if (viewer.colouring === "deviation") {
+      const millimetres = (value) => `${value > 0 ? "+" : ""}${decimal(1000 * value, 1)} mm`;
+      const chip = (rgb) => {
+        const made = element("span", { class: "viewer-chip" });
+        made.style.backgroundColor = `rgb(${rgb.join(" ")})`;
+        return made;
+      };
+      const [low, high] = [deviations.limits_m[0], deviations.limits_m.at(-1)];
+      parts.push(element("p", { text: t("legend.deviation") }));
+      parts.push(element("div", { class: "viewer-ramp" }, element("span", { text: `≤ ${millimetres(low)}` }),
+        element("span", { class: "viewer-classes" }, ...deviations.colours.map(chip)), element("span", { text: `> ${millimetres(high)}` })));
+      for (const name of ["insignificant", "without"]) {
+        if (deviations[name]) parts.push(element("p", {}, chip(deviations[name]), document.createTextNode(t(`legend.${name}`))));
+      }
+    }
     if (viewer.colouring === "height") {
       const { min, max } = viewer.views.box;
       parts.push(element("p", { text: t("legend.height") }), ramp(`${decimal(min.z + viewer.base[2], 2)} m`, `${decimal(max.z + viewer.base[2], 2)} m`));
@@ -518,7 +541,7 @@ class Application {
       residual: [["used", t("legend.fits")], ["removed", t("legend.at_limit")], ["alone", t("legend.untested")]],
       station: [],
     }[viewer.featuresBy];
-    if (keys.length) {
+    if (keys.length && !deviations) {
       parts.push(element("p", { class: "viewer-states" }, ...keys.flatMap(([state, text]) => [
         element("span", { class: `viewer-chip viewer-${state}` }), document.createTextNode(`${text} `),
       ])));

@@ -52,7 +52,7 @@ export function pointCovariance(pose, covariance, pointInWorld, noise) {
 const along = (matrix, u) => dot(u, matrix.map((row) => dot(row, u)));
 
 // Distance of two points and its standard deviation.
-// Each end: {station, pose, covariance (null: unknown), noise_std_m, point (in the coordinates of its scan)}.
+// Each end: {station, pose, covariance (null: unknown), noise_std_m (null: unknown), point (in the coordinates of its scan)}.
 // Within one station the pose moves both ends alike and only the noise of the scan counts. Between two stations their
 // poses count as independent, because the document does not tell their correlation.
 export function distanceWithStd(a, b) {
@@ -64,7 +64,7 @@ export function distanceWithStd(a, b) {
   const variances = [a, b].map((end, k) => along(
     pointCovariance(end.pose, same ? null : end.covariance, ends[k], end.noise_std_m), u,
   ));
-  const known = same || (a.covariance !== null && b.covariance !== null);
+  const known = a.noise_std_m !== null && b.noise_std_m !== null && (same || (a.covariance !== null && b.covariance !== null));
   return { distance_m: distance, std_m: known ? Math.sqrt(variances[0] + variances[1]) : null, ends, difference };
 }
 

@@ -70,6 +70,7 @@ export class Viewer {
     this.scene.add(this.evidence, this.marks);
     const colouring = ["rgb", "intensity"].find((mode) => this.can(mode));
     if (colouring === "rgb" && this.stations.length < 2) this.colouring = "rgb";
+    if (this.data.deviations) this.colouring = "deviation";
     this.detail = new Detail(
       this.stations.map((own) => own.cloud), () => this._loaded(), (error) => this.listeners.failed(error),
     );
@@ -78,6 +79,8 @@ export class Viewer {
   }
 
   can(mode) {
+    if (mode === "deviation") return Boolean(this.data.deviations);
+    if (this.data.deviations) return mode === "height";
     if (mode === "residual") return this.stations.length > 1;
     if (mode === "rgb") return this.stations.some((own) => own.cloud.hasColour);
     if (mode === "intensity") return this.stations.some((own) => own.cloud.hasIntensity);
