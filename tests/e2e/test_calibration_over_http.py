@@ -22,7 +22,7 @@ def test_a_parameter_of_another_model_is_refused_with_a_pointer(service: Running
     inputs = mounted_field(seed=8)
     inputs["camera"]["unknown"] = ["K1"]
     answer = service.post("/processes/calibrate-camera/execution", json={"inputs": inputs})
-    assert answer.status_code == 422
+    assert answer.status_code == 400
     assert "/inputs/camera/unknown/0" in answer.text
 
 
