@@ -1,6 +1,6 @@
 """What no schema can know of a calibration: names that must be there, and parameters of the chosen model."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from schemas.calibrate_camera_inputs import CalibrateCameraInputs, CalibrationField
@@ -44,17 +44,17 @@ def _camera_faults(inputs: CalibrateCameraInputs) -> Iterator[FieldFault]:
     for k, name in enumerate(camera.unknown or ()):
         if name not in known:
             yield FieldFault(pointer_to("inputs", "camera", "unknown", k), why)
-    given: list[tuple[tuple[str, ...], dict[str, float]]] = [
-        (("camera", "values"), dict(camera.values)), (("camera", "std"), dict(camera.std))
+    given: list[tuple[tuple[str, ...], Sequence[str]]] = [
+        (("camera", "values"), list(camera.values)), (("camera", "std"), list(camera.std))
     ]  # fmt: skip
     if inputs.earlier is not None:
-        given += [(("earlier", "values"), dict(inputs.earlier.values)), (("earlier", "std"), dict(inputs.earlier.std))]
+        given += [(("earlier", "values"), list(inputs.earlier.values)), (("earlier", "std"), list(inputs.earlier.std))]
         if known[0] not in inputs.earlier.values:
             yield FieldFault(pointer_to("inputs", "earlier", "values"), f"the principal distance {known[0]} is missing")
-    for way, values in given:
-        for name in values:
-            if name not in known:
-                yield FieldFault(pointer_to("inputs", *way, name), why)
+    for way, names in given:
+        for each in names:
+            if each not in known:
+                yield FieldFault(pointer_to("inputs", *way, each), why)
     for name in camera.std:
         if name in known and name not in camera.values:
             yield FieldFault(pointer_to("inputs", "camera", "std", name), f"an observed {name} needs its value")
