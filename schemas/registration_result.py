@@ -232,7 +232,9 @@ class Station(Document):
     name: str
     """Name of the station."""
     status: str = Field(description="fixed, registered or unregistered")
-    reason: str | None = Field(default=None, description="Why it could not be registered.")
+    reason: str | None = Field(
+        default=None, description="Why it could not be registered; of a registered one what contradicts its pose."
+    )
     world_from_scan: Pose | None
     """Its pose; null: it has none."""
 

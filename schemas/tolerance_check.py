@@ -24,7 +24,8 @@ class ToleranceReason(Document):
 
     code: str = Field(
         description="beyond: a station exceeds it; no-pose, no-figure: a station has none; confirmed: a registration "
-        "was doubtful by itself; not-settled: an adjustment did not come to rest"
+        "was doubtful by itself; contradicted: targets or control contradict the scans of a station; not-settled: an "
+        "adjustment did not come to rest"
     )
     name: str = Field(description="The station, or source → target of a registration.")
 

@@ -121,6 +121,8 @@ def _station(station: Document) -> Iterator[RenderableType]:
                 f"m{unit}",
             )
         yield table
+        if station.get("reason"):
+            yield station["reason"]
 
 
 def _methods(compared: Document) -> Table:

@@ -75,6 +75,8 @@ class TiedNetwork:
     """Number of the point of a control or check point that stations see."""
     control_observations: Mapping[int, int]
     """Number of the observation in `adjustment.control` of a control point."""
+    scanned: tuple[tuple[int, ...], ...]
+    """Numbers of the stations of each observation in `adjustment.scans`."""
     remarks: tuple[str, ...]
 
 
@@ -314,6 +316,7 @@ def _adjusted(
         observations={(station, target): k for k, (_, _, station, target) in enumerate(rows)},
         control=of_control,
         control_observations={number: k for k, number in enumerate(chosen)},
+        scanned=tuple(group.stations for group in groups if group.poses),
         remarks=tuple(remarks),
     )
 

@@ -78,7 +78,10 @@ def tolerance_check(
         for each in precisions
         if each.station not in named and (each.std_m is None or each.std_gon is None)
     ]
-    unconfirmed = _unconfirmed(pairs, network)
+    unconfirmed = [
+        *(ToleranceReason(code="contradicted", name=each.name) for each in stations if _is_contradicted(each)),
+        *_unconfirmed(pairs, network),
+    ]
     if asked is None:
         verdict, reasons = "none", missing
     elif beyond:
@@ -98,6 +101,10 @@ def tolerance_check(
         reasons=reasons,
         stations=list(precisions),
     )
+
+
+def _is_contradicted(station: Station) -> bool:
+    return station.status == "registered" and station.reason is not None
 
 
 def _within(found: StationPrecision, asked: Json | None) -> bool | None:

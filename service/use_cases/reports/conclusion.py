@@ -53,6 +53,9 @@ def _outcome(document: RegistrationDocument, messages: Messages) -> Iterator[str
     if doubtful:
         names = [f"{link.source} → {link.target}" for link in doubtful]
         yield messages("conclusion.confirmed", names=_names(names, messages))
+    contradicted = [station.name for station in stations if station.status == "registered" and station.reason]
+    if contradicted:
+        yield messages("conclusion.contradicted", names=_names(contradicted, messages))
 
 
 def _promise(pair: Pair) -> int:

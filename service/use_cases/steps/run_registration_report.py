@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from urllib.parse import quote
 
 import numpy as np
@@ -192,7 +192,9 @@ def _tied_poses(names: Sequence[str], pairs: Sequence[Pair], network: Json | Non
             station = Station(name=name, status="unregistered", reason=why, world_from_scan=None)
             found.append(StationPose(station, None))
         else:
-            found.append(_registered(name, _stored(pose), None, a_posteriori=pose["a_posteriori"]))
+            registered = _registered(name, _stored(pose), None, a_posteriori=pose["a_posteriori"])
+            doubt = registered.station.model_copy(update={"reason": tied["contradicted"].get(name)})
+            found.append(replace(registered, station=doubt))
     return found
 
 

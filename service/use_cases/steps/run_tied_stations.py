@@ -75,6 +75,7 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
     document = {
         "control": _document(tied, why, control, given, names, origins, inputs).model_dump(by_alias=True),
         **_poses(tied, control, names, origins, inputs["fix"]),
+        "contradicted": {} if tied is None else _contradicted(tied, names),
     }
     key = f"jobs/{arguments['job_id']}/tied.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
@@ -238,15 +239,23 @@ def _document(
     )
 
 
+def _contradicted(tied: TiedNetwork, names: Sequence[str]) -> dict[str, str]:
+    """Give the stations of which scans say something else than targets and control, by name, and what is said of it."""
+    return {
+        names[station]: (
+            "targets and control contradict what the scans say of the stations to each other "
+            f"({', '.join(names[each] for each in stations)}; test value {test.statistic:.0f} with {test.degrees} "
+            "degrees of freedom): a target was moved or has a wrong name, or a registration is wrong"
+        )
+        for test, stations in zip(tied.adjustment.scans, tied.scanned, strict=True)
+        if not test.agrees
+        for station in stations
+    }
+
+
 def _reasons(tied: TiedNetwork, names: Sequence[str]) -> list[str]:
     """Name contradictions between targets and scans, and residuals that are too large as a whole."""
-    said = [
-        "targets and control contradict what the scans say of the stations to each other (test value "
-        f"{test.statistic:.0f} with {test.degrees} degrees of freedom): a target was moved or has a wrong name, or a "
-        "registration is wrong"
-        for test in tied.adjustment.scans
-        if not test.agrees
-    ]
+    said = list(dict.fromkeys(_contradicted(tied, names).values()))
     removed = [
         f"{names[station]}, target {number + 1}"
         for (station, number), row in tied.observations.items()

@@ -80,6 +80,16 @@ def test_scans_carry_a_station_that_shares_no_target() -> None:
     assert found.adjustment.scans[0].agrees
 
 
+def test_stations_are_named_of_which_scans_contradict_the_targets() -> None:
+    honest = registered(0, 2)
+    wrong = replace(honest, poses={2: RigidTransform.from_translation([0.0, 0.1, 0.0]) * honest.poses[2]})
+    found = tied_network(targets(named=True), [wrong], control())
+    assert [(test.agrees, own) for test, own in zip(found.adjustment.scans, found.scanned, strict=True)] == [
+        (False, (0, 2))
+    ]
+    assert statistic(found, POSES) < 43.0
+
+
 def test_a_group_without_targets_enough_stays_without_a_place() -> None:
     told = targets(named=True)
     told[2] = told[2].selected(np.array([0, 1]))

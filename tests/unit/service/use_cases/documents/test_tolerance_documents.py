@@ -107,3 +107,10 @@ def test_a_pose_with_a_free_motion_has_no_precision() -> None:
     estimate = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)), np.eye(6)[:, 3:4])
     assert station_precision("B", estimate, np.ones((3, 3)), np.zeros(3), ASKED).std_m is None
     assert station_precision("B", None, np.ones((3, 3)), np.zeros(3), ASKED).within is None
+
+
+def test_figures_are_not_confirmed_where_targets_contradict_the_scans() -> None:
+    doubted = station("B").model_copy(update={"reason": "targets and control contradict what the scans say"})
+    check = tolerance_check(ASKED, [precision("B", 0.001)], [station("A", "fixed"), doubted], [], None)
+    assert check.verdict == "not-confirmed"
+    assert [(reason.code, reason.name) for reason in check.reasons] == [("contradicted", "B")]

@@ -130,3 +130,13 @@ def test_loops_are_told_as_they_close(passed: list[bool], words: str) -> None:
     ]
     found = document("met").model_copy(update={"network": network("used").model_copy(update={"loops": loops})})
     assert words in said(found, "en")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_stations_that_targets_contradict_are_named(language: Language) -> None:
+    found = document("met")
+    first, second = found.stations
+    doubted = found.model_copy(update={"stations": [first, second.model_copy(update={"reason": "contradicted"})]})
+    word = {"en": "contradict", "de": "widersprechen"}[language]
+    assert word in said(doubted, language)
+    assert word not in said(found, language)
