@@ -1,11 +1,12 @@
 """Targets that stations state, and points with known coordinates."""
 
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import AfterValidator, AliasChoices, Field, model_validator
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
+from schemas.point_tables import PointTable, as_tuples, point_dictionaries
 
 PointName: TypeAlias = Annotated[str, Field(min_length=1, max_length=100)]
 Coordinate: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
@@ -71,6 +72,23 @@ class ControlPoint(MeasuredPoint):
         if self.use == "control" and self.std is None and self.covariance is None:
             raise PydanticCustomError("no_precision", "a control point needs `std` or `covariance`")
         return self
+
+
+def _points_of_table(given: Any) -> Any:
+    """Give the points of a table, and lists of points with what strict tuples take."""
+    points = point_dictionaries(given)
+    if not isinstance(points, list):
+        return points
+    return [
+        {name: as_tuples(value) for name, value in point.items()} if isinstance(point, dict) else point
+        for point in points
+    ]
+
+
+ControlPoints: TypeAlias = Annotated[
+    list[ControlPoint], BeforeValidator(_points_of_table, json_schema_input_type=list[ControlPoint] | PointTable)
+]
+"""A list, or the text of a table: ``{"csv": "…"}``."""
 
 
 def _is_covariance(rows: tuple[Row3, Row3, Row3]) -> bool:

@@ -6,7 +6,7 @@ from pydantic import AliasChoices, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
-from schemas.point_tables import PointTable, point_dictionaries
+from schemas.point_tables import PointTable, as_tuples, point_dictionaries
 
 
 def _as_text(value: Any) -> Any:
@@ -240,10 +240,6 @@ def _require_std(name: str, value: float | None, std: float | None) -> None:
         raise PydanticCustomError("missing_std", "{name} needs its standard deviation sigma_{name}", {"name": name})
 
 
-def _as_tuples(value: Any) -> Any:
-    return tuple(_as_tuples(each) for each in value) if isinstance(value, list) else value
-
-
 class _Spatial(_Grouped):
     """Three numbers with their precision."""
 
@@ -266,7 +262,7 @@ class _Spatial(_Grouped):
                     whole: [data[n] for n in names]
                 }
         # what a validator gives on is no longer JSON, whose arrays are tuples to strict eyes
-        return {key: _as_tuples(value) for key, value in data.items()}
+        return {key: as_tuples(value) for key, value in data.items()}
 
 
 class StationCoordinatesObservation(_Spatial):
@@ -406,7 +402,7 @@ def _control_of_table(given: Any) -> Any:
     points = point_dictionaries(given)
     if points is given:
         return given
-    return [{key.removesuffix("_m"): _as_tuples(value) for key, value in point.items()} for point in points]
+    return [{key.removesuffix("_m"): as_tuples(value) for key, value in point.items()} for point in points]
 
 
 class NetworkObservations(RequestModel):

@@ -77,6 +77,11 @@ def point_dictionaries(given: Any) -> Any:
     return points_of_table(table)
 
 
+def as_tuples(value: Any) -> Any:
+    """Give tuples in place of arrays: behind a validator of its own a strict tuple takes no list."""
+    return tuple(as_tuples(each) for each in value) if isinstance(value, list) else value
+
+
 def _fault(what: str) -> PydanticCustomError:
     return PydanticCustomError("point_table", "{what}", {"what": what})
 

@@ -6,7 +6,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from schemas.approximate_pose import Approximate
 from schemas.base import RequestModel
-from schemas.control_points import MAX_CONTROL, MAX_TARGETS, Axes, ControlPoint, FixedFrame, StationTarget
+from schemas.control_points import MAX_CONTROL, MAX_TARGETS, Axes, ControlPoints, FixedFrame, StationTarget
 from schemas.crs import StatedCrs
 from schemas.edge_options import PhotoLineOptionsRequest
 from schemas.file_references import FileReference
@@ -90,9 +90,9 @@ class RegisterInputs(RequestModel):
     """Which edges of the photos become lines in space."""
     targets: TargetSearch | None = Field(default=None, title="Targets")
     """Survey targets to look for in every scan; null: only those that the stations state."""
-    control: list[ControlPoint] = Field(default=[], max_length=MAX_CONTROL, title="Control")
-    """Points with known coordinates among the targets of the stations. Three that do not lie on one line, `use:
-    "control"`, hold the world frame."""
+    control: ControlPoints = Field(default=[], max_length=MAX_CONTROL, title="Control")
+    """Points with known coordinates among the targets of the stations: a list, or the text of a table: `{"csv": "…"}`.
+    Three that do not lie on one line, `use: "control"`, hold the world frame."""
     fix: FixedFrame = Field(default="first-station", title="Datum")
     """Whose frame becomes the world frame: `first-station`, the name of a station, `control` (the default where there
     are control points), or `free`: the first station's frame, standard deviations those of the smallest trace over all

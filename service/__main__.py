@@ -134,8 +134,8 @@ def register(
     control: Annotated[
         Path | None,
         typer.Option(
-            help="JSON file with a list of known points: name, x, y, z, std (or covariance), use (control or check); "
-            "poses come in their frame.",
+            help="Known points: a text table with columns name, x, y, z, std, use (control or check), or a JSON file "
+            "(ending .json) with a list of such points; poses come in their frame.",
             exists=True,
             dir_okay=False,
         ),

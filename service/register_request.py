@@ -32,7 +32,7 @@ class RequestOptions:
     reference: Path | None = None
     """JSON file with known poses by name of the station."""
     control: Path | None = None
-    """JSON file with a list of known points, as `control` of a request."""
+    """JSON file with a list of known points, as `control` of a request, or a text table of them."""
     targets: Path | None = None
     """JSON file with the targets of stations by their names."""
     find_targets: str | None = None
@@ -88,7 +88,8 @@ def read_request(said: RequestOptions, scans: Sequence[Path]) -> PhotoList:
     if said.reference is not None:
         inputs["reference"] = object_in(said.reference)
     if said.control is not None:
-        inputs["control"] = list_in(said.control)
+        is_json = said.control.suffix.lower() == ".json"
+        inputs["control"] = list_in(said.control) if is_json else table_in(said.control)
     if said.targets is not None:
         inputs["stations"] = with_targets(inputs.get("stations"), object_in(said.targets))
     if said.find_targets is not None:

@@ -10,6 +10,7 @@ from schemas.register_inputs import RegisterInputs
 from service.errors import InvalidRequestError
 from service.register_request import RequestOptions, parsed_pairs, read_request
 from service.use_cases.inputs.check_starts import start_faults
+from service.use_cases.inputs.validate_request import validated
 
 IDENTITY = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
 
@@ -136,3 +137,57 @@ def test_a_standard_deviation_that_cannot_be_is_refused_before_anything_is_uploa
     with pytest.raises(InvalidRequestError) as refused:
         read_request(RequestOptions(point_std_m=-1.0), [])
     assert "point_std_m" in refused.value.faults[0].pointer
+
+
+TABLE = "name;x;y;z;std;use\nP1;1;2;3;0.01;control\nP2;4;2;3;0.01;check\n"
+LISTED = [
+    {"name": "P1", "x": 1, "y": 2, "z": 3, "std": [0.01, 0.01, 0.01]},
+    {"name": "P2", "x": 4, "y": 2, "z": 3, "covariance": [[1e-4, 0, 0], [0, 1e-4, 0], [0, 0, 1e-4]], "use": "check"},
+]
+STATED = {"A": [{"name": "P1", "x": 1.0, "y": 2.0, "z": 3.0, "std": 0.01}]}
+
+
+@pytest.mark.parametrize("ending", ["csv", "json"])
+def test_flags_of_targets_and_control_make_a_request_that_is_accepted(tmp_path: Path, ending: str) -> None:
+    known = tmp_path / f"control.{ending}"
+    known.write_text(TABLE if ending == "csv" else json.dumps(LISTED))
+    said = RequestOptions(
+        control=known,
+        targets=written(tmp_path / "targets.json", STATED),
+        find_targets="sphere:0.0725, board:0.3,retro-square:0.05",
+        crs="EPSG:25832",
+        control_axes="north-east-height",
+        fix="free",
+    )
+    inputs = read_request(said, []).inputs
+    stations = [said.completed({"scan": {"file": "f"}, **each}) for each in [*inputs["stations"], {"name": "B"}]]
+    sent = validated(RegisterInputs, {**inputs, "stations": stations})
+    assert [(each.name, each.x, each.use) for each in sent.control] == [("P1", 1.0, "control"), ("P2", 4.0, "check")]
+    assert sent.control[0].std == (0.01, 0.01, 0.01)
+    assert sent.targets is not None
+    assert [each.kind for each in sent.targets.kinds] == ["sphere", "board", "retro-square"]
+    assert (sent.crs, sent.control_axes, sent.fix) == ("EPSG:25832", "north-east-height", "free")
+    assert [target.name for target in sent.stations[0].targets] == ["P1"]
+
+
+@pytest.mark.parametrize(
+    ("said", "pointer"),
+    [
+        (RequestOptions(find_targets="sphere"), "/targets/kinds"),
+        (RequestOptions(find_targets="cube:0.1"), "/targets/kinds/0/kind"),
+        (RequestOptions(crs="EPSG:4326"), "/crs"),
+        (RequestOptions(control_axes="up"), "/control_axes"),
+    ],
+)
+def test_flags_that_make_no_sense_are_refused_before_anything_is_sent(said: RequestOptions, pointer: str) -> None:
+    with pytest.raises(InvalidRequestError) as refused:
+        read_request(said, [])
+    assert [fault.pointer for fault in refused.value.faults] == [pointer]
+
+
+def test_a_control_table_without_precision_is_refused(tmp_path: Path) -> None:
+    known = tmp_path / "control.csv"
+    known.write_text("P1 1 2 3\n")
+    with pytest.raises(InvalidRequestError) as refused:
+        read_request(RequestOptions(control=known), [])
+    assert "needs `std`" in refused.value.faults[0].detail
