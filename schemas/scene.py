@@ -60,6 +60,46 @@ class SceneCylinder(SceneFeature):
     """Where its axis ends [m]."""
 
 
+class SceneTarget(Document):
+    """A target as a station measured it, in the coordinates of its file."""
+
+    name: str
+    """Its name."""
+    kind: str
+    """`stated`, or the kind that was found in the scan."""
+    centre_m: Vector
+    """Where it is [m]."""
+    state: str
+    """`used`, `removed` (a gross error), or `single`: no other station and no control has it."""
+    residual_m: Vector | None
+    """Adjusted minus measured, in the station's axes; null: it took no part [m]."""
+
+
+class SceneControlPoint(Document):
+    """A control or check point, in the world frame."""
+
+    id: str
+    """`control/` and its name."""
+    name: str
+    """Its name."""
+    use: str
+    """`control` or `check`."""
+    state: str
+    """As in the result document: used, removed, check, not-seen or unused."""
+    stations: list[str]
+    """Stations that see it as a target."""
+    known_m: Vector
+    """Where it is known to be [m]."""
+    place_m: Vector | None
+    """Where the adjustment puts it; null: no station sees it [m]."""
+    difference_m: Vector | None
+    """Adjusted minus known, east, north, up [m]."""
+    statistic: float | None
+    """Test of all three together."""
+    critical: float | None
+    """Its limit."""
+
+
 class SceneStation(Document):
     """A station: what was measured there, in the coordinates of its file, and where it came to lie."""
 
@@ -87,6 +127,7 @@ class SceneStation(Document):
     """Bounded planes."""
     cylinders: list[SceneCylinder]
     """Cylinders."""
+    targets: list[SceneTarget] = Field(default=[], description="Those that took part in the registration.")
 
 
 class SceneStage(Document):
@@ -172,6 +213,7 @@ class Scene(Document):
     """The steps of the registration, the files' own coordinates first; of a comparison one."""
     pairs: list[ScenePair]
     """Every pair that was tried."""
+    control: list[SceneControlPoint] = Field(default=[], description="Those that the registration could place.")
     deviations: SceneDeviations | None = Field(
         default=None, description="Of comparisons: what the points' colours say."
     )

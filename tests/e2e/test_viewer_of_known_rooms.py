@@ -25,6 +25,12 @@ OFF_M = 0.006
 """By how much the third station lies wrong along x: the walls across x are off by it, all others fit."""
 ROOMS = {"S1": 0.0, "S2": APART_M, "S3": OFF_M}
 TARGET = {"name": "K7", "recognised": True, "kind": "sphere", "centre_m": [1.0, 2.0, 0.5], "std_m": [1e-4, 2e-4, 3e-4]}
+MEASURED = {"name": "1001", "kind": "stated", "centre_m": [1.0, -2.0, 0.5], "state": "removed"}
+CONTROL = {
+    "id": "control/1001", "name": "1001", "use": "check", "state": "check", "stations": ["S1", "S2"],
+    "known_m": [15.0, -2.0, 0.5], "place_m": [15.005, -2.0, 0.5], "difference_m": [0.005, 0.0, 0.0],
+    "statistic": 40.0, "critical": 16.3,
+}  # fmt: skip
 SHARES = """
 ([boxes, colours]) => {
   const canvas = document.querySelector('#viewer canvas'), gl = canvas.getContext('webgl2');
@@ -64,6 +70,9 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedScene]:
         stations.append(ShownStation(name, HALF_M, pose, f"features/{name}/points", POINTS, file=f"file-{name}"))
     with served_scene(home, blobs, stations) as running:
         asked = {"station": {"name": "S1", "scan": {"file": "file-S1", "index": 0}}, "targets": [{"kind": "sphere"}]}
+        scene = json.loads(blobs.local_path(scene_key(JOB)).read_bytes())
+        scene["stations"][1]["targets"] = [{**MEASURED, "residual_m": [0.002, 0.0, 0.0]}]
+        blobs.write_bytes(scene_key(JOB), json.dumps({**scene, "control": [CONTROL]}).encode())
         running.finish("targets0", "find-targets", asked, {"targets": [TARGET]})
         yield running
 
@@ -139,7 +148,7 @@ def test_points_are_coloured_by_their_distance_to_planes_of_other_stations(shown
 
 def test_targets_of_another_job_are_shown_and_a_row_leads_to_them(shown: ViewerPage) -> None:
     shown.page.get_by_text("Features of all stations").click()
-    row = shown.page.locator('tr[data-feature="S1/K7"]')
+    row = shown.page.locator('tr[data-feature="target/S1/K7"]')
     row.click()
     told = str(shown.page.locator(".viewer-info").text_content())
     assert "S1/K7" in told
@@ -147,6 +156,28 @@ def test_targets_of_another_job_are_shown_and_a_row_leads_to_them(shown: ViewerP
     assert "0.10 mm" in told
     assert "viewer-selected" in str(row.get_attribute("class"))
     assert shown.page.get_by_label("targets").is_checked()
+
+
+def test_targets_and_known_points_of_the_registration_are_shown_and_their_rows_lead_to_them(shown: ViewerPage) -> None:
+    shown.page.evaluate("tielineViewer.lists.querySelector('details').open = true")
+    shown.page.locator('tr[data-feature="target/S2/1001"]').click()
+    told = str(shown.page.locator(".viewer-info").text_content())
+    assert "left out" in told
+    assert "2.00 mm" in told
+    row = shown.page.locator('tr[data-feature="control/1001"]')
+    row.click()
+    told = str(shown.page.locator(".viewer-info").text_content())
+    assert all(each in told for each in ("check", "5.00 mm", "40.0; 16.3", "S1, S2"))
+    assert "100 times" in str(shown.page.locator(".viewer-legend").text_content())
+    shown.canvas.focus()
+    shown.page.keyboard.press("Escape")
+    assert "viewer-selected" not in str(row.get_attribute("class"))
+    shown.settle()
+    at_middle = "({viewer, canvas}) => viewer.featureAt(canvas.clientWidth / 2, canvas.clientHeight / 2)"
+    assert shown.page.evaluate(f"({at_middle})(tielineViewer)") == CONTROL["id"]
+    shown.page.evaluate("(id) => tielineViewer.viewer.select(id)", CONTROL["id"])
+    assert "viewer-selected" in str(row.get_attribute("class"))
+    assert shown.errors == []
 
 
 def test_rows_of_planes_lead_to_them_too(shown: ViewerPage) -> None:
@@ -159,7 +190,7 @@ def test_a_comparison_is_shown_with_the_legend_of_its_deviations_and_nothing_of_
     chromium: Any, served: ServedScene
 ) -> None:
     scene = json.loads(served.blobs.local_path(scene_key(JOB)).read_bytes())
-    scene |= {"stations": scene["stations"][:1], "points": scene["points"][:1]}
+    scene |= {"stations": scene["stations"][:1], "points": scene["points"][:1], "control": []}
     scene["stations"][0] |= {"planes": [], "noise_std_m": None}
     legend = {"limits_m": [-0.008, 0.008], "colours": [[20, 55, 230], [255, 255, 255], [230, 55, 20]]}
     scene["deviations"] = {**legend, "insignificant": [120, 120, 120], "without": None}

@@ -2,7 +2,7 @@
 
 from service.names.messages.catalogue import Messages
 
-CODES = ("status", "station", "feature", "source")
+CODES = ("status", "station", "feature", "source", "use", "point-state")
 """Subjects of which scripts write codes as words."""
 
 

@@ -8,9 +8,11 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
+from schemas.control_result import ControlResult
 from schemas.registration_result import Pair, Station
 from schemas.scene import (
     Matrix,
+    SceneControlPoint,
     SceneCylinder,
     SceneLine,
     ScenePair,
@@ -18,7 +20,9 @@ from schemas.scene import (
     ScenePose,
     SceneStage,
     SceneStation,
+    SceneTarget,
 )
+from service.ports import Json
 from service.use_cases.documents.feature_documents import (
     extracted_lines,
     extracted_planes,
@@ -130,6 +134,38 @@ def with_pose(measured: SceneStation, station: Station) -> SceneStation:
             "covariance": None if pose is None else pose.covariance,
         }
     )
+
+
+def with_targets(measured: SceneStation, control: ControlResult | None) -> SceneStation:
+    """Add the targets of a station that took part in a registration."""
+    targets = [] if control is None else [each for each in control.targets if each.station == measured.name]
+    shown = [
+        SceneTarget(
+            name=each.name, kind=each.kind, centre_m=each.xyz_m, state=each.state, residual_m=each.residual_m
+        )
+        for each in targets
+    ]  # fmt: skip
+    return measured.model_copy(update={"targets": shown})
+
+
+def scene_control(control: ControlResult | None, places: Mapping[str, Json]) -> list[SceneControlPoint]:
+    """Give control and check points where they are in the world.
+
+    Parameters
+    ----------
+    control
+        Of the result; None: there is none.
+    places
+        ``known_m`` and ``place_m`` of those that have a place, by name.
+    """
+    return [
+        SceneControlPoint(
+            id=f"control/{each.name}", name=each.name, use=each.use, state=each.state, stations=each.stations,
+            difference_m=each.difference_m, statistic=each.statistic, critical=each.critical, **places[each.name],
+        )
+        for each in ([] if control is None else control.points)
+        if each.name in places
+    ]  # fmt: skip
 
 
 def scene_pair(pair: Pair) -> ScenePair:

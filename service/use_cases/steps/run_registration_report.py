@@ -33,10 +33,12 @@ from service.use_cases.documents.comparison_documents import comparison_document
 from service.use_cases.documents.pose_documents import fixed_pose_document, pose_document
 from service.use_cases.documents.scene_documents import (
     feature_fits,
+    scene_control,
     scene_pair,
     scene_stages,
     scene_station,
     with_pose,
+    with_targets,
 )
 from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
 from service.use_cases.reports.method_files import method_files
@@ -111,7 +113,8 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
     for name, (_, content) in {**files, "result.json": ("", data)}.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
     scene = StoredScene(
-        stations=[with_pose(shown[station.name], station) for station in stations],
+        stations=[with_targets(with_pose(shown[each.name], each), document.control) for each in stations],
+        control=scene_control(document.control, {} if tied is None else tied.get("places") or {}),
         stages=scene_stages(stations, pairs),
         pairs=[scene_pair(pair) for pair in pairs],
         points=[viewer_points_of_step(each) for each in arguments.get("viewer_points", [])],

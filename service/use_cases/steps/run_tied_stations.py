@@ -74,7 +74,8 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
         why = str(error)
     document = {
         "control": _document(tied, why, control, given, names, origins, inputs).model_dump(by_alias=True),
-        **_poses(tied, control, names, origins, inputs["fix"]),
+        **(poses := _poses(tied, control, names, origins, inputs["fix"])),
+        "places": _places(tied, control, names, origins, poses["poses"]),
         "contradicted": {} if tied is None else _contradicted(tied, names),
     }
     key = f"jobs/{arguments['job_id']}/tied.json"
@@ -156,6 +157,37 @@ def _poses(
         moved = smallest_trace(poses, moved)
     told = _full(tied, poses, moved, origins[base], names, origins, factor)
     return {"poses": told, "fixed": None if fix == FREE else names[base], "relative": relative}
+
+
+def _places(
+    tied: TiedNetwork | None,
+    control: _Control,
+    names: Sequence[str],
+    origins: Mapping[int, Vector3],
+    poses: Mapping[str, Json] | None,
+) -> Json:
+    """Give where control and check points are in the world: as known, and as adjusted where a station sees them.
+
+    The adjustment's frame lies in the world as any of its stations says, from the told pose and the adjusted one.
+    """
+    if tied is None or poses is None or not tied.in_control_frame:
+        return {}
+    station = tied.stations[0]
+    world_from_scan = RigidTransform.from_matrix(np.array(poses[names[station]]["matrix"]))
+    scan_from_local = tied.adjustment.poses[0].inv()
+
+    def in_world(local: Array) -> list[float]:
+        told: list[float] = world_from_scan.apply(scan_from_local.apply(local) + origins[station]).tolist()
+        return told
+
+    found = {number: tied.adjustment.points[point] for number, point in tied.control.items()}
+    return {
+        point["name"]: {
+            "known_m": in_world(control.values[number]),
+            "place_m": in_world(found[number]) if number in found else None,
+        }
+        for number, point in enumerate(control.given)
+    }
 
 
 def _full(

@@ -11,6 +11,8 @@ export const STATE_COLOURS = {
 };
 export const SELECTED = 0xffff40;
 const TARGET = 0xff5ce1;
+const CONTROL_COLOURS = { used: 0x2fbf8f, check: 0x5aa9ff, removed: 0xff5a4f };
+export const MISS_TIMES = 100; // millimetres cannot be seen beside rooms
 export const lineMaterials = [];
 
 export function lineMaterial(width, options = {}) {
@@ -42,6 +44,7 @@ export class StationFeatures {
     station.planes.forEach((plane) => this._plane(plane));
     station.cylinders.forEach((cylinder) => this._cylinder(cylinder));
     if (station.sensor_m) this._instrument();
+    this.addTargets(station.targets ?? []);
   }
 
   _at(point) { return subtracted(point, this.middle); }
@@ -106,10 +109,10 @@ export class StationFeatures {
     this.byId.set(id, { kind: "instruments", feature: { id }, points: [this.station.sensor_m], object: mesh });
   }
 
-  // Targets that were found in the scan, with their names.
+  // Targets that were measured in the scan, with their names.
   addTargets(targets) {
     for (const target of targets) {
-      const feature = { ...target, id: `${this.station.name}/${target.name}` };
+      const feature = { ...target, id: `target/${this.station.name}/${target.name}` };
       const mesh = new THREE.Mesh(
         new THREE.OctahedronGeometry(0.08), new THREE.MeshBasicMaterial({ color: TARGET, transparent: true, opacity: 0.8 }),
       );
@@ -147,6 +150,26 @@ export class StationFeatures {
       if (object.isMesh) object.material.color.set(object.userData.feature.id === selected ? SELECTED : this.colour);
     }
   }
+}
+
+// A control or check point where it is known to be, at the origin of the group, and how far it was missed [m].
+export function controlMark(point, miss) {
+  const colour = CONTROL_COLOURS[point.state] ?? STATE_COLOURS.alone;
+  const mesh = new THREE.Mesh(new THREE.ConeGeometry(0.1, 0.3, 12), new THREE.MeshBasicMaterial({ color: colour }));
+  mesh.rotation.x = -Math.PI / 2; // its tip is at the point, so that the target there stays to be seen
+  mesh.position.z = 0.15;
+  mesh.userData.feature = point;
+  mesh.userData.colour = colour;
+  const label = textSprite(point.name, `#${new THREE.Color(colour).getHexString()}`);
+  label.position.set(0, 0, 0.35);
+  const group = new THREE.Group();
+  group.add(mesh, label);
+  if (miss) {
+    const geometry = new LineSegmentsGeometry();
+    geometry.setPositions([0, 0, 0, ...miss.map((value) => MISS_TIMES * value)]);
+    group.add(new LineSegments2(geometry, lineMaterial(2, { color: colour })));
+  }
+  return group;
 }
 
 // A text that keeps its size on the screen.

@@ -1,5 +1,6 @@
 // Put the viewer into the page: <div id="viewer" data-job="..."> gets a picture, its controls, and what is said of both.
 
+import { MISS_TIMES } from "./features.js";
 import { ManualHelp } from "./manual_help.js";
 import { button, choice, element, fill, keyTable, labelled, metres, toggle } from "./panel.js";
 import { added, cross, distanceWithStd, norm, subtracted } from "./poses.js";
@@ -153,7 +154,8 @@ class Application {
       element("details", { class: "viewer-stations", open: stations.length < 9 },
         element("summary", { text: t("stations") }), element("div", { class: "viewer-row" }, ...stations)),
     );
-    this.toggles.targets.hidden = true; // until there are some
+    this.toggles.targets.hidden = !data.stations.some((station) => station.targets?.length); // until there are some
+    this.toggles.control.hidden = !data.control?.length;
     if (data.deviations) { // there are points, and nothing that was found in them
       this.help.opener.hidden = true;
       for (const field of [this.scope, this.featuresBy, this.search]) field.parentElement.hidden = true;
@@ -264,6 +266,11 @@ class Application {
 
   // Rows of the page that name pairs by number and stations by name become rows of the viewer.
   _nameRows() {
+    for (const row of document.querySelectorAll("tr[data-control]")) {
+      if (!this.viewer.find(`control/${row.dataset.control}`)) continue;
+      row.dataset.feature ??= `control/${row.dataset.control}`;
+      row.tabIndex = 0;
+    }
     for (const row of document.querySelectorAll("tr[data-pair], tr[data-station]")) {
       const pair = this.data.pairs[Number(row.dataset.pair)];
       if (row.dataset.station === undefined && !pair) continue;
@@ -287,6 +294,9 @@ class Application {
       const number = this.data.pairs.findIndex((pair) => pair.target === parts[1] && pair.source === parts[2]);
       if (number >= 0 && this.viewer.pair !== number) this.choosePair(number);
       if (parts[0] === "pair") { this._highlightRows(id); return; }
+    } else if (parts[0] === "control") {
+      if (this.viewer.currentPair) this.choosePair(null);
+      this.chooseStage(this.data.stages.length - 1);
     } else if (this.viewer.currentPair) {
       const own = this.viewer.find(id)?.own;
       const { target, source } = this.viewer.currentPair;
@@ -298,7 +308,8 @@ class Application {
 
   _search(id) {
     if (!id) return;
-    if (this.viewer.find(id)) this.selectById(id);
+    const found = [id, `target/${id}`, `control/${id}`].find((each) => this.viewer.find(each));
+    if (found) this.selectById(found);
     else this.say(t("not_found", { id }));
   }
 
@@ -438,10 +449,14 @@ class Application {
       .filter(({ kind }) => kind !== "instruments");
     features.sort((a, b) => (b.feature.ratio ?? -1) - (a.feature.ratio ?? -1));
     const rows = features.slice(0, MOST_ROWS).map(({ kind, feature }) => [
-      feature.id, feature.id, kind === "targets" ? t(`targets.${feature.kind}`) : t(`kinds.${kind}`), sizeOf(feature),
-      feature.state ? word("feature", feature.state) : "",
+      feature.id, kind === "targets" ? feature.id.slice("target/".length) : feature.id, kind === "targets" ? t(`targets.${feature.kind}`) : t(`kinds.${kind}`), sizeOf(feature),
+      feature.state ? word(kind === "targets" ? "point-state" : "feature", feature.state) : "",
       feature.ratio === null || feature.ratio === undefined ? "" : decimal(feature.ratio, 2),
     ]);
+    for (const point of this.data.control ?? []) {
+      rows.push([point.id, point.name, word("use", point.use), "", word("point-state", point.state),
+        point.statistic === null ? "" : decimal(point.statistic / point.critical, 2)]);
+    }
     const list = table(t("tell.features"), [
       t("tell.feature"), t("tell.kind"), t("tell.size"), t("tell.state"), t("tell.ratio"),
     ], rows, false);
@@ -453,7 +468,10 @@ class Application {
 
   _showTargets(found) {
     if (![...found.values()].some((targets) => targets.length)) return;
-    for (const [name, targets] of found) this.viewer.byName.get(name)?.features.addTargets(targets);
+    for (const [name, targets] of found) {
+      const own = this.viewer.byName.get(name);
+      if (own && !own.station.targets?.length) own.features.addTargets(targets); // else those that took part are shown
+    }
     this.toggles.targets.hidden = false;
     this._list();
     this.viewer.recolour();
@@ -463,7 +481,17 @@ class Application {
     this._highlightRows(id);
     if (!id) { this._tellPair(); return; }
     const found = this.viewer.find(id);
-    if (found?.piece) {
+    if (found?.known) {
+      const { point } = found.known.userData;
+      this._tell(point.name, [
+        [t("tell.kind"), word("use", point.use)],
+        [t("tell.state"), word("point-state", point.state)],
+        [t("tell.world"), point.known_m.map((value) => decimal(value, 4)).join("; ")],
+        ...(point.difference_m ? [[t("tell.miss"), point.difference_m.map(metres).join("; ")]] : []),
+        ...(point.statistic === null ? [] : [[t("tell.test"), `${decimal(point.statistic, 1)}; ${decimal(point.critical, 1)}`]]),
+        ...(point.stations.length ? [[t("tell.seen_by"), point.stations.join(", ")]] : []),
+      ]);
+    } else if (found?.piece) {
       const { piece } = found.piece.userData;
       this._tell(t("tell.piece"), [
         [t("tell.station"), piece.station], [t("tell.area"), `${decimal(piece.area_m2, 3)} m²`],
@@ -476,18 +504,19 @@ class Application {
         .map(([target, source, state]) => `${target === id ? source : target} (${word("feature", state)})`);
       const rows = [];
       if (feature.source) rows.push([t("tell.from"), word("source", feature.source)]);
-      if (feature.state) rows.push([t("tell.state"), word("feature", feature.state)]);
+      if (feature.state) rows.push([t("tell.state"), word(kind === "targets" ? "point-state" : "feature", feature.state)]);
       if (feature.ratio !== null && feature.ratio !== undefined) rows.push([t("tell.ratio"), decimal(feature.ratio, 2)]);
       if (kind === "lines" || kind === "edges") rows.push([t("tell.length"), sizeOf(feature)]);
       if (feature.radius_m) rows.push([t("tell.radius"), `${decimal(feature.radius_m, 4)} m`]);
       if (kind === "targets") {
         rows.push([t("tell.kind"), t(`targets.${feature.kind}`)]);
         rows.push([t("tell.file"), feature.centre_m.map((value) => decimal(value, 4)).join("; ")]);
-        rows.push([t("tell.coordinates_std"), feature.std_m.map(metres).join("; ")]);
+        if (feature.std_m) rows.push([t("tell.coordinates_std"), feature.std_m.map(metres).join("; ")]);
+        if (feature.residual_m) rows.push([t("tell.target_residual"), feature.residual_m.map(metres).join("; ")]);
       }
       if (partners.length) rows.push([t("tell.partners"), partners.join(", ")]);
       if (found.own.station.reason) rows.push([t("tell.why_not"), found.own.station.reason]);
-      this._tell(id, rows);
+      this._tell(kind === "targets" ? id.slice("target/".length) : id, rows);
     }
   }
 
@@ -546,6 +575,7 @@ class Application {
         element("span", { class: `viewer-chip viewer-${state}` }), document.createTextNode(`${text} `),
       ])));
     }
+    if (this.data.control?.length) parts.push(element("p", { text: t("legend.misses", { times: MISS_TIMES }) }));
     this.legend.replaceChildren(...parts);
   }
 }

@@ -5,7 +5,7 @@ import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Cloud, COLOUR_MODES, sharedUniforms } from "./cloud.js";
 import { Detail, pointOnRay } from "./detail.js";
-import { lineMaterial, lineMaterials, SELECTED, StationFeatures, textSprite } from "./features.js";
+import { controlMark, lineMaterial, lineMaterials, SELECTED, StationFeatures, textSprite } from "./features.js";
 import * as poses from "./poses.js";
 import { REACH_M, Residuals } from "./residuals.js";
 import { Views } from "./views.js";
@@ -16,7 +16,7 @@ const PICK_PX = 6;
 const REST_MS = 200;
 const RESIDUALS_MS = 40; // between two pictures
 const MOST_PIECES = 200;
-export const KINDS = ["points", "lines", "edges", "planes", "cylinders", "targets", "instruments", "pieces"];
+export const KINDS = ["points", "lines", "edges", "planes", "cylinders", "targets", "control", "instruments", "pieces"];
 
 const matrix4 = (pose) => new THREE.Matrix4().set(...pose.flat());
 
@@ -32,7 +32,7 @@ export class Viewer {
     this.scene = new THREE.Scene();
     this.shared = sharedUniforms();
     this.views = new Views(canvas, () => this._moved());
-    this.visible = { points: true, lines: true, edges: true, planes: false, cylinders: true, targets: true, instruments: true, pieces: true };
+    this.visible = { points: true, lines: true, edges: true, planes: false, cylinders: true, targets: true, control: true, instruments: true, pieces: true };
     this.hidden = new Set(); // stations
     this.only = null; // a station that is shown alone while points are picked in it
     this.featuresBy = "state";
@@ -67,7 +67,13 @@ export class Viewer {
     this.byName = new Map(this.stations.map((own) => [own.station.name, own]));
     this.evidence = new THREE.Group();
     this.marks = new THREE.Group();
-    this.scene.add(this.evidence, this.marks);
+    this.control = new THREE.Group();
+    for (const point of this.data.control ?? []) {
+      const mark = controlMark(point, point.place_m && poses.subtracted(point.place_m, point.known_m));
+      mark.userData.point = point;
+      this.control.add(mark);
+    }
+    this.scene.add(this.evidence, this.marks, this.control);
     const colouring = ["rgb", "intensity"].find((mode) => this.can(mode));
     if (colouring === "rgb" && this.stations.length < 2) this.colouring = "rgb";
     if (this.data.deviations) this.colouring = "deviation";
@@ -148,7 +154,14 @@ export class Viewer {
     this.residuals.reset();
     this._showEvidence();
     this._showMarks();
+    this._placeControl();
     this.invalidate();
+  }
+
+  // Known points have their place in the world, where the stations lie at the last step only.
+  _placeControl() {
+    this.control.visible = this.visible.control && !this.currentPair && this.stage === this.data.stages.length - 1;
+    for (const mark of this.control.children) mark.position.set(...poses.subtracted(mark.userData.point.known_m, this.base));
   }
 
   // Standard deviations of the points' positions: what the shader needs, and between which limits they lie.
@@ -210,6 +223,9 @@ export class Viewer {
   recolour() {
     this.shared.mode.value = COLOUR_MODES[this.colouring];
     for (const own of this.stations) own.features.recolour(this.featuresBy, this.selected);
+    for (const { children: [mesh] } of this.control.children) {
+      mesh.material.color.set(mesh.userData.feature.id === this.selected ? SELECTED : mesh.userData.colour);
+    }
     for (const mark of this.evidence.children) {
       if (mark.isMesh) mark.material.color.set(mark.userData.feature.id === this.selected ? SELECTED : 0xff4d4d);
     }
@@ -222,6 +238,7 @@ export class Viewer {
       for (const [kind, group] of Object.entries(own.features.groups)) group.visible = this.visible[kind];
     }
     this.evidence.visible = this.visible.pieces;
+    this._placeControl();
     this.invalidate();
   }
 
@@ -299,6 +316,8 @@ export class Viewer {
       const found = own.features.byId.get(id);
       if (found) return { own, ...found };
     }
+    const known = this.control.children.find((mark) => mark.userData.point.id === id);
+    if (known) return { known };
     const piece = this.evidence.children.find((mesh) => mesh.userData.feature?.id === id);
     return piece ? { piece } : null;
   }
@@ -310,9 +329,14 @@ export class Viewer {
       this.visible[found.kind] = true;
       this.applyVisibility();
     }
+    if (found?.known) {
+      this.visible.control = true;
+      this.applyVisibility();
+    }
     if (found && look) {
       const box = new THREE.Box3();
-      if (found.piece) box.setFromObject(found.piece);
+      if (found.known) box.setFromObject(found.known.children[0]);
+      else if (found.piece) box.setFromObject(found.piece);
       else if (found.own.pose) {
         for (const point of found.points) {
           box.expandByPoint(new THREE.Vector3(...poses.subtracted(poses.applied(found.own.pose, point), this.base)));
@@ -375,6 +399,11 @@ export class Viewer {
           const feature = hit.object.userData.features?.[hit.faceIndex] ?? hit.object.userData.feature;
           if (feature) candidates.push([kind === "planes" ? 1 : 0, hit.distance, feature.id]);
         }
+      }
+    }
+    if (this.control.visible) {
+      for (const hit of raycaster.intersectObjects(this.control.children.map((mark) => mark.children[0]), false)) {
+        candidates.push([0, hit.distance, hit.object.userData.feature.id]);
       }
     }
     if (this.evidence.visible) {

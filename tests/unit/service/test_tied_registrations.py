@@ -13,9 +13,11 @@ from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 from schemas.register_inputs import RegisterInputs
 from schemas.registration_result import RegistrationDocument
+from schemas.scene import StoredScene
 from service.adapters.files.local_files import LocalFiles
 from service.formats import writers
 from service.names.content_keys import content_key
+from service.names.scene_keys import scene_key
 from service.ports import Json, StepContext
 from service.processes import STEPS
 from service.processes.register.plan import RegisterPlan
@@ -126,6 +128,31 @@ def test_other_frames_are_those_of_stations(context: StepContext, fix: str) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_a_viewer_shows_targets_and_known_points_where_they_are_in_the_world(context: StepContext) -> None:
+    """The world is that of station B, and the targets of both stations lie on the points."""
+    result = registered(context, 2, control=control(), fix="B")
+    scene = StoredScene.model_validate_json(context.blobs.local_path(scene_key("j")).read_bytes())
+    assert result.control is not None
+    points = {point.name: point for point in scene.control}
+    assert [(each.name, each.state) for each in scene.control] == [
+        (each.name, each.state) for each in result.control.points
+    ]
+    for told in result.control.points:
+        shown = points[told.name]
+        assert shown.place_m is not None
+        assert told.difference_m is not None
+        assert np.linalg.norm(np.subtract(shown.place_m, shown.known_m)) == pytest.approx(
+            np.linalg.norm(told.difference_m), abs=1e-6
+        )
+    for station in scene.stations:
+        assert [target.name for target in station.targets] == [f"P{k}" for k in range(len(PLACES))]
+        pose = RigidTransform.from_matrix(np.array(station.world_from_scan))
+        for target in station.targets:
+            adjusted = pose.apply(np.add(target.centre_m, target.residual_m))
+            np.testing.assert_allclose(adjusted, np.array(points[target.name].place_m), atol=1e-5)
+
+
 def test_three_stations_are_adjusted_with_their_targets_without_control(context: StepContext) -> None:
     document = registered(context, 3)
     assert document.status == "registered"
