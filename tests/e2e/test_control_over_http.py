@@ -4,13 +4,18 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.geometry.topocentric import TopocentricFrame
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 from tests.e2e.command_line import tieline
 from tests.e2e.running_service import Document, RunningService
+from tests.e2e.virtual_scans import write_scans
 
 STD_M = 0.002
 RNG = np.random.default_rng(12)
@@ -42,8 +47,16 @@ def control(*, wrong_m: float = 0.0) -> list[Document]:
 
 
 @pytest.fixture(scope="module")
-def files(service: RunningService, house: Sequence[Path]) -> list[str]:
-    return [service.upload(path)["id"] for path in house]
+def scans(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Path]:
+    """Two stations with few points: what is shown here needs no more."""
+    scanner = VirtualScanner(rows=100, columns=240, mixed_pixels=False)
+    found = simulate_stations(SCENES["house"](), STATIONS, scanner, np.random.default_rng(1))
+    return write_scans(tmp_path_factory.mktemp("small"), list(found))
+
+
+@pytest.fixture(scope="module")
+def files(service: RunningService, scans: Sequence[Path]) -> list[str]:
+    return [service.upload(path)["id"] for path in scans]
 
 
 def inputs_of(files: Sequence[str], **said: object) -> Document:
@@ -51,7 +64,7 @@ def inputs_of(files: Sequence[str], **said: object) -> Document:
         {"name": name, "scan": {"file": file}, "targets": own}
         for name, file, own in zip("AB", files, TARGETS, strict=True)
     ]
-    return {"stations": stations, **said}
+    return {"stations": stations, "method": {"method": "targets"}, **said}
 
 
 @pytest.fixture(scope="module")
@@ -90,20 +103,6 @@ def test_the_chain_of_project_and_global_frame_is_left_handed(result: Document) 
     np.testing.assert_allclose(told[:3], station["xyz_m"], atol=1e-6)
 
 
-def test_targets_join_the_pose_of_the_pair(result: Document) -> None:
-    pair = result["pairs"][0]
-    assert pair["estimator"].endswith("+targets")
-    assert "targets" in {part["name"] for part in pair["pose_parts"]}
-
-
-@pytest.mark.parametrize(("fix", "fixed"), [("B", "B"), ("first", "A"), ("free", None)])
-def test_other_frames(service: RunningService, files: Sequence[str], fix: str, fixed: str | None) -> None:
-    said = {"control": control(), "control_axes": "north-east-height", "fix": fix, "method": {"method": "targets"}}
-    found = service.result(service.execute("register", inputs_of(files, **said)))
-    assert [each["name"] for each in found["stations"] if each["status"] == "fixed"] == ([fixed] if fixed else [])
-    assert found["pairs"][0]["estimator"] == "targets"
-
-
 @pytest.mark.parametrize(
     ("said", "pointer"),
     [
@@ -127,16 +126,37 @@ def test_control_that_makes_no_sense_is_refused(
     assert pointer in [error["pointer"] for error in answer.json()["errors"]], answer.text
 
 
-def test_the_command_line_takes_control_from_a_file(
-    service: RunningService, house: Sequence[Path], tmp_path: Path
+def test_the_command_line_takes_control_of_a_projection_from_a_table(
+    service: RunningService, scans: Sequence[Path], tmp_path: Path
 ) -> None:
-    known = tmp_path / "control.json"
-    known.write_text(json.dumps(control()))
+    utm = TopocentricFrame("EPSG:25832", np.array([500_000.0, 5_400_000.0, 300.0])).from_local(PLACES)
+    rows = [f"P{k};{x:.4f};{y:.4f};{z:.4f};0.002" for k, (x, y, z) in enumerate(utm.tolist())]
+    known = tmp_path / "control.csv"
+    known.write_text("\n".join(["name;x;y;z;std", *rows]))
     stated = tmp_path / "targets.json"
-    stated.write_text(json.dumps({path.stem: own for path, own in zip(house, TARGETS, strict=True)}))
-    asked: tuple[object, ...] = ("--control", known, "--targets", stated, "--control-axes", "north-east-height")
-    asked = (*asked, "--method", "targets", "--output", tmp_path / "out", "--url", service.url)
-    answer = tieline("register", *house, *asked)
+    stated.write_text(json.dumps({path.stem: own for path, own in zip(scans, TARGETS, strict=True)}))
+    asked: tuple[str | Path, ...] = ("--control", known, "--targets", stated, "--crs", "EPSG:25832")
+    asked = (*asked, "--method", "targets", "--registered", "laz", "--output", tmp_path / "out", "--url", service.url)
+    answer = tieline("register", *scans, *asked)
     assert answer.returncode == 0, answer.stdout + answer.stderr
     told = json.loads((tmp_path / "out" / "result.json").read_text())
     assert told["control"]["status"] == "adjusted"
+    for number, file in enumerate(told["registered"]):
+        cloud = laspy.read(tmp_path / "out" / file["name"])
+        crs = cloud.header.parse_crs()
+        assert crs is not None
+        assert crs.to_epsg() == 25832
+        place = told["control"]["stations"][number]["xyz_m"]
+        assert np.linalg.norm(np.median(np.asarray(cloud.xyz), axis=0) - place) < 30.0
+
+
+def test_files_with_rigid_poses_are_not_called_projected(service: RunningService, files: Sequence[str]) -> None:
+    utm = TopocentricFrame("EPSG:25832", np.array([500_000.0, 5_400_000.0, 300.0])).from_local(PLACES)
+    known = [{"name": f"P{k}", "x": x, "y": y, "z": z, "std": 0.01} for k, (x, y, z) in enumerate(utm.tolist())]
+    asked = {
+        "inputs": inputs_of(files, control=known, crs="EPSG:25832"),
+        "outputs": {"registered": {"format": "e57", "crs": "EPSG:25832"}},
+    }
+    answer = service.post("/processes/register/execution", json=asked)
+    assert answer.status_code == 400, answer.text
+    assert [error["pointer"] for error in answer.json()["errors"]] == ["/outputs/registered/crs"]
