@@ -1,6 +1,6 @@
 """Registered points in the map projection of the control, for files whose points are those of the world."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,10 @@ from service.use_cases.steps.registered_calls import RIGID
 
 NOT_MET = (
     "the control was not met: all is in the frame of the first station, and no coordinate reference system is named"
+)
+LOCAL = (
+    "the poses are in the local frame of the control of the job that they were taken from (east, north, up at the "
+    "origin in its `control.system`), which is not `crs`: no coordinate reference system is named"
 )
 
 
@@ -50,7 +54,7 @@ class WorldSystem:
         )
 
 
-def world_system(options: Json, result: Json | None) -> WorldSystem:
+def world_system(options: Json, result: Json | None, pose_documents: Sequence[Json] = ()) -> WorldSystem:
     """Say in which system the points are written.
 
     Parameters
@@ -59,8 +63,12 @@ def world_system(options: Json, result: Json | None) -> WorldSystem:
         Of the files; `control` says what holds the world frame of a registration with control.
     result
         Its result document; None: the request has the poses.
+    pose_documents
+        Result documents that the request took poses from.
     """
     stated = None if options["crs"] is None else wkt_1(options["crs"])
+    if stated is not None and any((each.get("control") or {}).get("system") for each in pose_documents):
+        return WorldSystem(None, notes=(LOCAL,))
     control = options.get("control")
     if control is None or result is None:
         return WorldSystem(stated)

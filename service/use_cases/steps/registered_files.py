@@ -81,7 +81,9 @@ def write_registered(context: StepContext, arguments: Json) -> Json:
     files: list[RegisteredFile] = []
     if stations:
         result = None if arguments.get("result") is None else _document(context, arguments["result"])
-        files = _writing(options)(context, arguments, stations, world_system(options, result))
+        taken_from = [] if result is not None else [_document(context, key) for key in arguments["reads"]]
+        system = world_system(options, result, taken_from)
+        files = _writing(options)(context, arguments, stations, system)
     return {"files": [file.model_dump(mode="json") for file in files], "left_out": left_out}
 
 
