@@ -114,7 +114,7 @@ class CalibrationField(RequestModel):
     """What was measured."""
 
 
-class BoardRequest(RequestModel):
+class CalibrationBoard(RequestModel):
     """A flat board of squares that OpenCV finds in photos."""
 
     kind: Literal["chessboard", "charuco"] = "chessboard"
@@ -135,7 +135,7 @@ class BoardRequest(RequestModel):
     """Whether the board may be bent: a parabola across and one along it are estimated too."""
 
     @model_validator(mode="after")
-    def _markers(self) -> "BoardRequest":
+    def _markers(self) -> "CalibrationBoard":
         if self.kind == "charuco" and (self.marker_m is None or self.marker_m >= self.square_m):
             raise PydanticCustomError("marker_size", "a ChArUco board needs `marker_m`, below `square_m`")
         return self
@@ -157,7 +157,7 @@ class CalibrateCameraInputs(RequestModel):
     """Targets, photos and image points; or `photos` and `board` instead."""
     photos: list[PhotoReference] = Field(default_factory=list, max_length=1000, title="Photos of a board")
     """Photos in which the board is looked for."""
-    board: BoardRequest | None = Field(default=None, title="Board")
+    board: CalibrationBoard | None = Field(default=None, title="Board")
     """The board in `photos`."""
     camera: LensRequest = Field(title="Camera")
     """The camera, and what of it is unknown."""

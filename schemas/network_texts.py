@@ -11,11 +11,18 @@ from pydantic_core import PydanticCustomError
 
 from schemas.base import RequestModel
 from schemas.gama_networks import network_of_gama
-from schemas.riscan_projects import network_of_riscan
+
+
+def _network_of_riscan(root: Element) -> dict[str, Any]:
+    # numpy is loaded by who sends such a project, not by every web process
+    from schemas.riscan_projects import network_of_riscan
+
+    return network_of_riscan(root)
+
 
 FORMATS: Mapping[str, Callable[[Element], dict[str, Any]]] = {
     "gama-local": network_of_gama,
-    "riscan-project": network_of_riscan,
+    "riscan-project": _network_of_riscan,
 }
 
 

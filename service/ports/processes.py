@@ -54,13 +54,13 @@ class Process(Generic[InputsT]):
     nothing of what computes. Steps that all may use stand in `service.use_cases.steps`."""
     check: Callable[[InputsT, Stored], None] = _accept
     """Raises InvalidRequestError, with a pointer to every bad field, for what no schema can know."""
-    check_files: Callable[[InputsT, Mapping[str, FileOutputRequest]], None] = _accept_files
-    """Likewise for files that are wanted by name and do not go with the inputs."""
     file_outputs: Mapping[str, type[FileOutputRequest]] = field(default_factory=dict)
     """Outputs that are files, made only where a request wants them: how each is asked for. Of the same name there is a
     member of the result document, a list of downloads, which is missing when it was not wanted."""
     document_inputs: tuple[str, ...] = ()
     """Inputs that are documents of their own: on the command line they are JSON files, the first as the argument."""
+    check_files: Callable[[InputsT, Mapping[str, FileOutputRequest]], None] = _accept_files
+    """Raises InvalidRequestError likewise, for files that are wanted by name and do not go with the inputs."""
     answer: Callable[[Json], Awaitable[Json]] | None = None
     """Gives all outputs at once, from the inputs; None: it is computed by a worker."""
     version: str = "1.0.0"

@@ -1,6 +1,6 @@
 """Targets of all kinds in rooms and streets: how many are found, how well, and what else is taken for one.
 
-    uv run pytest -m benchmark tests/benchmark/test_found_targets.py -n0 -s
+    uv run pytest -m benchmark tests/benchmark/test_found_target_rates.py -n0 -s
 
 `TIELINE_TARGET_SCANS` is the number of scans with targets, and of scans without (100).
 """
