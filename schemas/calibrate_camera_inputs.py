@@ -11,9 +11,7 @@ from schemas.rigid_matrix import RigidMatrix
 
 CalibrationName: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
 LensName: TypeAlias = Literal["opencv", "brown", "brown-affinity-after"]
-LensParameter: TypeAlias = Literal[
-    "f", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "c", "x0", "y0", "K1", "K2", "K3", "P1", "P2", "b"
-]
+LensParameter: TypeAlias = Annotated[str, Field(min_length=1, max_length=2)]
 Value: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
 Std: TypeAlias = Annotated[float, Field(gt=0.0, le=1e9)]
 Row3: TypeAlias = tuple[float, float, float]
