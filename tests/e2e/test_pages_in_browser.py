@@ -47,6 +47,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 def alice(guarded: RunningService) -> str:
     return command(guarded, "create", "alice")
 
+
 TOO_WIDE = """() => {
     const page = document.documentElement
     return page.scrollWidth <= page.clientWidth ? [] : [...document.querySelectorAll('body *')]
