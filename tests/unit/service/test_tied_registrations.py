@@ -128,7 +128,6 @@ def test_other_frames_are_those_of_stations(context: StepContext, fix: str) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_a_viewer_shows_targets_and_known_points_where_they_are_in_the_world(context: StepContext) -> None:
     """The world is that of station B, and the targets of both stations lie on the points."""
     result = registered(context, 2, control=control(), fix="B")
@@ -153,6 +152,7 @@ def test_a_viewer_shows_targets_and_known_points_where_they_are_in_the_world(con
             np.testing.assert_allclose(adjusted, np.array(points[target.name].place_m), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_three_stations_are_adjusted_with_their_targets_without_control(context: StepContext) -> None:
     document = registered(context, 3)
     assert document.status == "registered"
