@@ -138,11 +138,11 @@ def _found(
         ranked = rank_hypotheses(hypotheses, target.index, source.index, noise_m=noise)
     else:
         ranked = rank_with_priors(hypotheses, target.index, source.index, priors, noise_m=noise)
-    convinced = convinces(target, source, ranked)
-    exhaustive = options.all_shifts and (not convinced or _is_contradicted(ranked))
-    if exhaustive:
+    exhaustive = options.all_shifts and not convinces(target, source, ranked)
+    if exhaustive or (options.all_shifts and _is_contradicted(ranked)):
         tell.report(0.6, "testing all shifts")
-        ranked = _with_all_shifts(ranked, target, source, options, repetitions_only=convinced)
+        # what repetitions alone show makes a pose doubtful and leads to the search of all, below; it proves none
+        ranked = _with_all_shifts(ranked, target, source, options, repetitions_only=not exhaustive)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
     tell.report(0.7, "looking for symmetries")
