@@ -98,6 +98,5 @@ def test_one_column_and_eight_head_angles_give_the_camera_as_well_as_128_targets
     virtual, whole = _stds(calibrate(column, PLAIN, start_of(column))), _stds(calibrate(field, PLAIN, start_of(field)))
     ratios = {name: virtual[name] / whole[name] for name in whole}
     print(len(column.targets), len(column.photos), len(field.targets), len(field.photos), ratios)
-    # what the scanner's own errors limit gains by many targets, not by many photos of a few
-    by_targets = {"mount Y", "mount Z"}
-    assert max(ratio for name, ratio in ratios.items() if name not in by_targets) <= 1.1
+    # claim 24 of the source; what does not hold of it stands in LIMITS
+    assert max(ratios.values()) <= 1.1
