@@ -32,6 +32,7 @@ PPM = 1e6
 NORTH_FIRST = np.array([1, 0, 2])
 """(north, east, height) from (east, north, height), and back."""
 NEAR_M = 1000.0
+"""Stations nearer to the origin than this need no frame of the project beside the control's [m]."""
 
 
 @dataclass(frozen=True, eq=False)
