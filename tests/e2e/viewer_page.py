@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +78,12 @@ class ViewerPage:
         return float(root.get_attribute("data-first-picture-ms")), int(root.get_attribute("data-first-picture-bytes"))
 
     def settle(self) -> None:
-        """Wait until nothing is loaded any more and the last change is drawn."""
+        """Wait until the last change is drawn, what it asked for is loaded, and that is drawn too."""
+        self._two_frames()  # what is missing is known when a change is drawn, not when a key is pressed
         self.page.locator("#viewer[data-loading='0']").wait_for(timeout=60_000)
+        self._two_frames()
+
+    def _two_frames(self) -> None:
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def colours(self) -> int:
@@ -95,9 +100,11 @@ class ViewerPage:
             )
         )
 
-    def picture(self) -> bytes:
+    def picture(self) -> str:
+        """Give a digest of what is drawn, which is there before the browser has put it on the screen."""
         self.settle()
-        return bytes(self.canvas.screenshot())
+        drawn = self.page.evaluate("() => document.querySelector('#viewer canvas').toDataURL()")
+        return sha256(drawn.encode()).hexdigest()
 
     def status(self) -> str:
         return str(self.page.locator("#viewer .viewer-status").text_content())
