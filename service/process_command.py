@@ -13,9 +13,9 @@ from pydantic import BaseModel
 from rich.console import Console
 from rich.markup import escape
 
-from schemas.file_references import FileReference
-from schemas.posed_stations import PosedStation, StationsOfJob
-from schemas.register_inputs import ScanReference, Station
+from schemas.requests.posed_stations import PosedStation, StationsOfJob
+from schemas.requests.register_inputs import ScanReference, Station
+from schemas.values.file_references import FileReference
 from service.client import ServiceClient
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Process

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from schemas.text_columns import TEXT_ENDINGS
+from schemas.values.text_columns import TEXT_ENDINGS
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.errors import InvalidRequestError

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from schemas.register_inputs import RegisterInputs
+from schemas.requests.register_inputs import RegisterInputs
 from service.errors import FieldFault, InvalidRequestError
 from service.use_cases.inputs.read_photo_list import PhotoList, read_photo_list
 from service.use_cases.inputs.validate_request import parse_json, validated

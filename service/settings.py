@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from schemas.callback_secret import CallbackSecret
+from schemas.requests.callback_secret import CallbackSecret
 
 GIGABYTE = 1_000_000_000
 POSTGRESQL = "postgresql+psycopg"

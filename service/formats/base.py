@@ -37,7 +37,7 @@ class ScanFile:
     filename: str
     """The name for messages; the stored file is usually called otherwise."""
     columns: str = ""
-    """What its owner says the columns of a text table are, checked (`schemas.text_columns`); empty: nothing."""
+    """What its owner says the columns of a text table are, checked (`schemas.values.text_columns`); empty: nothing."""
     unit: str = ""
     """In which unit its owner says that the coordinates are, by name; empty: nothing."""
 

@@ -9,7 +9,7 @@ from typing import TextIO, final
 import numpy as np
 
 from algorithms.arrays import Array
-from schemas.text_columns import HOW, PASSED_OVER, TEXT_ENDINGS, roles_of
+from schemas.values.text_columns import HOW, PASSED_OVER, TEXT_ENDINGS, roles_of
 from service.errors import FileTooLargeError, UnreadableFileError
 from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords, cut
 from service.formats.column_evidence import UnclearColumnsError, column_evidence, coordinate_column

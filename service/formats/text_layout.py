@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.arrays import Array
-from schemas.text_columns import HOW, roles_of
+from schemas.values.text_columns import HOW, roles_of
 
 HEAD_BYTES = 1 << 16
 COMMENTS = ("#", "//", "%", "!")

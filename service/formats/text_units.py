@@ -2,7 +2,7 @@
 
 import re
 
-from schemas.text_columns import roles_of
+from schemas.values.text_columns import roles_of
 from service.formats.base import ScanFile
 from service.formats.text_layout import Layout
 from service.formats.units import (

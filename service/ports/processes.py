@@ -6,9 +6,9 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel
 
-from schemas.base import RequestModel
-from schemas.execution import ExecuteRequest, FileOutputRequest, request_model
-from schemas.processes import JobControlOption
+from schemas.requests.execution import ExecuteRequest, FileOutputRequest, request_model
+from schemas.resources.processes import JobControlOption
+from schemas.values.base import RequestModel
 from service.ports.documents import Json
 from service.ports.files import FileStore
 from service.ports.jobs import JobStore

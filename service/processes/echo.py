@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.echo import EchoInputs
+from schemas.requests.echo import EchoInputs
 from service.ports import Json, Process, StepCall, StepContext
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.extract_lines_inputs import ExtractLinesInputs
-from schemas.lines_result import LinesDocument
+from schemas.requests.extract_lines_inputs import ExtractLinesInputs
+from schemas.results.lines_result import LinesDocument
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import check_station
 from service.use_cases.steps.station_calls import REPORT_WEIGHT, features_call, photos_of

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import Query
 from pydantic import AwareDatetime
 
-from schemas.audit import AuditDocument, AuditList
+from schemas.resources.audit import AuditDocument, AuditList
 from service.dependencies import AccessStoresDependency, BaseUrlDependency
 from service.ports import AuditFilter
 from service.routes.documents import page_links

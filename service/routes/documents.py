@@ -2,8 +2,8 @@
 
 from urllib.parse import urlencode
 
-from schemas.files import FileDocument, PhotoDocument, ScanDocument
-from schemas.links import Link
+from schemas.resources.files import FileDocument, PhotoDocument, ScanDocument
+from schemas.values.links import Link
 from service.dependencies import BaseUrl
 from service.ports import StoredFile
 from service.use_cases.documents.scan_warnings import file_warnings

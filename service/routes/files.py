@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
-from schemas.files import FileDocument, FileDocuments, FileList
+from schemas.resources.files import FileDocument, FileDocuments, FileList
 from service.dependencies import (
     Adapters,
     AdaptersDependency,

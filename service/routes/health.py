@@ -4,7 +4,7 @@ from typing import cast
 
 from fastapi import Request, Response
 
-from schemas.health import Liveness, Readiness
+from schemas.resources.health import Liveness, Readiness
 from service.routes.readable_router import ReadableRouter
 from service.use_cases.limits.check_readiness import ReadinessWatch
 

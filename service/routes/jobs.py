@@ -9,9 +9,9 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse
 from fastapi.routing import APIRoute
 
-from schemas.jobs import ArtifactList, JobList, StatusInfo
-from schemas.links import Link
-from schemas.registration_result import Artifact
+from schemas.resources.jobs import ArtifactList, JobList, StatusInfo
+from schemas.results.registration_result import Artifact
+from schemas.values.links import Link
 from service.dependencies import AdaptersDependency, BaseUrlDependency, adapters_of, base_url_of
 from service.routes.described_processes import REFERENCE_TO_RESULTS
 from service.routes.documents import page_links, status_info

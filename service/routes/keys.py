@@ -7,8 +7,8 @@ from typing import Any
 from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
-from schemas.keys import KeyDocument, KeyList, KeyRequest, NewKeyDocument
-from schemas.links import Link
+from schemas.resources.keys import KeyDocument, KeyList, KeyRequest, NewKeyDocument
+from schemas.values.links import Link
 from service.dependencies import AccessStoresDependency, BaseUrl, BaseUrlDependency, IdentifiersDependency
 from service.names.identifiers import is_identifier
 from service.ports import Key

@@ -5,8 +5,8 @@ import asyncio
 from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
-from schemas.landing import Conformance, LandingPage
-from schemas.links import Link
+from schemas.resources.landing import Conformance, LandingPage
+from schemas.values.links import Link
 from service.dependencies import BaseUrl, BaseUrlDependency, SettingsDependency, base_path_of
 from service.routes import openapi_30
 from service.routes.readable_router import ReadableRouter

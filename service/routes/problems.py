@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from algorithms.errors import AlgorithmError
-from schemas.problem import ProblemDocument
+from schemas.values.problem import ProblemDocument
 from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.routes.access_rules import SAFE

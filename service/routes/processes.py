@@ -7,9 +7,9 @@ from typing import Any
 from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
-from schemas.jobs import StatusInfo
-from schemas.links import Link
-from schemas.processes import ProcessDescription, ProcessList, ProcessSummary
+from schemas.resources.jobs import StatusInfo
+from schemas.resources.processes import ProcessDescription, ProcessList, ProcessSummary
+from schemas.values.links import Link
 from service.dependencies import (
     AdaptersDependency,
     BaseUrl,

@@ -7,8 +7,8 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from schemas.jobs import StatusInfo
-from schemas.subscriber import Subscriber
+from schemas.requests.subscriber import Subscriber
+from schemas.resources.jobs import StatusInfo
 from service.dependencies import (
     AdaptersDependency,
     BaseUrlDependency,

@@ -2,7 +2,7 @@
 
 from fastapi import Response
 
-from schemas.scene import ServedScene
+from schemas.results.scene import ServedScene
 from service.dependencies import AdaptersDependency
 from service.routes.downloads import DOWNLOAD_RESPONSES, Download
 from service.routes.problems import PROBLEM_RESPONSES

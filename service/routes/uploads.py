@@ -11,9 +11,9 @@ from fastapi import Depends, Request, Response
 from fastapi.routing import APIRoute
 from starlette.background import BackgroundTask
 
-from schemas.links import Link
-from schemas.problem import ProblemDocument
-from schemas.uploads import UploadDocument
+from schemas.resources.uploads import UploadDocument
+from schemas.values.links import Link
+from schemas.values.problem import ProblemDocument
 from service.dependencies import (
     AdaptersDependency,
     BaseUrl,

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from schemas.registration_result import RegistrationDocument
+from schemas.results.registration_result import RegistrationDocument
 from service.names.messages.catalogue import Language, Messages, messages_in
 from service.use_cases.reports.conclusion import conclusion
 

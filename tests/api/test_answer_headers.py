@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from schemas.health import Readiness
+from schemas.resources.health import Readiness
 from service.dependencies import Adapters
 from service.settings import Settings
 from service.use_cases.limits.check_readiness import ReadinessWatch

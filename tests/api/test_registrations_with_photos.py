@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from schemas.register_inputs import MAX_PHOTOS
+from schemas.requests.register_inputs import MAX_PHOTOS
 from service.dependencies import Adapters
 from tests.api.conftest import CAMERA, POSE, Client
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from schemas.registration_result import Pair
+from schemas.results.registration_result import Pair
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 CONVENTIONS = (ROOT / "algorithms" / "CONVENTIONS.md").read_text()

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.e2e.running_service import RunningService, running_service, wait_until
+from tests.e2e.running.running_service import RunningService, running_service, wait_until
 from tests.servers.postgres_server import PostgresServer, postgres_server
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]

@@ -31,9 +31,9 @@ import pytest
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
-from tests.e2e.broken_uploads import write_scan
-from tests.e2e.running_service import RunningService, running_service, wait_until
-from tests.e2e.virtual_scans import write_scans
+from tests.e2e.files.broken_uploads import write_scan
+from tests.e2e.running.running_service import RunningService, running_service, wait_until
+from tests.e2e.running.virtual_scans import write_scans
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]
 

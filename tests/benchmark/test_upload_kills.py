@@ -13,9 +13,9 @@ import httpx
 import numpy as np
 import pytest
 
-from tests.e2e.broken_uploads import begun, finished, start_sender, upload_with_kills, watched_memory, write_scan
-from tests.e2e.running_service import RunningService, running_service
-from tests.e2e.tus_sender import blocks
+from tests.e2e.files.broken_uploads import begun, finished, start_sender, upload_with_kills, watched_memory, write_scan
+from tests.e2e.files.tus_sender import blocks
+from tests.e2e.running.running_service import RunningService, running_service
 from tests.servers.object_server import ObjectServer
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1200)]

@@ -22,8 +22,8 @@ from algorithms.scans.scan import Scan
 from service.adapters.files.local_files import LocalFiles
 from service.formats.writers import cloud_of
 from service.formats.writers.viewer_points import write_viewer_points
-from tests.e2e.served_scene import JOB, ShownStation, served_scene
-from tests.e2e.viewer_page import ViewerPage, browser
+from tests.e2e.clients.served_scene import JOB, ShownStation, served_scene
+from tests.e2e.clients.viewer_page import ViewerPage, browser
 
 pytestmark = pytest.mark.benchmark
 STATIONS, ROOMS, POINTS = 20, 2, 2_000_000

@@ -15,7 +15,7 @@ from service.settings import Settings
 from tests.api.conftest import Client, FakeSteps
 from tests.doubles.application import create_app
 from tests.doubles.memory import MemoryBlobStore, MemoryFileStore, MemoryJobLog, MemoryJobStore, MemoryQueue
-from tests.e2e.running_service import RunningService, running_service
+from tests.e2e.running.running_service import RunningService, running_service
 
 Document = dict[str, Any]
 AS_JSON = {"Accept": "application/json"}

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from service.demo import simulate_scans
-from tests.e2e.running_service import Document, RunningService, running_service
-from tests.e2e.virtual_photos import take_photos
-from tests.e2e.virtual_scans import simulate, write_scans
+from tests.e2e.running.running_service import Document, RunningService, running_service
+from tests.e2e.running.virtual_photos import take_photos
+from tests.e2e.running.virtual_scans import simulate, write_scans
 
 NAMES_OF_A_RUN = {"file", "href", "timings_s"}
 """What a result says of the run and not of the scans: identifiers, and how long it took."""

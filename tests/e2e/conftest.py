@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.reaching_service import bucket, elsewhere, reaching
-from tests.e2e.running_service import RunningService, running_service
-from tests.e2e.virtual_scans import simulate, write_scans
+from tests.e2e.running.reaching_service import bucket, elsewhere, reaching
+from tests.e2e.running.running_service import RunningService, running_service
+from tests.e2e.running.virtual_scans import simulate, write_scans
 
 __all__ = ["bucket", "elsewhere", "reaching"]
 

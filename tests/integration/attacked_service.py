@@ -19,8 +19,8 @@ import sqlalchemy as sa
 from service.adapters.database.job_log import DatabaseJobLog
 from service.adapters.database.tables import connect, job_steps
 from service.settings import Settings
-from tests.e2e.running_service import Document, RunningService, alive, wait_until
-from tests.e2e.virtual_scans import first_from_second
+from tests.e2e.running.running_service import Document, RunningService, alive, wait_until
+from tests.e2e.running.virtual_scans import first_from_second
 from tests.measures.patience import patience
 from tests.servers.postgres_server import PostgresServer, postgres_server
 

@@ -9,7 +9,7 @@ import httpx
 import psycopg
 import pytest
 
-from tests.e2e.running_service import RunningService, running_service, wait_until
+from tests.e2e.running.running_service import RunningService, running_service, wait_until
 from tests.measures.patience import patience
 from tests.servers.postgres_server import PostgresServer, postgres_server
 

@@ -1,7 +1,7 @@
 """Every process of the service is killed in every step of a registration, on each database: nothing is lost.
 
 ``TIELINE_KILLS`` is the number of random kills, 2 by default; from 100 on, the matrix is complete too, and `-k` takes a
-part of it. Computation, worker and everything are also killed in tests/e2e/test_kill_during_registration.py.
+part of it. Computation, worker and everything are also killed in `test_kill_during_registration`.
 """
 
 import os
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from service.formats.writers import write_scans
-from tests.e2e.virtual_scans import simulate
+from tests.e2e.running.virtual_scans import simulate
 from tests.integration.attacked_service import STEPS, AttackedService, attacked_service, victims_beside
 
 pytestmark = pytest.mark.service
@@ -29,7 +29,7 @@ SMALL = {
     "sqlite": [("api", 0), ("in_order", 1), ("life_of_worker", 0), ("breath_of_worker", 1)],
     "postgresql": [("worker", 2), ("api", 1), ("everything", 0), ("database", 0), ("database", 1)],
 }
-"""What is done where in the small matrix; computations are killed in tests/e2e/test_kill_during_registration.py."""
+"""What is done where in the small matrix; computations are killed in `test_kill_during_registration`."""
 Services = Callable[[str], AttackedService]
 """Give the service on a kind of database."""
 SPARED = {"computation", "api", "in_order", "breath_of_worker", "database"}

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from algorithms.progress import NoProgress
-from schemas.adjust_inputs import AdjustInputs
-from schemas.adjust_result import AdjustDocument
+from schemas.requests.adjust_inputs import AdjustInputs
+from schemas.results.adjust_result import AdjustDocument
 from service.processes.adjust.adjusting import adjusted_document
 
 VECTORS = Path(__file__).parents[2].parent / "shared" / "data" / "vectors"

@@ -11,8 +11,8 @@ import pytest
 
 from algorithms.adjustment.hybrid.closed_forms import similarity
 from algorithms.progress import NoProgress
-from schemas.adjust_inputs import AdjustInputs
-from schemas.adjust_result import AdjustDocument
+from schemas.requests.adjust_inputs import AdjustInputs
+from schemas.results.adjust_result import AdjustDocument
 from service.processes.adjust.adjusting import adjusted_document
 
 VECTORS = Path(__file__).parents[2].parent / "shared" / "data" / "vectors"

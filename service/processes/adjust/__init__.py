@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.adjust_inputs import AdjustInputs
-from schemas.adjust_result import AdjustDocument
+from schemas.requests.adjust_inputs import AdjustInputs
+from schemas.results.adjust_result import AdjustDocument
 from service.ports import Json, Process, StepCall
 from service.processes.adjust.checking import check_network
 

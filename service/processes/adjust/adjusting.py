@@ -14,7 +14,7 @@ from algorithms.adjustment.testing import global_test, noncentrality, normal_cri
 from algorithms.arrays import Array
 from algorithms.errors import InvalidInputError
 from algorithms.progress import ProgressSection
-from schemas.adjust_result import (
+from schemas.results.adjust_result import (
     AdjustDocument,
     AdjustProvenance,
     CongruenceDocument,
@@ -23,7 +23,7 @@ from schemas.adjust_result import (
     MovedPoint,
     OtherDatumDocument,
 )
-from schemas.registration_result import Artifact
+from schemas.results.registration_result import Artifact
 from service.ports import Json, StepContext
 from service.processes.adjust.answers import Answer, answer_in_datum, answer_in_other_datum
 from service.processes.adjust.documents import (

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from schemas.adjust_inputs import AdjustInputs, HeldDatum, MinimalDatum
-from schemas.hybrid_network import HybridNetwork, NetworkStation
+from schemas.requests.adjust_inputs import AdjustInputs, HeldDatum, MinimalDatum
+from schemas.requests.hybrid_network import HybridNetwork, NetworkStation
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Stored
 from service.use_cases.inputs.validate_request import WRONG_FIELDS

@@ -12,7 +12,7 @@ from algorithms.adjustment.testing import NOT_CONTROLLED, normal_critical_value
 from algorithms.arrays import Array
 from algorithms.geometry.angles import GIMBAL_LIMIT, GON_PER_RAD
 from algorithms.geometry.rotations import cross_matrices
-from schemas.adjust_result import (
+from schemas.results.adjust_result import (
     AdjustedStation,
     DatumDocument,
     EllipsoidDocument,

@@ -10,7 +10,7 @@ from algorithms.adjustment.hybrid.reliability import object_test
 from algorithms.adjustment.hybrid.state import Kind
 from algorithms.adjustment.testing import noncentrality
 from algorithms.arrays import Array
-from schemas.adjust_result import (
+from schemas.results.adjust_result import (
     CheckDocument,
     CorrelationDocument,
     FictitiousDocument,

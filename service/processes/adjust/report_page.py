@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from schemas.adjust_result import AdjustDocument
+from schemas.results.adjust_result import AdjustDocument
 
 TEMPLATE = "report_page.html.jinja"
 MOST_ROWS = 300

@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from schemas.adjust_result import AdjustedStation, PointDocument
+from schemas.results.adjust_result import AdjustedStation, PointDocument
 
 
 def observations_csv(rows: Sequence[Mapping[str, Any]]) -> str:

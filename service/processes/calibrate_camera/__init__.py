@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.calibrate_camera_inputs import CalibrateCameraInputs
-from schemas.calibration_result import CalibrationDocument
+from schemas.requests.calibrate_camera_inputs import CalibrateCameraInputs
+from schemas.results.calibration_result import CalibrationDocument
 from service.ports import Json, Process, StepCall
 from service.processes.calibrate_camera.checking import check_calibration
 

@@ -10,8 +10,8 @@ import numpy as np
 from algorithms.adjustment.hybrid.reliability import observation_tests
 from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate
 from algorithms.progress import ProgressSection
-from schemas.calibration_result import CalibrationDocument, CalibrationProvenance, CameraExport
-from schemas.registration_result import Artifact
+from schemas.results.calibration_result import CalibrationDocument, CalibrationProvenance, CameraExport
+from schemas.results.registration_result import Artifact
 from service.ports import Json, StepContext
 from service.processes.calibrate_camera.documents import (
     before_after_document,

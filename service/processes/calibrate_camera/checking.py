@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
-from schemas.calibrate_camera_inputs import CalibrateCameraInputs, CalibrationField
+from schemas.requests.calibrate_camera_inputs import CalibrateCameraInputs, CalibrationField
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Stored
 from service.use_cases.inputs.check_photos import photo_faults

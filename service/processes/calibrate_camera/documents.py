@@ -13,7 +13,7 @@ from algorithms.calibration.lenses import LENSES
 from algorithms.calibration.projection import format_grid, projection_map
 from algorithms.calibration.solution import Calibration
 from algorithms.geometry.rotations import cross_matrix
-from schemas.calibration_result import (
+from schemas.results.calibration_result import (
     BeforeAfterDocument,
     CalibratedCamera,
     CalibratedMount,

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.clean_inputs import CleanedOutput, CleanInputs
-from schemas.cleaning_result import CleaningDocument
-from schemas.posed_stations import StationsOfJob
+from schemas.requests.clean_inputs import CleanedOutput, CleanInputs
+from schemas.requests.posed_stations import StationsOfJob
+from schemas.results.cleaning_result import CleaningDocument
 from service.errors import InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults

@@ -1,9 +1,9 @@
 """Clean the stations of a job, and write the result of `clean`."""
 
 from algorithms.progress import ProgressSection
-from schemas.cleaning_figures import SmoothingPassFigures
-from schemas.cleaning_result import CleaningDocument
-from schemas.registration_result import Artifact
+from schemas.results.cleaning_figures import SmoothingPassFigures
+from schemas.results.cleaning_result import CleaningDocument
+from schemas.results.registration_result import Artifact
 from service.formats.writers import writer_of
 from service.ports import Json, StepContext
 from service.use_cases.steps.cleaned_clouds import CLEANED, CleanedFrame, cleaned_frame

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.colour_inputs import ColouredOutput, ColourInputs
-from schemas.colouring_result import ColouringDocument
-from schemas.posed_stations import StationsOfJob
+from schemas.requests.colour_inputs import ColouredOutput, ColourInputs
+from schemas.requests.posed_stations import StationsOfJob
+from schemas.results.colouring_result import ColouringDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults

@@ -15,8 +15,8 @@ from algorithms.colouring.options import ColouringOptions
 from algorithms.colouring.photo_views import PlacedPhoto
 from algorithms.errors import InvalidInputError
 from algorithms.progress import ProgressSection
-from schemas.colouring_result import ColouringDocument, PhotoFigures, PhotoTurnFigures
-from schemas.registration_result import Artifact
+from schemas.results.colouring_result import ColouringDocument, PhotoFigures, PhotoTurnFigures
+from schemas.results.registration_result import Artifact
 from service.errors import UnreadableFileError
 from service.formats import inspect_upload, read_photo
 from service.formats.writers import writer_of

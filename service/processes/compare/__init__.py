@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from schemas.compare_inputs import CompareInputs, DeviationsOutput
-from schemas.deviations_result import CompareDocument
+from schemas.requests.compare_inputs import CompareInputs, DeviationsOutput
+from schemas.results.deviations_result import CompareDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults

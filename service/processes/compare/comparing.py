@@ -27,7 +27,7 @@ from algorithms.deviations.statistics import QUANTILES, Histogram, deviation_sta
 from algorithms.deviations.triangles import Mesh, condition_of
 from algorithms.progress import NoProgress
 from algorithms.scans.voxel_grid import fullest_of_voxels
-from schemas.deviations_result import (
+from schemas.results.deviations_result import (
     CompareDocument,
     CompareProvenance,
     DeviationFigures,
@@ -37,7 +37,7 @@ from schemas.deviations_result import (
     PlaneFigures,
     Quantile,
 )  # fmt: skip
-from schemas.registration_result import Artifact
+from schemas.results.registration_result import Artifact
 from service.errors import InvalidRequestError
 from service.formats.meshes import read_mesh
 from service.formats.units import unit_named

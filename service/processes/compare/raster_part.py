@@ -11,7 +11,7 @@ from algorithms.deviations.options import RasterOptions
 from algorithms.deviations.rasters import Grid, GridValues, grid_over, raster_surface, viewed_along, wished_cell
 from algorithms.deviations.surface_maps import density_map, distance_map, residuals_of, rms_map
 from algorithms.deviations.surface_patterns import surface_pattern
-from schemas.deviations_result import PatternFigures
+from schemas.results.deviations_result import PatternFigures
 from service.formats.writers.esri_grid import esri_ascii
 from service.ports import Json
 from service.processes.compare.drawings import grid_png

@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from algorithms.arrays import Array, Flags, Points, Scalars, Vector3
 from algorithms.deviations.colour_classes import Colour, deviation_classes
 from algorithms.progress import ProgressSection
-from schemas.scene import SceneDeviations, SceneStage, SceneStation, StoredScene
+from schemas.results.scene import SceneDeviations, SceneStage, SceneStation, StoredScene
 from service.formats.writers import PointPiece, StationCloud
 from service.formats.writers.base import POINTS_AT_ONCE
 from service.names.scene_keys import scene_key

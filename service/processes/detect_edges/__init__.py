@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.detect_edges_inputs import DetectEdgesInputs
-from schemas.edges_result import EdgesDocument
+from schemas.requests.detect_edges_inputs import DetectEdgesInputs
+from schemas.results.edges_result import EdgesDocument
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_photos import check_photo
 

@@ -12,8 +12,8 @@ from pydantic import TypeAdapter
 from algorithms.arrays import Array
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.segments import ImageSegments
-from schemas.edges_result import DetectedEdge, DetectedPhoto, EdgeCount, EdgesDocument, EdgesProvenance, Pixel
-from schemas.registration_result import Artifact
+from schemas.results.edges_result import DetectedEdge, DetectedPhoto, EdgeCount, EdgesDocument, EdgesProvenance, Pixel
+from schemas.results.registration_result import Artifact
 from service.formats import read_photo
 from service.formats.photo import camera_document
 from service.names.content_keys import content_key

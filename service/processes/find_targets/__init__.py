@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.find_targets_inputs import FindTargetsInputs
-from schemas.targets_result import TargetsDocument
+from schemas.requests.find_targets_inputs import FindTargetsInputs
+from schemas.results.targets_result import TargetsDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.names.content_keys import content_key
 from service.ports import Json, Process, StepCall, Stored

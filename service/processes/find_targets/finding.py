@@ -15,8 +15,8 @@ from algorithms.geometry.point_sets import PointSet
 from algorithms.targets.finding import TargetsOfScan, find_targets
 from algorithms.targets.naming import PointMatch, match_points
 from algorithms.targets.options import SoughtKind
-from schemas.registration_result import Artifact
-from schemas.targets_result import (
+from schemas.results.registration_result import Artifact
+from schemas.results.targets_result import (
     NamingDocument,
     RejectedTarget,
     TargetDocument,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.orient import OrientDocument, OrientInputs
+from schemas.requests.orient import OrientDocument, OrientInputs
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults

@@ -12,7 +12,7 @@ from algorithms.closest_points.simultaneous import CloudPairs
 from algorithms.deviations.signed_distances import cloud_normals
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.progress import ProgressSection
-from schemas.orient import OrientDocument, OrientedStation, OrientedTies, OrientRound
+from schemas.requests.orient import OrientDocument, OrientedStation, OrientedTies, OrientRound
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, StepContext
 from service.use_cases.documents.pose_documents import matrix_rows

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from schemas.execution import FileOutputRequest
-from schemas.register_inputs import RegisterInputs
-from schemas.registered_output import RegisteredOutput
-from schemas.registration_result import RegistrationDocument
+from schemas.requests.execution import FileOutputRequest
+from schemas.requests.register_inputs import RegisterInputs
+from schemas.requests.registered_output import RegisteredOutput
+from schemas.results.registration_result import RegistrationDocument
 from service.errors import InvalidRequestError
 from service.ports import Process, Stored
 from service.processes.register.plan import REGISTERED, RegisterPlan

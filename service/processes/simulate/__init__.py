@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from schemas.simulate_inputs import SimulateInputs
-from schemas.simulation_result import SimulationDocument
+from schemas.requests.simulate_inputs import SimulateInputs
+from schemas.results.simulation_result import SimulationDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to

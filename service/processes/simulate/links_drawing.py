@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from schemas.simulation_result import ExpectedPair
+from schemas.results.simulation_result import ExpectedPair
 from service.ports import Json
 
 WIDTH, MARGIN, MAX_HEIGHT = 940.0, 60.0, 760.0

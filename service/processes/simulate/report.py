@@ -14,15 +14,15 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.simulation.instruments import INSTRUMENTS
 from algorithms.simulation.scanning import range_std_m
-from schemas.poses import PoseStd
-from schemas.registration_result import Artifact, Pair
-from schemas.simulation_result import (
+from schemas.results.registration_result import Artifact, Pair
+from schemas.results.simulation_result import (
     ExpectedPair,
     SimulatedInstrument,
     SimulatedPhoto,
     SimulatedStation,
     SimulationDocument,
 )
+from schemas.values.poses import PoseStd
 from service.ports import Json, StepContext
 from service.processes.simulate.links_drawing import links_drawing
 from service.processes.simulate.scanning import scanner_of

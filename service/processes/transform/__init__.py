@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.transform import TransformDocument, TransformInputs
+from schemas.requests.transform import TransformDocument, TransformInputs
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults

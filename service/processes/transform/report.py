@@ -1,7 +1,7 @@
 """Write the result document of `transform`."""
 
-from schemas.registration_result import Artifact, InputFile, RegisteredFile
-from schemas.transform import LeftOutStation, TransformDocument, TransformProvenance
+from schemas.requests.transform import LeftOutStation, TransformDocument, TransformProvenance
+from schemas.results.registration_result import Artifact, InputFile, RegisteredFile
 from service.ports import Json, StepContext
 from service.use_cases.steps.run_lines_report import software
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from schemas.callback_secret import signing_key
+from schemas.requests.callback_secret import signing_key
 from service.errors import StorageError
 from service.settings import Settings
 

@@ -9,7 +9,7 @@ import hmac
 from collections.abc import Iterable, Mapping
 from urllib.parse import urlsplit
 
-from schemas.callback_secret import signing_key
+from schemas.requests.callback_secret import signing_key
 
 USUAL_PORTS = {"http": 80, "https": 443}
 DEFAULT_PROJECT = "default"

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from schemas.subscriber import Subscriber
+from schemas.requests.subscriber import Subscriber
 from service.errors import AddressRefusedError, FieldFault, InvalidRequestError
 from service.ports import CallbackEvent, CallbackSender, Subscription
 from service.settings import Settings

@@ -18,7 +18,7 @@ from algorithms.geometry.lines import LineSource
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.accuracy import accuracy_figures
 from algorithms.registration.base import FineRegistration
-from schemas.adjustment_figures import (
+from schemas.results.adjustment_figures import (
     Accuracy,
     Adjustment,
     FreeMotion,
@@ -29,8 +29,8 @@ from schemas.adjustment_figures import (
     TestLevels,
     WeakDirection,
 )
-from schemas.correspondences import Triple
-from schemas.poses import Row6
+from schemas.results.correspondences import Triple
+from schemas.values.poses import Row6
 from service.use_cases.documents.correspondence_documents import largest_effects
 
 MEANINGS = {

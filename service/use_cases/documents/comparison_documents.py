@@ -10,7 +10,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.pose_parameters import pose_parameters, pose_with_parameter_std
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.comparison import PoseComparison, compare_poses
-from schemas.comparison import ComparedParameter, JointTest, StationComparison
+from schemas.results.comparison import ComparedParameter, JointTest, StationComparison
 from service.use_cases.documents.pose_documents import PARAMETERS
 
 ALPHA = 0.05

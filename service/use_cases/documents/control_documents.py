@@ -15,7 +15,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.rotations import cross_matrix
 from algorithms.geometry.topocentric import TopocentricFrame
 from algorithms.network.tied_network import TiedNetwork
-from schemas.control_result import (
+from schemas.results.control_result import (
     ControlPointResult,
     ControlScale,
     ControlSystem,
@@ -23,7 +23,7 @@ from schemas.control_result import (
     TargetResult,
     Vector,
 )
-from schemas.control_result import (
+from schemas.results.control_result import (
     Matrix4 as MatrixRows,
 )
 from service.ports import Json

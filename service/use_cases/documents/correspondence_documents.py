@@ -17,7 +17,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.lines import LineSource
 from algorithms.geometry.pose_parameters import pose_parameters
 from algorithms.registration.base import FineRegistration
-from schemas.correspondences import (
+from schemas.results.correspondences import (
     Correspondence,
     ExternalEffect,
     FeatureTest,

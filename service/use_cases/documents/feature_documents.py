@@ -11,7 +11,7 @@ from algorithms.features.photo_lines.outlines import Outline
 from algorithms.features.photo_lines.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
-from schemas.lines_result import ExtractedCylinder, ExtractedLine, ExtractedOutline, ExtractedPlane, Vector
+from schemas.results.lines_result import ExtractedCylinder, ExtractedLine, ExtractedOutline, ExtractedPlane, Vector
 from service.use_cases.documents.feature_names import line_name, plane_name
 
 

@@ -10,10 +10,10 @@ from algorithms.registration.base import FinalPose
 from algorithms.registration.deformed_fit import DeformationKind
 from algorithms.registration.rigidity import Rigidity, Stretch
 from algorithms.registration.surface_estimate import SurfaceEstimate
-from schemas.adjustment_figures import FreeMotion, PrincipalMotion, RankReport, WeakDirection
-from schemas.correspondences import Triple
-from schemas.poses import Row6
-from schemas.registration_result import ModelParameter, ModelTests, SurfaceFigures
+from schemas.results.adjustment_figures import FreeMotion, PrincipalMotion, RankReport, WeakDirection
+from schemas.results.correspondences import Triple
+from schemas.results.registration_result import ModelParameter, ModelTests, SurfaceFigures
+from schemas.values.poses import Row6
 
 PARAMETERS = 6
 

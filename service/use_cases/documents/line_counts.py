@@ -7,7 +7,7 @@ from algorithms.arrays import Flags, Indices
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.registration.base import FineRegistration
-from schemas.registration_result import LineCount
+from schemas.results.registration_result import LineCount
 
 
 def line_counts(

@@ -11,9 +11,9 @@ from algorithms.arrays import Vector3
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.comparison import compare_poses
-from schemas.method_comparison import ComparedPair, MethodComparison, MethodMarks, MethodMatrix, PoseDifference
-from schemas.poses import Pose
-from schemas.registration_result import Pair
+from schemas.results.method_comparison import ComparedPair, MethodComparison, MethodMarks, MethodMatrix, PoseDifference
+from schemas.results.registration_result import Pair
+from schemas.values.poses import Pose
 from service.use_cases.documents.comparison_documents import ALPHA, reference_pose
 
 NEAR_GON, NEAR_M = 1.0, 0.3

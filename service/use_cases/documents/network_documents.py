@@ -8,7 +8,7 @@ from algorithms.network.links import StationLink
 from algorithms.network.network_registration import NetworkRegistration
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import Member, Tracks
-from schemas.network import LoopClosure, Network, NetworkAdjustment, NetworkLink, RemovedFeature, TrackCounts
+from schemas.results.network import LoopClosure, Network, NetworkAdjustment, NetworkLink, RemovedFeature, TrackCounts
 from service.use_cases.documents.adjustment_documents import global_test_document
 from service.use_cases.documents.feature_names import line_name, plane_name
 

@@ -5,7 +5,7 @@ from algorithms.arrays import IndexPairs
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import OptionalTriple
 from algorithms.registration.base import PairResult
-from schemas.own_figures import OwnFigures, OwnIteration, OwnStep
+from schemas.results.own_figures import OwnFigures, OwnIteration, OwnStep
 from service.use_cases.documents.feature_names import line_name
 from service.use_cases.documents.pose_documents import pose_document
 

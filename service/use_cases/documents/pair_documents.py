@@ -11,9 +11,8 @@ from algorithms.geometry.lines import LineSource
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.base import FineRegistration, PairResult
-from schemas.adjustment_figures import RankReport, WeakDirection
-from schemas.poses import Pose
-from schemas.registration_result import (
+from schemas.results.adjustment_figures import RankReport, WeakDirection
+from schemas.results.registration_result import (
     Coarse,
     Overlap,
     Pair,
@@ -23,6 +22,7 @@ from schemas.registration_result import (
     UnusedPhotoLine,
     WrongMount,
 )
+from schemas.values.poses import Pose
 from service.use_cases.documents.adjustment_documents import (
     accuracy_document,
     adjustment_document,

@@ -9,7 +9,7 @@ from algorithms.arrays import Array, Vector3
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.pose_parameters import STRONG_CORRELATION, pose_parameters
 from algorithms.geometry.poses import PoseEstimate
-from schemas.poses import Correlation, ErrorEllipsoid, PointStd, Pose, PoseStd, Quaternion, Row4, Row6
+from schemas.values.poses import Correlation, ErrorEllipsoid, PointStd, Pose, PoseStd, Quaternion, Row4, Row6
 
 Rows4 = tuple[Row4, Row4, Row4, Row4]
 Rows6 = tuple[Row6, Row6, Row6, Row6, Row6, Row6]

@@ -8,9 +8,9 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
-from schemas.control_result import ControlResult
-from schemas.registration_result import Pair, Station
-from schemas.scene import (
+from schemas.results.control_result import ControlResult
+from schemas.results.registration_result import Pair, Station
+from schemas.results.scene import (
     Matrix,
     SceneControlPoint,
     SceneCylinder,

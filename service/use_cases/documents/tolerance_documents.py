@@ -8,9 +8,9 @@ from algorithms.arrays import Points, Vector3
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.position_std import PositionStd
-from schemas.network import Network
-from schemas.registration_result import Pair, Station
-from schemas.tolerance_check import StationPrecision, ToleranceCheck, ToleranceReason
+from schemas.results.network import Network
+from schemas.results.registration_result import Pair, Station
+from schemas.results.tolerance_check import StationPrecision, ToleranceCheck, ToleranceReason
 from service.ports import Json
 
 SHARE_WITHIN = 0.95

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from schemas.photos import CameraRequest
+from schemas.values.photos import CameraRequest
 from service.errors import FieldFault
 
 LEAST_FOCAL, MOST_FOCAL = 0.2, 200.0

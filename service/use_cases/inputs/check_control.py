@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from schemas.crs import wkt_1
-from schemas.register_inputs import RegisterInputs
-from schemas.registered_output import RegisteredOptions
+from schemas.requests.register_inputs import RegisterInputs
+from schemas.requests.registered_output import RegisteredOptions
+from schemas.values.crs import wkt_1
 from service.errors import FieldFault
 from service.use_cases.inputs.validate_request import pointer_to
 

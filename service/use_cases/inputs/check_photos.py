@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from algorithms.errors import InvalidInputError
-from schemas.photos import CameraRequest, PhotoReference, StationPhoto
-from schemas.register_inputs import ScanReference
+from schemas.requests.register_inputs import ScanReference
+from schemas.values.photos import CameraRequest, PhotoReference, StationPhoto
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
 from service.ports import FileStore, Json, StoredFile

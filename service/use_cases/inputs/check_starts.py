@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 
-from schemas.register_inputs import RegisterInputs
-from schemas.starts import ChosenStart
+from schemas.requests.register_inputs import RegisterInputs
+from schemas.values.starts import ChosenStart
 from service.errors import FieldFault
 from service.use_cases.inputs.validate_request import pointer_to
 

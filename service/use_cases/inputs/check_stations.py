@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 from algorithms.scans.content import ScanContent, same_content
-from schemas.posed_stations import PosedStation
-from schemas.register_inputs import RegisterInputs, ScanReference, Station
+from schemas.requests.posed_stations import PosedStation
+from schemas.requests.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
 from service.ports import FileStore, Json, StoredFile

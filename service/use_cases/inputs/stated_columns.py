@@ -1,6 +1,6 @@
 """What a client says that the columns of a text table are, checked at the door."""
 
-from schemas.text_columns import checked_columns
+from schemas.values.text_columns import checked_columns
 from service.errors import FieldFault, InvalidRequestError
 from service.use_cases.inputs.validate_request import pointer_to
 

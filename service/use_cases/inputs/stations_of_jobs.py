@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from schemas.posed_stations import PosedStation, PoseOfJob, StationsOfJob
+from schemas.requests.posed_stations import PosedStation, PoseOfJob, StationsOfJob
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
 from service.ports import Job, JobStatus, JobStore, Stored

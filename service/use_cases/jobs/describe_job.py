@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from schemas.jobs import StatusInfo
-from schemas.links import Link
+from schemas.resources.jobs import StatusInfo
+from schemas.values.links import Link
 from service.ports import Job, JobState, JobStatus
 
 RESULTS = "http://www.opengis.net/def/rel/ogc/1.0/results"

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from schemas.processes import InputDescription, OutputDescription
+from schemas.resources.processes import InputDescription, OutputDescription
 from service.ports import Process
 from service.use_cases.inputs.schema_dialect import CONTENT, KEPT, as_openapi_30
 

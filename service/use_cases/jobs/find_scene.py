@@ -4,7 +4,7 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-from schemas.scene import Scene, SceneCloud, ServedScene, StoredScene
+from schemas.results.scene import Scene, SceneCloud, ServedScene, StoredScene
 from service.errors import ArtifactNotFoundError, ResultNotReadyError
 from service.names.scene_keys import scene_key
 from service.ports import BlobStore, JobStatus, JobStore, Json

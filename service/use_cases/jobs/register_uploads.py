@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Protocol
 
-from schemas.subscriber import Subscriber
+from schemas.requests.subscriber import Subscriber
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Job, Json, Process, Stored, StoredFile, Subscription
 from service.use_cases.documents.scan_warnings import is_usable, left_out

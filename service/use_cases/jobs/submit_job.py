@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from schemas.file_references import FileReference
-from schemas.subscriber import Subscriber
+from schemas.requests.subscriber import Subscriber
+from schemas.values.file_references import FileReference
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import MakeIdentifier, new_identifier
 from service.ports import USUAL_URGENCY, Job, JobStatus, Json, Process, Stored, Subscription

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any, TypeAlias
 
-from schemas.register_inputs import MAX_PHOTOS
+from schemas.requests.register_inputs import MAX_PHOTOS
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json
 from service.use_cases.documents.scan_warnings import is_usable

@@ -4,7 +4,7 @@ import asyncio
 import time
 from collections.abc import Callable
 
-from schemas.health import Check, Readiness
+from schemas.resources.health import Check, Readiness
 from service.errors import ServiceError
 from service.names.identifiers import new_identifier
 from service.ports import BlobStore, JobFilter, JobStore, Queue

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from schemas.registration_result import Pair, RegistrationDocument
-from schemas.tolerance_check import StationPrecision, ToleranceCheck
+from schemas.results.registration_result import Pair, RegistrationDocument
+from schemas.results.tolerance_check import StationPrecision, ToleranceCheck
 from service.names.messages.catalogue import Messages
 
 MOST_NAMES = 8

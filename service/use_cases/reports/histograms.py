@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from algorithms.arrays import Array
-from schemas.correspondences import Correspondence, PlaneCorrespondence
-from schemas.registration_result import Pair
+from schemas.results.correspondences import Correspondence, PlaneCorrespondence
+from schemas.results.registration_result import Pair
 from service.names.messages.catalogue import Messages
 from service.use_cases.reports.report_drawings import svg
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.network import Network
-from schemas.registration_result import Pair
+from schemas.results.network import Network
+from schemas.results.registration_result import Pair
 from service.names.messages.catalogue import Messages
 from service.use_cases.reports.setups_drawing import CARRYING, LINK_STYLES, SetupLink
 

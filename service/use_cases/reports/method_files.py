@@ -5,7 +5,7 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from schemas.method_comparison import ComparedPair, MethodComparison, PoseDifference
+from schemas.results.method_comparison import ComparedPair, MethodComparison, PoseDifference
 from service.use_cases.documents.pose_documents import PARAMETERS
 from service.use_cases.reports.methods_drawing import SYMBOLS, methods_drawing
 

@@ -3,7 +3,7 @@
 import math
 from html import escape
 
-from schemas.method_comparison import ComparedPair, MethodComparison, PoseDifference
+from schemas.results.method_comparison import ComparedPair, MethodComparison, PoseDifference
 
 SYMBOLS = {"accepted": "✓", "found": "(✓)", "failed": "✗", "wrong": "✗!"}
 """Marks as the matrix shows them."""

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from algorithms.arrays import Array
-from schemas.correspondences import Correspondence, PlaneCorrespondence
+from schemas.results.correspondences import Correspondence, PlaneCorrespondence
 from service.names.messages.catalogue import Messages
 from service.use_cases.reports.result_lines import COLORS, StationLines
 

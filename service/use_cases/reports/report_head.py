@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from schemas.instruments import MeasuringInstrument
-from schemas.registration_result import InputFile
+from schemas.results.registration_result import InputFile
+from schemas.values.instruments import MeasuringInstrument
 from service.names.messages.catalogue import Messages
 
 MOST_INSTRUMENTS = 6

@@ -12,9 +12,9 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
-from schemas.correspondences import Correspondence, PlaneCorrespondence
-from schemas.registration_result import Pair, RegistrationDocument
-from schemas.report_options import ReportOptions
+from schemas.requests.report_options import ReportOptions
+from schemas.results.correspondences import Correspondence, PlaneCorrespondence
+from schemas.results.registration_result import Pair, RegistrationDocument
 from service.names.messages.catalogue import Messages, messages_in
 from service.use_cases.documents.pose_documents import PARAMETERS
 from service.use_cases.reports.cloud_pictures import CloudPictures, StationCloudPart, cloud_pictures

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Colors, Points, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines
-from schemas.registration_result import Pair, Station
+from schemas.results.registration_result import Pair, Station
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
 from service.formats.ply_edges_writer import ply_edges
 from service.use_cases.documents.feature_names import line_name

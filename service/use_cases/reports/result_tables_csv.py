@@ -5,8 +5,8 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from schemas.correspondences import Correspondence, PlaneCorrespondence
-from schemas.registration_result import Pair, Station
+from schemas.results.correspondences import Correspondence, PlaneCorrespondence
+from schemas.results.registration_result import Pair, Station
 from service.use_cases.documents.pose_documents import PARAMETERS
 
 LINE_COMPONENTS = ("tilt_1_rad", "tilt_2_rad", "offset_1_m", "offset_2_m")

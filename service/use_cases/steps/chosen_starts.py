@@ -12,7 +12,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.priors import PairPriors, StationPrior
 from algorithms.registration.base import PairResult
-from schemas.starts import StartDocument
+from schemas.values.starts import StartDocument
 from service.ports import Json
 from service.use_cases.documents.pose_documents import matrix_rows
 

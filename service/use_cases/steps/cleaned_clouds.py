@@ -10,7 +10,7 @@ from algorithms.arrays import Array
 from algorithms.cleaning.cleaned_stations import CleanedStation, CleanedStations, PlacedScan, clean_stations
 from algorithms.cleaning.options import CleaningOptions
 from algorithms.progress import ProgressSection
-from schemas.cleaning_figures import CleaningStep
+from schemas.results.cleaning_figures import CleaningStep
 from service.formats.writers import ScalarField, StationCloud
 from service.ports import Json, StepContext
 from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, read_stations

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from schemas.method_comparison import MethodComparison
-from schemas.registration_result import Pair
+from schemas.results.method_comparison import MethodComparison
+from schemas.results.registration_result import Pair
 from service.ports import Json, StepContext
 from service.use_cases.documents.method_comparison_documents import MethodOnPair, method_comparison
 

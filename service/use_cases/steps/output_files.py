@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from schemas.registration_result import Artifact
+from schemas.results.registration_result import Artifact
 from service.errors import InsufficientStorageError
 from service.ports import StepContext
 from service.use_cases.limits.free_space import require_free_space

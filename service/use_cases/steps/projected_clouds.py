@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from algorithms.geometry.topocentric import TopocentricFrame
-from schemas.crs import wkt_1
+from schemas.values.crs import wkt_1
 from service.formats.writers import PointPiece, StationCloud
 from service.formats.writers.placed import in_world
 from service.ports import Json

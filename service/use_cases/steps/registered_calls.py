@@ -25,8 +25,8 @@ def registered_calls(job: Json, stations: Sequence[Json], options: Json, result:
     stations
         As in its inputs; with `world_from_scan` unless `result` says the poses.
     options
-        The members of `schemas.registered_output.RegisteredOptions`; and `control` where points with known coordinates
-        hold the world frame: their `crs`, if any, and `geoid_undulation_m`.
+        The members of `schemas.requests.registered_output.RegisteredOptions`; and `control` where points with known
+        coordinates hold the world frame: their `crs`, if any, and `geoid_undulation_m`.
     result
         Key of the result document that has the poses of all stations.
     """

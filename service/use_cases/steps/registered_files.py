@@ -13,7 +13,7 @@ from algorithms.arrays import Array, Matrix6
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import ProgressSection
 from algorithms.quality.position_std import PositionStd
-from schemas.registration_result import RegisteredFile
+from schemas.results.registration_result import RegisteredFile
 from service.errors import InvalidRequestError
 from service.formats.base import ScanFile
 from service.formats.streaming import stream_scan

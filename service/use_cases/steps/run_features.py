@@ -17,7 +17,7 @@ from algorithms.geometry.lines import LineSource
 from algorithms.matching.options import MatchingOptions
 from algorithms.progress import ProgressSection
 from algorithms.scans.scan import Scan
-from schemas.text_columns import checked_columns
+from schemas.values.text_columns import checked_columns
 from service.names.content_keys import content_key
 from service.names.feature_keys import features_of_step
 from service.ports import Json, StepContext

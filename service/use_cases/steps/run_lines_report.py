@@ -9,8 +9,8 @@ import numpy as np
 from algorithms.features.mount_test import MountTest
 from algorithms.features.photo_lines.outlines import Outline, outlines
 from algorithms.features.scan_features import ScanFeatures
-from schemas.lines_result import LinesDocument, MountTestDocument, TestedMount
-from schemas.registration_result import Artifact, FeatureCount, InputFile, Provenance
+from schemas.results.lines_result import LinesDocument, MountTestDocument, TestedMount
+from schemas.results.registration_result import Artifact, FeatureCount, InputFile, Provenance
 from service.ports import Json, StepContext
 from service.use_cases.documents.feature_documents import (
     extracted_cylinders,

@@ -14,7 +14,7 @@ from service.use_cases.steps.feature_store import load_features
 
 if TYPE_CHECKING:
     import algorithms.registration.base
-    import schemas.registration_result
+    import schemas.results.registration_result
 
 
 def register_pair(context: StepContext, arguments: Json) -> Json:
@@ -39,7 +39,7 @@ class RegisteredPair:
 
     problem: "algorithms.registration.base.RegistrationProblem"
     result: "algorithms.registration.base.PairResult"
-    document: "schemas.registration_result.Pair"
+    document: "schemas.results.registration_result.Pair"
     seconds: float
     """From features to verdict."""
 

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
-from schemas.comparison import ComparedParameter, StationComparison
-from schemas.control_result import ControlResult
-from schemas.network import Network
-from schemas.poses import Pose
-from schemas.registration_result import (
+from schemas.requests.report_options import ReportOptions
+from schemas.results.comparison import ComparedParameter, StationComparison
+from schemas.results.control_result import ControlResult
+from schemas.results.network import Network
+from schemas.results.registration_result import (
     Artifact,
     FeatureCount,
     Pair,
@@ -23,9 +23,9 @@ from schemas.registration_result import (
     RegistrationDocument,
     Station,
 )
-from schemas.report_options import ReportOptions
-from schemas.scene import StoredScene
-from schemas.tolerance_check import ToleranceCheck
+from schemas.results.scene import StoredScene
+from schemas.results.tolerance_check import ToleranceCheck
+from schemas.values.poses import Pose
 from service.names.feature_keys import viewer_points_of_step
 from service.names.scene_keys import scene_key
 from service.ports import Json, StepContext

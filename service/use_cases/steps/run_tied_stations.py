@@ -17,7 +17,7 @@ from algorithms.geometry.topocentric import TopocentricFrame
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
 from algorithms.network.tied_network import KnownTargets, RegisteredGroup, TiedNetwork, tied_network
 from algorithms.targets.common_points import TargetSet
-from schemas.control_result import ControlResult
+from schemas.results.control_result import ControlResult
 from service.ports import Json, StepContext
 from service.use_cases.documents.control_documents import (
     ControlFrame,

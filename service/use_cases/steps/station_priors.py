@@ -8,7 +8,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.pose_parameters import pose_with_parameter_std
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.priors import PairPriors, StationPrior
-from schemas.approximate_pose import ApproximateStd
+from schemas.values.approximate_pose import ApproximateStd
 from service.ports import Json
 from service.use_cases.documents.pose_documents import PARAMETERS
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from schemas.text_columns import TEXT_ENDINGS
+from schemas.values.text_columns import TEXT_ENDINGS
 from service.errors import (
     ComputationFailedError,
     FileNotFoundInStoreError,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
-from schemas.network import Network
+from schemas.results.network import Network
 from service.ports import StepContext
 from service.use_cases.steps.feature_store import save_features
 from service.use_cases.steps.link_store import save_link

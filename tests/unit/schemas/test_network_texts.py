@@ -9,8 +9,8 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from schemas.adjust_inputs import AdjustInputs
-from schemas.hybrid_network import HybridNetwork
+from schemas.requests.adjust_inputs import AdjustInputs
+from schemas.requests.hybrid_network import HybridNetwork
 
 GAMA = """<?xml version="1.0"?>
 <gama-local xmlns="http://www.gnu.org/software/gama/gama-local"><network axes-xy="ne" angles="left-handed">

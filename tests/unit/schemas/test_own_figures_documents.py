@@ -12,8 +12,8 @@ from algorithms.adjustment.plucker_adjustment import adjust_plucker
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.registration import DEFAULT_METHOD, RegistrationMethod
 from algorithms.registration.base import FineRegistration, OwnFigures, PairResult, PairStatus
-from schemas.own_figures import OwnFigures as OwnFiguresDocument
-from schemas.registration_methods import MethodRequest
+from schemas.requests.registration_methods import MethodRequest
+from schemas.results.own_figures import OwnFigures as OwnFiguresDocument
 from service.processes import offered_process
 from service.use_cases.documents.own_figures_documents import own_figures_document
 from service.use_cases.jobs.describe_processes import input_descriptions

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from schemas.find_targets_inputs import FindTargetsInputs
-from schemas.hybrid_network import NetworkObservations
-from schemas.point_tables import PointTable, points_of_table
+from schemas.requests.find_targets_inputs import FindTargetsInputs
+from schemas.requests.hybrid_network import NetworkObservations
+from schemas.requests.point_tables import PointTable, points_of_table
 
 TABLES = {
     "commas and a head": "name,x,y,z\nT1,1.5,2.25,-3\n",

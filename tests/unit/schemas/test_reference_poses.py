@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.geometry.pose_parameters import pose_parameters
 from algorithms.geometry.poses import PoseEstimate
-from schemas.reference_poses import Reference
+from schemas.values.reference_poses import Reference
 from service.use_cases.documents.comparison_documents import comparison_documents, reference_pose
 
 MATRIX = RigidTransform.from_components([1.0, 2.0, 3.0], Rotation.from_rotvec([0.1, 0.2, 0.3])).as_matrix().tolist()

@@ -7,8 +7,8 @@ import pytest
 from annotated_types import Gt
 from pydantic import TypeAdapter, ValidationError
 
-from schemas.method_options import options_model
-from schemas.rigid_matrix import RigidMatrix
+from schemas.requests.method_options import options_model
+from schemas.values.rigid_matrix import RigidMatrix
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from schemas.text_columns import checked_columns, roles_of
+from schemas.values.text_columns import checked_columns, roles_of
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from algorithms.adjustment.hybrid.closed_forms import similarity
 from algorithms.progress import NoProgress
-from schemas.adjust_inputs import AdjustInputs
-from schemas.adjust_result import AdjustDocument
+from schemas.requests.adjust_inputs import AdjustInputs
+from schemas.results.adjust_result import AdjustDocument
 from service.processes.adjust.adjusting import adjusted_document
 from tests.scenes.hybrid_networks import CAMERA, GON, STDS, hybrid_network
 

@@ -9,8 +9,8 @@ import pytest
 
 from algorithms.calibration.lenses import LENSES
 from algorithms.calibration.solution import CalibrationOptions, calibrate
-from schemas.calibrate_camera_inputs import CalibrateCameraInputs
-from schemas.calibration_result import CalibrationDocument
+from schemas.requests.calibrate_camera_inputs import CalibrateCameraInputs
+from schemas.results.calibration_result import CalibrationDocument
 from service.errors import InvalidRequestError
 from service.processes.calibrate_camera.calibrating import calibration_document, download_files
 from service.processes.calibrate_camera.checking import LENS_PARAMETERS, check_calibration

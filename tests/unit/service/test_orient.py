@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.scans.scan import Scan
-from schemas.orient import OrientDocument
+from schemas.requests.orient import OrientDocument
 from service.adapters.files.local_files import LocalFiles
 from service.formats.writers import write_scans
 from service.ports import Json, StepContext

@@ -8,11 +8,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from schemas.base import RequestModel
-from schemas.execution import FileOutputRequest
-from schemas.file_references import FileReference
-from schemas.posed_stations import PosedStations
-from schemas.poses import Document
+from schemas.requests.execution import FileOutputRequest
+from schemas.requests.posed_stations import PosedStations
+from schemas.values.base import RequestModel
+from schemas.values.file_references import FileReference
+from schemas.values.poses import Document
 from service.ports import Json, Process
 from service.process_command import process_command, takes_files
 from service.processes import OFFERED_PROCESSES

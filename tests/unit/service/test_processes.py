@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from schemas.base import RequestModel
+from schemas.values.base import RequestModel
 from service.ports import Process
 from service.processes import OFFERED_PROCESSES, PLANS, PROCESSES, STEPS
 from service.use_cases.jobs.describe_processes import input_descriptions, output_descriptions

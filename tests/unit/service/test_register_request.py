@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from schemas.register_inputs import RegisterInputs
+from schemas.requests.register_inputs import RegisterInputs
 from service.errors import InvalidRequestError
 from service.register_request import RequestOptions, parsed_pairs, read_request
 from service.use_cases.inputs.check_starts import start_faults

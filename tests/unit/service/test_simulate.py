@@ -11,9 +11,9 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.simulation.instruments import INSTRUMENTS
 from algorithms.simulation.reflectances import MATERIALS
 from algorithms.simulation.scenes import SCENES
-from schemas import simulate_inputs
-from schemas.simulate_inputs import SimulateInputs
-from schemas.simulation_result import SimulationDocument
+from schemas.requests import simulate_inputs
+from schemas.requests.simulate_inputs import SimulateInputs
+from schemas.results.simulation_result import SimulationDocument
 from service.adapters.files.local_files import LocalFiles
 from service.errors import InvalidRequestError
 from service.formats import read_scan

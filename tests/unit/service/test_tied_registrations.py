@@ -11,9 +11,9 @@ from algorithms.progress import NoProgress
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
-from schemas.register_inputs import RegisterInputs
-from schemas.registration_result import RegistrationDocument
-from schemas.scene import StoredScene
+from schemas.requests.register_inputs import RegisterInputs
+from schemas.results.registration_result import RegistrationDocument
+from schemas.results.scene import StoredScene
 from service.adapters.files.local_files import LocalFiles
 from service.formats import writers
 from service.names.content_keys import content_key

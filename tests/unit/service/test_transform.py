@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.scans.scan import Scan
-from schemas.transform import TransformDocument
+from schemas.requests.transform import TransformDocument
 from service.adapters.files.local_files import LocalFiles
 from service.errors import InvalidRequestError
 from service.formats import read_scan

@@ -21,7 +21,7 @@ from algorithms.registration.base import PairResult, PairStatus, RegistrationPro
 from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, status_of_final
 from algorithms.registration.lines import LinesMethod
 from algorithms.registration.planes import PlanesMethod
-from schemas.registration_result import Pair
+from schemas.results.registration_result import Pair
 from service.use_cases.documents.pair_documents import pair_document
 from service.use_cases.steps.link_store import link_of
 from tests.unit.service.use_cases.steps.test_feature_store import some_features

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter
 
-from schemas.register_inputs import StationName
+from schemas.requests.register_inputs import StationName
 from service.adapters.files.local_files import LocalFiles, checked_key
 from service.errors import StorageError
 

@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
-from schemas.callback_secret import signing_key
+from schemas.requests.callback_secret import signing_key
 from service.errors import InvalidRequestError
 from service.keys_command import callback_secret
 from service.settings import Settings

@@ -16,7 +16,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.quality.acceptance import Verification, judge
 from algorithms.quality.unexplained import UnexplainedPiece
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus
-from schemas.registration_result import Pair
+from schemas.results.registration_result import Pair
 from service.use_cases.documents.pair_documents import pair_document
 from service.use_cases.documents.pose_documents import pose_document
 from tests.scenes.buildings.plane_rooms import observed_rooms, plane_rooms

@@ -13,7 +13,7 @@ from algorithms.geometry.line_motion import moved_lines
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.registration.base import FineRegistration
-from schemas.registration_result import PhotoLineCounts
+from schemas.results.registration_result import PhotoLineCounts
 from service.use_cases.documents.line_counts import line_counts
 from service.use_cases.documents.pair_documents import photo_line_counts
 from tests.unit.service.use_cases.documents.test_pair_documents import MIXED, POSE, STD, noisy

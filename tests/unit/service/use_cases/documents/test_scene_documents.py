@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from schemas.registration_result import Coarse, Pair, Station
+from schemas.results.registration_result import Coarse, Pair, Station
 from service.use_cases.documents.pose_documents import matrix_rows
 from service.use_cases.documents.scene_documents import feature_fits, scene_pair, scene_stages, scene_station
 from tests.unit.service.use_cases.documents.test_pair_documents import MIXED, adjusted

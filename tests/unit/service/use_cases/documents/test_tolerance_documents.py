@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.geometry.poses import PoseEstimate
-from schemas.network import Network, NetworkLink
-from schemas.registration_result import Station
-from schemas.tolerance_check import StationPrecision
+from schemas.results.network import Network, NetworkLink
+from schemas.results.registration_result import Station
+from schemas.results.tolerance_check import StationPrecision
 from service.use_cases.documents.pose_documents import fixed_pose_document
 from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from schemas.photos import StationPhoto
-from schemas.register_inputs import ScanReference
+from schemas.requests.register_inputs import ScanReference
+from schemas.values.photos import StationPhoto
 from service.errors import FieldFault
 from service.ports import StoredFile
 from service.use_cases.inputs.check_photos import station_photo_faults

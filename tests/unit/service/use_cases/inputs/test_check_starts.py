@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from schemas.register_inputs import RegisterInputs
+from schemas.requests.register_inputs import RegisterInputs
 from service.errors import InvalidRequestError
 from service.use_cases.inputs.check_starts import start_faults
 from service.use_cases.inputs.validate_request import validated

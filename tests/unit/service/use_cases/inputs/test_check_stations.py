@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from schemas.register_inputs import RegisterInputs, Station
+from schemas.requests.register_inputs import RegisterInputs, Station
 from service.errors import InvalidRequestError
 from service.ports import StoredFile
 from service.use_cases.inputs.check_stations import check_register_inputs, check_station

@@ -14,7 +14,7 @@ import pytest
 
 from algorithms.errors import AlgorithmError
 from algorithms.progress import NoProgress
-from schemas.extract_lines_inputs import ExtractLinesInputs
+from schemas.requests.extract_lines_inputs import ExtractLinesInputs
 from service.errors import InvalidRequestError, ServiceError, to_problem
 from service.formats.photo import camera_document
 from service.names.content_keys import content_key

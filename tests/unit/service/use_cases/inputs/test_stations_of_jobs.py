@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 import pytest
 
-from schemas.base import RequestModel
-from schemas.execution import FileOutputRequest
-from schemas.posed_stations import PosedStations
-from schemas.poses import Document
+from schemas.requests.execution import FileOutputRequest
+from schemas.requests.posed_stations import PosedStations
+from schemas.values.base import RequestModel
+from schemas.values.poses import Document
 from service.errors import InvalidRequestError
 from service.ports import Job, JobStatus, Json, Process, StepCall, StepContext, Stored, StoredFile
 from service.settings import Settings

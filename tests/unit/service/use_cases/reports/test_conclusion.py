@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from schemas.network import LoopClosure
-from schemas.registration_result import Provenance, RegistrationDocument, Station
-from schemas.tolerance_check import StationPrecision, ToleranceCheck, ToleranceReason
+from schemas.results.network import LoopClosure
+from schemas.results.registration_result import Provenance, RegistrationDocument, Station
+from schemas.results.tolerance_check import StationPrecision, ToleranceCheck, ToleranceReason
 from service.names.messages.catalogue import LANGUAGES, Language, messages_in
 from service.use_cases.documents.pose_documents import fixed_pose_document
 from service.use_cases.reports.conclusion import conclusion, tolerance_headline

@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
-from schemas.instruments import MeasuringInstrument
-from schemas.registration_result import InputFile, Overlap, RegistrationDocument
-from schemas.report_options import ReportOptions
+from schemas.requests.report_options import ReportOptions
+from schemas.results.registration_result import InputFile, Overlap, RegistrationDocument
+from schemas.values.instruments import MeasuringInstrument
 from service.names.messages.catalogue import all_messages, messages_in
 from service.use_cases.reports import report_page as page_module
 from service.use_cases.reports.report_head import instruments_in_words, measured_in_words

@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.geometry.poses import PoseEstimate
-from schemas.method_comparison import MethodComparison
-from schemas.own_figures import OwnFigures
-from schemas.register_inputs import RegisterInputs
-from schemas.registration_result import Pair
+from schemas.requests.register_inputs import RegisterInputs
+from schemas.results.method_comparison import MethodComparison
+from schemas.results.own_figures import OwnFigures
+from schemas.results.registration_result import Pair
 from service.errors import InvalidRequestError
 from service.ports import StoredFile
 from service.processes.register.plan import RegisterPlan, other_methods

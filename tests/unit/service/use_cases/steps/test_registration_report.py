@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
-from schemas.registration_result import Overlap, Pair, UnexplainedSurface
+from schemas.results.registration_result import Overlap, Pair, UnexplainedSurface
 from service.ports import StepContext
 from service.use_cases.documents.pose_documents import pose_document
 from service.use_cases.steps.feature_store import save_features

@@ -14,9 +14,9 @@ from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_
 from algorithms.geometry.camera_mounts import CameraAxes
 from algorithms.geometry.lines import LineSource
 from algorithms.progress import NoProgress
-from schemas.extract_lines_inputs import ExtractLinesInputs
-from schemas.photos import AxesName
-from schemas.photos import StationPhoto as RequestedPhoto
+from schemas.requests.extract_lines_inputs import ExtractLinesInputs
+from schemas.values.photos import AxesName
+from schemas.values.photos import StationPhoto as RequestedPhoto
 from service.errors import UnreadableFileError
 from service.formats.photo import PhotoInfo, camera_document
 from service.names.feature_keys import feature_key, photos_identity

@@ -15,7 +15,7 @@ from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scene import scene_from_parts
 from algorithms.simulation.target_parts import checker_board, facing, sphere
-from schemas.register_inputs import RegisterInputs
+from schemas.requests.register_inputs import RegisterInputs
 from service.adapters.files.local_files import LocalFiles
 from service.formats import writers
 from service.names.content_keys import content_key

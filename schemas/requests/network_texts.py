@@ -1,0 +1,76 @@
+"""Networks in the files of other programs, read at the door."""
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from schemas.requests.gama_networks import network_of_gama
+from schemas.values.base import RequestModel
+
+
+def _network_of_riscan(root: Element) -> dict[str, Any]:
+    # numpy is loaded by who sends such a project, not by every web process
+    from schemas.requests.riscan_projects import network_of_riscan
+
+    return network_of_riscan(root)
+
+
+FORMATS: Mapping[str, Callable[[Element], dict[str, Any]]] = {
+    "gama-local": network_of_gama,
+    "riscan-project": _network_of_riscan,
+}
+
+
+class NetworkText(RequestModel):
+    """A network as the text of a file of another program."""
+
+    format: Literal["gama-local", "riscan-project"]
+    """`gama-local`: GNU Gama's input (.gkf) with spatial observations; `riscan-project`: project.rsp of RiSCAN PRO with
+    tie points."""
+    xml: Annotated[str, Field(min_length=1, max_length=20_000_000)]
+    """The file's text."""
+
+
+def network_dictionary(given: Any) -> Any:
+    """Give the network of a text in place of it, in the layout `hybrid-network/1`; what is none goes through as it is.
+
+    Raises
+    ------
+    PydanticCustomError
+        No XML, XML that declares entities, or what this service has no observation for, by name.
+    """
+    if not isinstance(given, dict) or "xml" not in given:
+        return given
+    read = FORMATS.get(str(given.get("format")))
+    unknown = set(given) - {"format", "xml"}
+    if read is None or unknown or not isinstance(given["xml"], str):
+        raise _fault(f"a network as text has `format`, one of {', '.join(FORMATS)}, and `xml`, and nothing else")
+    try:
+        root = fromstring(given["xml"])
+    except DefusedXmlException as error:
+        raise _fault(f"this XML declares entities or refers to other files, and is not read: {error}") from None
+    except (ParseError, ValueError) as error:
+        raise _fault(f"this is no XML: {error}") from None
+    try:
+        return _as_tuples(read(root))
+    except ValueError as error:
+        raise _fault(str(error)) from None
+
+
+def _fault(what: str) -> PydanticCustomError:
+    return PydanticCustomError("network_text", "{what}", {"what": what})
+
+
+def _as_tuples(value: Any) -> Any:
+    """Give triples as JSON's arrays are given to strict eyes: as tuples where they hold numbers only."""
+    if isinstance(value, dict):
+        return {key: _as_tuples(each) for key, each in value.items()}
+    if isinstance(value, list):
+        members = [_as_tuples(each) for each in value]
+        return tuple(members) if members and all(isinstance(m, float | tuple) for m in members) else members
+    return value

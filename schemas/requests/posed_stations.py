@@ -1,0 +1,66 @@
+"""Scans with poses as inputs: one by one, or all stations of a job that has registered them."""
+
+from typing import Annotated, TypeAlias
+
+from pydantic import Discriminator, Field, Tag
+
+from schemas.requests.register_inputs import MAX_PHOTOS, ScanReference
+from schemas.values.base import RequestModel
+from schemas.values.photos import StationPhoto
+from schemas.values.reference_poses import ReferencePose
+from schemas.values.rigid_matrix import RigidMatrix
+from schemas.values.station_names import StationName
+
+JobId: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class PoseOfJob(RequestModel):
+    """The pose that a finished `register` job gave a station."""
+
+    job_id: JobId = Field(alias="jobID")
+    """The job."""
+    station: StationName | None = None
+    """What the station is called there; null: as here."""
+
+
+def _kind_of_pose(value: object) -> str:
+    if isinstance(value, list):
+        return "matrix"
+    given = value if isinstance(value, dict) else {"jobID": None} if isinstance(value, PoseOfJob) else {}
+    return "job" if "jobID" in given else "pose"
+
+
+GivenPose: TypeAlias = Annotated[
+    Annotated[RigidMatrix, Tag("matrix")] | Annotated[ReferencePose, Tag("pose")] | Annotated[PoseOfJob, Tag("job")],
+    Discriminator(_kind_of_pose),
+]
+"""world_from_scan: the 4×4 matrix, row by row, an object with `matrix` and its accuracy, or that of a job."""
+
+
+class PosedStation(RequestModel):
+    """A scan and where it was measured."""
+
+    name: StationName
+    """Name of the station, unique in the job."""
+    scan: ScanReference
+    """What was measured there."""
+    photos: list[StationPhoto] = Field(default=[], max_length=MAX_PHOTOS)
+    """Photos taken from the same set-up, with the camera on the scanner."""
+    world_from_scan: GivenPose | None = None
+    """Its pose; null: the coordinates of the file are those of the world."""
+
+
+class StationsOfJob(RequestModel):
+    """The stations of a finished `register` job, with the poses that it found. Those without a pose are left out."""
+
+    job_id: JobId = Field(alias="jobID")
+    """The job."""
+    names: list[StationName] | None = Field(default=None, min_length=1)
+    """Which stations; null: all that it registered."""
+
+
+PosedStations: TypeAlias = Annotated[
+    Annotated[list[PosedStation], Field(min_length=1), Tag("stations")] | Annotated[StationsOfJob, Tag("job")],
+    Discriminator(lambda value: "stations" if isinstance(value, list) else "job"),
+]
+"""Stations one by one, or those of a job."""

@@ -1,0 +1,1 @@
+"""Result documents of jobs and their parts."""

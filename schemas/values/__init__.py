@@ -1,0 +1,1 @@
+"""Values that requests and answers share: poses, names, units, links, problems."""

@@ -1,0 +1,82 @@
+"""A scan goes in over HTTP; its targets come out with covariances and the names of a list."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.scans.scan import Scan
+from algorithms.simulation.materials import PLASTER
+from algorithms.simulation.parts import box
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import scan_scene
+from algorithms.simulation.scene import scene_from_parts
+from algorithms.simulation.target_parts import sphere
+from tests.e2e.running.running_service import Document, RunningService
+
+RADIUS_M = 0.1
+CHI_SQUARE_12 = 32.9
+"""Exceeded by one of a thousand."""
+CENTRES = np.array([[6.0, 0.7, 0.3], [5.0, -0.5, -0.2], [5.5, 0.1, -0.5], [6.5, -0.8, 0.5]])
+SCANNER = VirtualScanner(
+    rows=240, columns=320, lowest_rad=-0.15, highest_rad=0.15, leftmost_rad=-0.2, rightmost_rad=0.2,
+    range_noise_std_m=0.001, mixed_pixels=False,
+)  # fmt: skip
+
+
+def _as_ptx(scan: Scan) -> str:
+    assert scan.grid is not None
+    assert scan.intensity is not None
+    header = [str(scan.grid.columns), str(scan.grid.rows), "0 0 0", "1 0 0", "0 1 0", "0 0 1"]
+    header += ["1 0 0 0", "0 1 0 0", "0 0 1 0", "0 0 0 1"]
+    lines = []
+    for number in scan.grid.index[::-1].T.ravel().tolist():
+        x, y, z = scan.points[number] if number >= 0 else (0.0, 0.0, 0.0)
+        lines.append(f"{x:.6f} {y:.6f} {z:.6f} {scan.intensity[number] if number >= 0 else 0.5:.4f}")
+    return "\n".join([*header, *lines]) + "\n"
+
+
+@pytest.fixture(scope="module")
+def uploaded(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -> Document:
+    parts = [box((9.0, -4.0, -3.0), (9.2, 4.0, 3.0), PLASTER), *(sphere(c.tolist(), RADIUS_M) for c in CENTRES)]
+    scene = scene_from_parts("spheres", parts, [])
+    scan = scan_scene(scene, RigidTransform.identity(), SCANNER, np.random.default_rng(3))
+    path: Path = tmp_path_factory.mktemp("targets") / "spheres.ptx"
+    path.write_text(_as_ptx(scan))
+    return service.upload(path)
+
+
+def test_spheres_are_found_and_named(service: RunningService, uploaded: Document) -> None:
+    turned = CENTRES @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) + 100.0
+    names = [{"name": f"S{k}", "x": x, "y": y, "z": z} for k, (x, y, z) in enumerate(turned.tolist())]
+    inputs = {
+        "station": {"name": "A", "scan": {"file": uploaded["id"]}},
+        "kinds": [{"kind": "sphere", "radius_m": RADIUS_M}],
+        "names": [*names, {"name": "elsewhere", "x": 120.0, "y": 90.0, "z": 101.0}],
+    }
+    result = service.result(service.execute("find-targets", inputs))
+    assert result["naming"]["status"] == "determined"
+    assert sorted(each["name"] for each in result["targets"]) == ["S0", "S1", "S2", "S3"]
+    errors = [np.array(each["xyz_m"]) - CENTRES[int(each["name"][1:])] for each in result["targets"]]
+    covariances = [np.array(each["covariance_m2"]) for each in result["targets"]]
+    squares = [float(e @ np.linalg.solve(c, e)) for e, c in zip(errors, covariances, strict=True)]
+    assert sum(squares) < CHI_SQUARE_12
+    table = service.get(result["artifacts"][0]["href"]).text.splitlines()
+    assert len(table) == 5
+
+
+def test_a_name_that_stands_twice_is_pointed_at(service: RunningService, uploaded: Document) -> None:
+    point = {"name": "S", "x": 0.0, "y": 0.0, "z": 0.0}
+    inputs = {
+        "station": {"name": "A", "scan": {"file": uploaded["id"]}},
+        "kinds": [{"kind": "sphere", "radius_m": -1.0}],
+        "names": [point, point],
+    }
+    answer = service.post("/processes/find-targets/execution", json={"inputs": inputs})
+    assert answer.status_code == 400
+    assert "/inputs/kinds/0" in answer.text
+    inputs["kinds"] = [{"kind": "sphere", "radius_m": 0.1}]
+    answer = service.post("/processes/find-targets/execution", json={"inputs": inputs})
+    assert answer.status_code == 400
+    assert "/inputs/names/1/name" in answer.text

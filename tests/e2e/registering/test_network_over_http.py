@@ -1,0 +1,55 @@
+"""Three stations of a hall go in over HTTP; they come out adjusted together, controlled by their loop."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.simulation.scenes import SCENES
+from tests.e2e.running.running_service import Document, RunningService
+from tests.e2e.running.virtual_scans import simulate, write_scans
+
+pytestmark = pytest.mark.service
+
+SCENE, STATIONS = "pipe_hall", 3
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Path]:
+    return write_scans(tmp_path_factory.mktemp("hall"), simulate(SCENE, STATIONS))
+
+
+@pytest.fixture(scope="module")
+def result(service: RunningService, hall: Sequence[Path]) -> Document:
+    forms = [("scan", (path.name, path.read_bytes())) for path in hall]
+    answer = service.post("/registrations", files=forms)
+    assert answer.status_code == 201, answer.text
+    return service.result(answer.json()["jobID"])
+
+
+def test_all_stations_are_registered_true_to_their_covariance(result: Document) -> None:
+    assert result["status"] == "registered"
+    poses = SCENES[SCENE]().stations
+    for k, station in enumerate(result["stations"][1:], start=1):
+        document, truth = station["world_from_scan"], poses[0].inv() * poses[k]
+        estimate = RigidTransform.from_matrix(np.array(document["matrix"]))
+        error = np.concatenate(
+            [(truth.rotation * estimate.rotation.inv()).as_rotvec(), truth.translation - estimate.translation]
+        )
+        assert error @ np.linalg.solve(np.array(document["covariance"]), error) < 27.9  # chi-square, 6 degrees, 0.01 %
+        assert np.linalg.norm(error[3:]) < 0.003
+
+
+def test_the_loop_closes_and_controls_every_pair(result: Document) -> None:
+    network = result["network"]
+    assert [loop["passed"] for loop in network["loops"]] == [True]
+    assert [link["state"] for link in network["links"]] == ["used"] * STATIONS
+
+
+def test_one_adjustment_of_all_stations_carries_the_poses(result: Document) -> None:
+    adjustment = result["network"]["adjustment"]
+    assert (adjustment["unknowns"], adjustment["converged"]) == (12, True)
+    assert adjustment["redundancy"] == adjustment["observations"] - 12
+    assert adjustment["tracks"]["planes"] >= 5
