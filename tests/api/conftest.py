@@ -121,15 +121,26 @@ def settings(tmp_path: Path) -> Settings:
     return Settings(data_dir=tmp_path, max_file_bytes=1_000_000, min_free_bytes=0, max_stations=4, max_queued_jobs=20)
 
 
-@pytest.fixture
-def adapters() -> Adapters:
+def memory_adapters() -> Adapters:
     blobs = MemoryBlobStore()
     return Adapters(MemoryJobStore(), MemoryFileStore(), blobs, MemoryQueue(), FakeSteps(blobs), MemoryJobLog())
 
 
 @pytest.fixture
+def adapters() -> Adapters:
+    return memory_adapters()
+
+
+@pytest.fixture
 def client(settings: Settings, adapters: Adapters) -> Client:
     return Client(create_app(settings, adapters))
+
+
+@pytest.fixture(scope="session")
+def description(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Give the OpenAPI document, which takes half a second to write."""
+    settings = Settings(data_dir=tmp_path_factory.mktemp("described"))
+    return dict(Client(create_app(settings, memory_adapters())).get("/openapi.json").json())
 
 
 @pytest.fixture

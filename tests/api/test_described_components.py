@@ -16,11 +16,6 @@ Document = dict[str, Any]
 COMPONENTS = "#/components/schemas/"
 
 
-@pytest.fixture
-def description(client: Client) -> Document:
-    return dict(client.get("/openapi.json").json())
-
-
 def references(node: Any) -> Iterator[str]:
     if isinstance(node, dict):
         if isinstance(node.get("$ref"), str):

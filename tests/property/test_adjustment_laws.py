@@ -223,6 +223,7 @@ def test_covariance_of_independent_lines_is_honest():
     assert in_chi_square_band(float(np.mean(omegas)), 4 * 6 - 6, runs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt_std", [5e-4, 5e-3])
 def test_covariance_of_lines_with_shared_planes_is_honest(tilt_std):
     rng, runs = np.random.default_rng(7), 25

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.measures.monte_carlo import NAMES, PLANE_ROOM, PLANE_ROOMS, MonteCarlo, run_monte_carlo, scene_pairs
+from tests.measures.monte_carlo import NAMES, MonteCarlo, run_monte_carlo, scene_pairs
+
+pytestmark = pytest.mark.slow
 
 RUNS = 40
 TAIL = 0.0005
@@ -18,11 +20,7 @@ TAIL = 0.0005
 PLANTS = {"generic 8": 2}
 """Errors of the detectable size planted in each scene: of one kind only, for speed."""
 
-LARGE = frozenset({"generic 8", PLANE_ROOM, PLANE_ROOMS})
-"""Kinds of scene whose adjustments take seconds: with the slow tests."""
-each_kind = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in NAMES]
-)
+each_kind = pytest.mark.parametrize("name", NAMES)
 
 
 @cache
@@ -64,7 +62,6 @@ def test_omega_is_as_large_as_the_redundancy(name: str) -> None:
     assert low < result.omega_over_redundancy < high
 
 
-@pytest.mark.slow
 def test_single_tests_reject_one_good_component_in_a_thousand() -> None:
     results = [monte_carlo(name) for name in NAMES]
     tested = sum(result.w_tested.sum() for result in results)
@@ -74,7 +71,6 @@ def test_single_tests_reject_one_good_component_in_a_thousand() -> None:
     assert abs(share - 0.001) < stats.norm.isf(TAIL) * np.sqrt(variance)
 
 
-@pytest.mark.slow
 def test_line_tests_reject_one_good_line_in_a_thousand() -> None:
     results = [monte_carlo(name) for name in NAMES]
     tested = int(sum(result.lines_tested.sum() for result in results))
@@ -82,7 +78,6 @@ def test_line_tests_reject_one_good_line_in_a_thousand() -> None:
     assert low <= sum(result.lines_rejected.sum() for result in results) <= high
 
 
-@pytest.mark.slow
 def test_errors_of_the_detectable_size_are_found_in_eighty_of_a_hundred() -> None:
     found = np.concatenate([monte_carlo(name).planted_found.ravel() for name in PLANTS])
     low, high = stats.binom.ppf([TAIL, 1.0 - TAIL], len(found), 0.8) / len(found)

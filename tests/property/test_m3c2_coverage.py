@@ -8,6 +8,8 @@ from algorithms.deviations.m3c2 import M3C2, m3c2
 from algorithms.deviations.options import M3C2Options
 from tests.scenes.deviation_scenes import CloudPair, pair_without_change
 
+pytestmark = pytest.mark.slow
+
 OPTIONS = M3C2Options(cylinder_radius_m=0.15, max_distance_m=0.3, normal_radii_m=(0.3,))
 PAIRS = 200
 
@@ -18,10 +20,7 @@ def compared(pair: CloudPair, seed: int) -> M3C2:
     return m3c2(pair.first, pair.second, cores, pair.poses, OPTIONS, towards_m=np.zeros(3), rng=rng)
 
 
-@pytest.mark.parametrize(
-    "pose_share",
-    [pytest.param(0.0, id="exact poses", marks=pytest.mark.slow), pytest.param(1.0, id="poses with errors")],
-)
+@pytest.mark.parametrize("pose_share", [0.0, 1.0], ids=["exact poses", "poses with errors"])
 def test_without_change_one_of_twenty_core_points_exceeds_it(pose_share: float) -> None:
     rates = []
     for seed in range(PAIRS):
@@ -39,7 +38,6 @@ def test_without_the_covariance_of_the_poses_it_would_be_exceeded_far_too_often(
     assert np.mean(rates) > 0.1
 
 
-@pytest.mark.slow
 def test_five_millimetres_are_found_as_often_as_the_level_of_detection_says() -> None:
     found_share, stated = [], []
     for seed in range(PAIRS):

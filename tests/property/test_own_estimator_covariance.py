@@ -12,6 +12,8 @@ from algorithms.adjustment.residual_covariance import SharedErrors
 from tests.scenes.buildings.plane_rooms import observed_rooms, plane_rooms
 from tests.scenes.lines.line_scenes import LINE_SCENES, ObservedPair, observed_pair, pose_error
 
+pytestmark = pytest.mark.slow
+
 TRIALS = 60
 ALLOWANCE = 3.5 * np.sqrt(12.0 / TRIALS)
 """Of a mean of chi-square values with six degrees, 3.5 standard deviations; and the second order of lines of 1 m."""

@@ -7,6 +7,8 @@ import pytest
 from algorithms.geometry.cameras import Camera
 from tests.scenes.photos.edge_images import compare, find, rectangles, together
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Camera(640, 480, 610.0, 612.0, 322.0, 236.0, k1=-0.12, k2=0.03, p1=4e-4, p2=-3e-4)
 """Moves the corners of the photo by about 10 px."""
 CASES = [

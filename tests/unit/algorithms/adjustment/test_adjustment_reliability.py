@@ -71,6 +71,7 @@ def test_a_low_power_has_a_limit_too():
     assert stats.ncx2.sf(limit.critical, 3, noncentrality(0.05, 0.3) ** 2) == pytest.approx(0.3, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_errors_of_the_detectable_size_move_the_pose_on_average_by_the_reported_effect():
     rng = np.random.default_rng(1)
     lines = mixed(rng)

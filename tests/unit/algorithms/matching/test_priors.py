@@ -164,6 +164,7 @@ def is_right(result: PairResult, poses: list[RigidTransform]) -> bool:
     return bool(difference.rotation.magnitude() < 0.002 and np.linalg.norm(difference.translation) < 0.05)
 
 
+@pytest.mark.slow
 def test_approximate_poses_decide_what_a_symmetric_room_leaves_open() -> None:
     features, poses = symmetric_room()
     result = registered(features, approximate(*reduced(poses, features)))
@@ -232,6 +233,7 @@ def test_a_rough_but_right_start_changes_no_clear_answer() -> None:
     assert (result.status, is_right(result, poses)) == (PairStatus.ACCEPTED, True)
 
 
+@pytest.mark.slow
 def test_a_wrong_approximate_pose_neither_bends_the_answer_nor_goes_unsaid() -> None:
     features, poses = scene_features("pipe_hall")
     target, source = reduced(poses, features)

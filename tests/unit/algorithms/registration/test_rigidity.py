@@ -109,6 +109,7 @@ def test_a_stretch_along_one_axis_is_found_with_its_axis() -> None:
     assert abs(found.stretch.direction_in_source[0]) > 0.98
 
 
+@pytest.mark.slow
 def test_a_bend_is_found() -> None:
     found = rigidity(target(), source(lambda points: bent(points, 0.03, 10.0)), pose())
     assert found.kind is not None
@@ -136,6 +137,7 @@ def test_a_bend_counts_where_it_explains_surface_or_closes_gaps_as_large_as_the_
     assert explained_by_a_bend(scale, strain, bend, noise_m=0.002) is bends
 
 
+@pytest.mark.slow
 def test_the_widened_covariance_holds_where_the_instrument_stood() -> None:
     found = rigidity(target(), source(lambda points: scaled(points, 1.01)), pose())
     small = PoseEstimate(pose(), 1e-10 * np.eye(6))
@@ -145,6 +147,7 @@ def test_the_widened_covariance_holds_where_the_instrument_stood() -> None:
     assert np.linalg.norm(moved) < 1.5 * np.sqrt(np.trace(wide.covariance[3:, 3:]))
 
 
+@pytest.mark.slow
 def test_exchanging_the_scans_says_the_same_of_the_other() -> None:
     other = source(lambda points: scaled(points, 1.01))
     one, two = rigidity(target(), other, pose()), rigidity(other, target(), pose().inv())

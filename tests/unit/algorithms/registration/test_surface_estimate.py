@@ -97,6 +97,7 @@ def test_a_room_is_laid_on_itself_to_a_fraction_of_its_noise() -> None:
     assert np.linalg.norm(error_of(estimate)[3:]) < 0.5 * NOISE_M
 
 
+@pytest.mark.slow
 def test_errors_of_many_rooms_are_as_large_as_their_covariances_say() -> None:
     count = 40
     estimates = [estimated(seed=seed) for seed in range(count)]

@@ -100,12 +100,14 @@ def test_swapping_the_scans_inverts_the_motions_that_axes_propose():
         assert min(np.abs(each).max() for each in apart) < 0.02
 
 
+@pytest.mark.slow
 def test_unequal_tanks_register():
     result = registered(UNEQUAL)
     assert result.status is PairStatus.ACCEPTED
     assert error_m(result.final.pose.target_from_source) < 0.005
 
 
+@pytest.mark.slow
 def test_three_equal_tanks_in_a_triangle_are_ambiguous():
     result = registered(EQUAL)
     assert result.status is PairStatus.AMBIGUOUS

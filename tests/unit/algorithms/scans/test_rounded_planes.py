@@ -59,7 +59,8 @@ def test_offset_and_tilts_err_as_they_say_however_many_steps_a_plane_crosses(cro
     assert (real < 1.25 * said).all()
 
 
-@pytest.mark.parametrize("noise_m", [pytest.param(0.0002, marks=pytest.mark.slow), 0.002])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise_m", [0.0002, 0.002])
 def test_planes_that_cross_less_than_a_step_err_as_they_say_on_the_average(noise_m: float) -> None:
     rng = np.random.default_rng(10)
     runs = [fitted(rng, rng.uniform(0.0, 1.0), noise_m) for _ in range(RUNS)]

@@ -38,6 +38,7 @@ def test_rounded_edges_do_not_hide_a_tenth_of_a_gon(seed: int) -> None:
     assert checked(room, MergeOptions()).contradicts
 
 
+@pytest.mark.slow
 def test_good_mounts_give_chi_square() -> None:
     rng = np.random.default_rng(1)
     found = [checked(drawn_room(rng, 6)) for _ in range(60)]
@@ -46,6 +47,7 @@ def test_good_mounts_give_chi_square() -> None:
     assert np.mean([test.statistic for test in found]) == pytest.approx(6.0, abs=1.3)
 
 
+@pytest.mark.slow
 def test_estimated_mount_errors_are_as_certain_as_they_say() -> None:
     rng = np.random.default_rng(2)
     squares = []
