@@ -1,11 +1,16 @@
 """Adjusting one pose, with what its geometry leaves free held at the start values (MATH 5)."""
 
+import numpy as np
+
 from algorithms.adjustment.pair_problem import PairProblem
 from algorithms.adjustment.problem import LinearSystem
 from algorithms.adjustment.rank import RankReport, UserOrigins, analyse_rank
 from algorithms.adjustment.solver import Solution, solve
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.weights import whitening_of
+
+PURE_TURN = 1e-9
+"""A condition whose coefficients of the shift are below this share holds a turn."""
 
 
 def adjust_pair(
@@ -40,7 +45,7 @@ def adjust_pair(
     solution = solve(problem, start, report.held, max_iterations, linearised=(system, weights), rough=rough)
     if rough:
         return solution
-    checked = rank_of(problem, solution, origins)
+    checked = analyse_rank(problem, solution.system, solution.normal_matrix, solution.pose, origins)
     if checked.rank == report.rank:
         return solution
     return solve(problem, solution.unknowns, checked.held, max_iterations)
@@ -48,6 +53,9 @@ def adjust_pair(
 
 def rank_of(problem: PairProblem, solution: Solution, origins: UserOrigins) -> RankReport:
     """Say what the geometry determines at a solution (MATH 5.1 to 5.3).
+
+    What was held is never called determined, also where the decision is a close one and falls otherwise here: the
+    covariance knows nothing of it.
 
     Parameters
     ----------
@@ -58,4 +66,9 @@ def rank_of(problem: PairProblem, solution: Solution, origins: UserOrigins) -> R
     origins
         Where the origins of the reduced frames lie in the user's frames.
     """
-    return analyse_rank(problem, solution.system, solution.normal_matrix, solution.pose, origins)
+    held = solution.held
+    turns = int(np.count_nonzero(np.linalg.norm(held[3:], axis=0) < PURE_TURN * np.linalg.norm(held, axis=0)))
+    return analyse_rank(
+        problem, solution.system, solution.normal_matrix, solution.pose, origins,
+        least_free=(held.shape[1] - turns, turns),
+    )  # fmt: skip

@@ -95,7 +95,13 @@ class UserOrigins:
 
 
 def analyse_rank(
-    problem: PairProblem, system: LinearSystem, normal_matrix: Matrix6, pose: RigidTransform, origins: UserOrigins
+    problem: PairProblem,
+    system: LinearSystem,
+    normal_matrix: Matrix6,
+    pose: RigidTransform,
+    origins: UserOrigins,
+    *,
+    least_free: tuple[int, int] = (0, 0),
 ) -> RankReport:
     """Find the motions that the observations leave free, also when noise makes the normal matrix look regular.
 
@@ -112,16 +118,18 @@ def analyse_rank(
         Pose between the problem's frames.
     origins
         Origins of the problem's frames, for descriptions and for the point at which a free shift is held.
+    least_free
+        So many shifts and turns, those with least information, are free whatever they are compared with.
     """
     parts = list(zip(problem.observations, system.covariances, strict=True))
     information = sum((part.translation_information(c).sum(axis=0) for part, c in parts), start=np.zeros((3, 3)))
     values, vectors = np.linalg.eigh(information)
     ghosts = [sum(part.ghost_shift_information(c, vectors[:, k]) for part, c in parts) for k in range(3)]
-    free = _not_estimable(values, ghosts)
+    free = _not_estimable(values, ghosts) | (np.arange(3) < least_free[0])
     shifts = vectors[:, free]
     frame = centred_frame(problem.target_points())
     conversion = frame.to_pose(pose)
-    turns = _free_turns(problem, conversion.T @ normal_matrix @ conversion, frame, shifts)
+    turns = _free_turns(problem, conversion.T @ normal_matrix @ conversion, frame, shifts, least_free[1])
     null_space = np.hstack([np.vstack([np.zeros_like(shifts), shifts]), conversion @ turns])
     words = [f"translation along {_triple(shift)} of the target frame" for shift in shifts.T]
     words += [_turn_in_words(turn, frame, origins.target_m) for turn in turns.T]
@@ -177,7 +185,7 @@ def _not_estimable(values: Array, ghosts: list[float]) -> Array:
     return np.asarray((values < NOT_ESTIMABLE_RATIO * pretended) | (values <= ROUNDING_SHARE * values.max()))
 
 
-def _free_turns(problem: PairProblem, normal_matrix: Matrix6, frame: CentredFrame, shifts: Array) -> Array:
+def _free_turns(problem: PairProblem, normal_matrix: Matrix6, frame: CentredFrame, shifts: Array, least: int) -> Array:
     """Find free turns in centred parameters, (6, k), each with the shift of the centroid that belongs to it."""
     along = np.linalg.svd(shifts, full_matrices=True)[0][:, shifts.shape[1] :] if shifts.size else np.eye(3)
     by_shift = along.T @ normal_matrix[3:, 3:] @ along
@@ -188,7 +196,7 @@ def _free_turns(problem: PairProblem, normal_matrix: Matrix6, frame: CentredFram
         sum(part.ghost_turn_information(vectors[:, k]) for part in problem.observations) / frame.radius_m**2
         for k in range(3)
     ]
-    axes = vectors[:, _not_estimable(values, ghosts)]
+    axes = vectors[:, _not_estimable(values, ghosts) | (np.arange(3) < least)]
     return np.vstack([axes, follow @ axes])
 
 

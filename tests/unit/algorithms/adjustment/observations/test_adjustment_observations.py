@@ -17,8 +17,10 @@ from algorithms.adjustment.observations.point_plane import PointPlane
 from algorithms.adjustment.observations.point_point import PointPoint
 from algorithms.adjustment.observations.polar import Polar, PolarComponent
 from algorithms.adjustment.observations.relative_poses import RelativePoses
+from algorithms.adjustment.pair_adjustment import rank_of
 from algorithms.adjustment.pair_problem import PairProblem, by_station
 from algorithms.adjustment.problem import Problem
+from algorithms.adjustment.rank import UserOrigins
 from algorithms.adjustment.solver import solve
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.adjustment.weights import whitening_of
@@ -306,6 +308,18 @@ def test_planes_and_lines_together_determine_more_than_lines_alone():
     gain = np.linalg.eigvalsh(alone.cofactors - together.cofactors)
     assert gain.min() > -1e-15
     assert gain.max() > 0.0
+
+
+@pytest.mark.parametrize("held", [[0.6, 0.0, 0.8, 0.0, 0.0, 0.0], [0.3, -0.2, 0.1, 0.0, 1.0, 0.0]])
+def test_what_was_held_is_never_called_determined(held):
+    problem = PairProblem((line_line(np.random.default_rng(7), 0.0),))
+    origins = UserOrigins(np.zeros(3), np.zeros(3))
+    free = solve(problem, Unknowns.of_pair(POSE), NOTHING_HELD, 20)
+    assert rank_of(problem, free, origins).rank == 6
+    report = rank_of(problem, solve(problem, Unknowns.of_pair(POSE), np.array(held)[:, None], 20), origins)
+    assert report.rank == 5
+    assert report.null_space.shape == (6, 1)
+    assert ("rotation" in report.free_directions[0]) == (held[3:] == [0.0, 0.0, 0.0])
 
 
 def test_a_plane_counted_twice_adds_no_information():
