@@ -37,6 +37,9 @@ LEAST_GAPS = 100
 MAX_ANGLE_RAD = 0.35
 FITS_SPREADS = 3.0
 """Surface fits within so many standard deviations of the gaps."""
+TRIED = 0.01 * np.arange(1, 13)
+"""Stretches on the way to a large deformation: from one to the next nothing moves out of the gates."""
+TRIAL_POINTS, TRIAL_GATES_M = 1_000, (2.0 * WIDE_GATE_M, WIDE_GATE_M)
 
 
 class DeformationKind(StrEnum):
@@ -141,11 +144,13 @@ class DeformedFit:
         return np.asarray(moved + self.deformation.displacements(moved - self.centre_m))
 
     def undone(self, points: Points) -> Points:
-        """Take points of the target (n, 3) to the source as it is, to second order of the deformation."""
+        """Take points of the target (n, 3) to the source as it is; a bend is undone to second order."""
         return np.asarray(self.target_from_source.inv().apply(_undone(self.deformation, points, self.centre_m)))
 
 
 def _undone(deformation: Deformation, points: Points, centre: Vector3) -> Points:
+    if deformation.kind is not DeformationKind.BEND:
+        return np.asarray(np.linalg.solve(np.eye(3) + deformation.strain(), (points - centre).T).T + centre)
     once = points - deformation.displacements(points - centre)
     return np.asarray(points - deformation.displacements(once - centre))
 
@@ -179,6 +184,7 @@ def fit_deformed(
     *,
     thorough: bool = True,
     start: DeformedFit | None = None,
+    from_afar: bool = False,
 ) -> DeformedFit:
     """Estimate motion and deformation together, from a pose that lays a part of the surfaces on each other.
 
@@ -198,6 +204,9 @@ def fit_deformed(
         Whether all points tell how well it is known, and how much fits; else few do.
     start
         A simpler deformation near which this one is looked for.
+    from_afar
+        Whether to begin with the best of some large scales, or of stretches along one of the source's axes: of what
+        differs by per cents the wide gate holds too little.
 
     Raises
     ------
@@ -214,6 +223,8 @@ def fit_deformed(
     found, bent, gate = pose, Deformation(kind, radius, np.zeros(COUNTS[kind])), WIDE_GATE_M
     if start is not None:
         found, bent, gate = start.target_from_source, start.deformation.as_kind(kind, radius), 2.0 * narrow
+    elif from_afar:
+        found, bent = _best_trial(target, source, pose, bent, centre)
     while True:
         last = gate <= narrow
         for _ in range(MOST_LAST_STEPS if last else STEPS):
@@ -243,6 +254,33 @@ def fit_deformed(
         fitting_rigidly=_weight_within(rigid, fits_m),
         rigid_spread_m=rigid.spread_m,
     )
+
+
+def _best_trial(
+    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, straight: Deformation, centre: Vector3
+) -> tuple[RigidTransform, Deformation]:
+    """Give the motion and the large deformation that lay most surface on surface, by graduated weights."""
+    if straight.kind is DeformationKind.SCALE:
+        directions = [np.ones(1)]
+    else:
+        axes = rotation_matrix(pose).T
+        directions = [np.array([a[i] * a[j] * (1.0 if i == j else 2.0**0.5) for i, j in _PAIRS]) for a in axes]
+    best, found = 0.0, (pose, straight)
+    for direction in directions:
+        for sign in (-1.0, 1.0):
+            moved = pose  # what is laid on each other stays so while the deformation grows, and more comes to it
+            for stretch in sign * TRIED:
+                bent = replace(straight, coefficients=stretch * direction)
+                try:
+                    for gate in TRIAL_GATES_M:
+                        gaps = _measure(target, source, moved, bent, centre, gate, TRIAL_POINTS)
+                        system = _System.of(gaps, bent, centre, DOUBTFUL_SHARE * gate)
+                        moved = _moved(moved, system.motion(), centre, bent.radius_m)
+                except TooFewCorrespondencesError:
+                    break
+                if system.weights.sum() > best:
+                    best, found = float(system.weights.sum()), (moved, bent)
+    return found
 
 
 def _best_without(
@@ -291,7 +329,7 @@ def _measure(
 ) -> _Gaps:
     """Measure between corresponding surface, the source moved and deformed.
 
-    From the target's points one looks back into the source as it is: the deformation is undone to second order.
+    From the target's points one looks back into the source as it is: the deformation is undone.
     """
     here, there = target.index, source.index
     limits = EvidenceLimits(gate_m, MAX_ANGLE_RAD, 2.5 * max(here.spacing_m, there.spacing_m))

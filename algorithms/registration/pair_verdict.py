@@ -96,7 +96,8 @@ def rigidity_of(problem: RegistrationProblem, pose: PoseEstimate, verdict: Verdi
     """Look for a deformation beside a pose between the reduced frames; None where the pose is rejected anyway."""
     if verdict.status is AcceptanceStatus.REJECTED:
         return None
-    return rigidity(problem.target, problem.source, pose.target_from_source)
+    is_doubtful = verdict.status is not AcceptanceStatus.ACCEPTED
+    return rigidity(problem.target, problem.source, pose.target_from_source, is_doubtful=is_doubtful)
 
 
 def agreement_doubts(fine: FineRegistration) -> list[str]:

@@ -29,6 +29,9 @@ surface: a scanner's ranges err by a tenth of that at the very most."""
 EXPLAINED_NOISES = 1.0
 """A bend that closes gaps as large as the noise of single points is there, where it explains a little surface: what a
 bend closed in poses of a car park, a yard, a hall and a street that were right was three quarters of it at most."""
+LEAST_GAIN_FROM_AFAR = 0.1
+"""So much more surface must fit with a large deformation where none was found near the pose: some chance fit is near
+many scales. Where one was found, the one that explains more counts."""
 WORTH_A_LOOK = 0.005
 """Where less more surface fits nothing is explained."""
 
@@ -129,11 +132,14 @@ def _percent(stretch: Stretch) -> str:
     return f"{abs(stretch.value) * 100:.3g} % (standard deviation {stretch.std * 100:.1g} %) {word}"
 
 
-def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> Rigidity:
+def rigidity(
+    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, *, is_doubtful: bool = False
+) -> Rigidity:
     """Look for a deformation of the source beside its motion.
 
     A scale is always estimated. Scales of their own for all axes and a bend are estimated with few points, and with all
-    where they explain surface.
+    where they explain surface. Where something speaks against the pose, or a deformation was found, large ones are
+    tried too: what differs by per cents fits some smaller deformation by chance.
 
     Parameters
     ----------
@@ -141,9 +147,11 @@ def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -
         Features of both scans.
     pose
         Target from source between the reduced frames.
+    is_doubtful
+        Whether something else speaks against the pose.
     """
     if not comes_first(target, source):
-        return rigidity(source, target, pose.inv()).inverted(pose.inv())
+        return rigidity(source, target, pose.inv(), is_doubtful=is_doubtful).inverted(pose.inv())
     noise_m = max(target.noise_std_m, source.noise_std_m)
     try:
         scale = fit_deformed(target, source, pose, DeformationKind.SCALE)
@@ -155,8 +163,12 @@ def rigidity(target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -
             bend = fit_deformed(target, source, pose, DeformationKind.BEND, start=strain)
     except TooFewCorrespondencesError:
         return Rigidity(None)
+    kind = _kind(scale, strain, bend, pose, noise_m)
+    if is_doubtful or kind is not None:
+        least = max(scale.gain, strain.gain, 0.0) + (LEAST_GAIN_FROM_AFAR if kind is None else 0.0)
+        scale, strain = (_better_from_afar(target, source, pose, fit, least) for fit in (scale, strain))
+        kind = _kind(scale, strain, bend, pose, noise_m)
     by_scale, stretch = _scale_of(scale), _largest_stretch(strain, pose)
-    kind = _kind(scale, strain, bend, by_scale, stretch, noise_m)
     if kind is None:
         return Rigidity(by_scale, stretch)
     best = {DeformationKind.SCALE: scale, DeformationKind.STRAIN: strain, DeformationKind.BEND: bend}[kind]
@@ -179,19 +191,25 @@ def explained_by_a_bend(scale: DeformedFit, strain: DeformedFit, bend: DeformedF
     return more > LEAST_GAINS[DeformationKind.BEND] or (more > LEAST_GAINS[DeformationKind.SCALE] and closes)
 
 
+def _better_from_afar(
+    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, near: DeformedFit, least_gain: float
+) -> DeformedFit:
+    """Give the fit of a large deformation of the same kind where it gains more than that."""
+    try:
+        far = fit_deformed(target, source, pose, near.deformation.kind, from_afar=True)
+    except TooFewCorrespondencesError:
+        return near
+    return far if far.gain > least_gain else near
+
+
 def _kind(
-    scale: DeformedFit,
-    strain: DeformedFit,
-    bend: DeformedFit,
-    by_scale: Stretch | None,
-    stretch: Stretch | None,
-    noise_m: float,
+    scale: DeformedFit, strain: DeformedFit, bend: DeformedFit, pose: RigidTransform, noise_m: float
 ) -> DeformationKind | None:
     """Say which deformation is there: the simplest that explains the surface; None if none is significant."""
     more = strain.gain - max(scale.gain, 0.0)
-    if _tells(by_scale, scale) and more < LEAST_GAINS[DeformationKind.STRAIN]:
+    if _tells(_scale_of(scale), scale) and more < LEAST_GAINS[DeformationKind.STRAIN]:
         return DeformationKind.SCALE
-    if _tells(stretch, strain):
+    if _tells(_largest_stretch(strain, pose), strain):
         return DeformationKind.STRAIN
     return DeformationKind.BEND if explained_by_a_bend(scale, strain, bend, noise_m) else None
 

@@ -100,6 +100,41 @@ def test_a_scale_is_found_to_its_standard_deviation(factor: float) -> None:
     assert "of the surface fits" in found.doubts()[0]
 
 
+def one_end_laid_on_itself(factors: np.ndarray) -> RigidTransform:
+    """Give the pose in which a place 4 m from the source's instrument lies right after it was moved by its factors."""
+    place = np.array([3.0, -2.5, 1.0])
+    shift = truth().rotation.apply(place - factors * place)
+    return RigidTransform.from_components(np.asarray(truth().translation) + shift, truth().rotation)
+
+
+@pytest.mark.parametrize("factor", [0.93, 1.06])
+def test_a_scale_of_per_cents_is_found_from_where_one_end_fits_once_something_is_doubtful(factor: float) -> None:
+    distorted = source(lambda points: scaled(points, factor))
+    found = rigidity(target(), distorted, one_end_laid_on_itself(np.full(3, factor)), is_doubtful=True)
+    assert found.kind is DeformationKind.SCALE
+    assert found.scale is not None
+    assert found.scale.value == pytest.approx(factor - 1.0, abs=4.0 * found.scale.std + 1e-4)
+
+
+def test_a_stretch_of_per_cents_along_one_axis_is_found_once_something_is_doubtful() -> None:
+    distorted = source(lambda points: stretched(points, 1.05, 2))
+    start = one_end_laid_on_itself(np.array([1.0, 1.0, 1.05]))
+    found = rigidity(target(), distorted, start, is_doubtful=True)
+    assert found.kind is DeformationKind.STRAIN
+    assert found.stretch is not None
+    assert found.stretch.value == pytest.approx(0.05, abs=2e-3)
+    assert found.stretch.direction_in_source is not None
+    assert found.stretch.direction_in_source[2] > 0.98
+
+
+def test_what_is_undone_lies_where_it_was_however_large_the_strain() -> None:
+    deformation = Deformation(DeformationKind.STRAIN, 1.0, np.array([0.08, -0.05, 0.1, 0.02, 0.0, -0.03]))
+    centre = np.array([4.0, -1.0, 2.0])
+    fit = DeformedFit(truth(), centre, deformation, np.eye(6), np.eye(6), 0.001, 1.0, 1.0)
+    points = np.random.default_rng(3).uniform(-10.0, 10.0, (20, 3))
+    np.testing.assert_allclose(fit.undone(fit.apply(points)), points, atol=1e-12)
+
+
 def test_a_stretch_along_one_axis_is_found_with_its_axis() -> None:
     found = rigidity(target(), source(lambda points: stretched(points, 1.01, 0)), pose())
     assert found.kind is DeformationKind.STRAIN
