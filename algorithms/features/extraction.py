@@ -27,6 +27,7 @@ from algorithms.progress import Progress
 from algorithms.scans.coordinate_steps import CoordinateSteps, coordinate_steps
 from algorithms.scans.edge_on import planes_seen_edge_on
 from algorithms.scans.grid_cells import grid_cells
+from algorithms.scans.instrument_errors import sweep_of
 from algorithms.scans.layered_cells import layered_cells
 from algorithms.scans.mixed_pixels import angular_step, grid_ranges
 from algorithms.scans.point_blocks import over_blocks
@@ -105,7 +106,7 @@ def extract_features(
     fitted, regions_fitted = fit_planes(
         scan.points, cells, candidates_of(cells, regions), regions.normals, regions.centroids,
         regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), sensor_m=sensor,
-        min_points=options.min_plane_points, steps=steps,
+        min_points=options.min_plane_points, steps=steps, sweep=sweep_of(scan),
     )  # fmt: skip
     if sensor is not None:
         edge_on = planes_seen_edge_on(fitted.normals, fitted.centroids, fitted.bases, fitted.extents, sensor)
@@ -139,6 +140,7 @@ def extract_features(
         noise_std_m=_reported_noise(planes, noise, options),
         sensor_std_m=sensor_std,
         rounding=_rounding(steps, fitted.rounding_covariances[kept]),
+        plane_responses=None if scan.sensor_m is None else fitted.responses[kept],
     )
 
 

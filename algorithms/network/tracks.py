@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array
+from algorithms.arrays import Array, Vector3
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.geometry.planes import Planes
@@ -29,11 +29,17 @@ class StationFeatures:
     lines: Lines
     photo_covariances: Float64[Array, "photos 6 6"] = field(default_factory=lambda: np.zeros((0, 6, 6)))
     """(q, 6, 6) of the mount of each photo that `Lines.photos` counts (MATH 2.5)."""
+    plane_responses: Float64[Array, "p 3 8"] | None = None
+    """(p, 3, 8) how planes answer to errors of the instrument and of the tripod (MATH 6.8); None: not known."""
+    sensor_m: Vector3 | None = None
+    """Where the instrument stood; None: not known."""
 
     @staticmethod
     def of_features(features: ScanFeatures) -> "StationFeatures":
         """Keep planes and lines and forget the rest."""
-        return StationFeatures(features.planes, features.lines, features.photo_covariances)
+        return StationFeatures(
+            features.planes, features.lines, features.photo_covariances, features.plane_responses, features.sensor_m
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,11 @@ from algorithms.features.planes.plane_points import (
     planes_moments,
 )
 from algorithms.features.planes.plane_points_kernels import patch_systems, sum_patches
+from algorithms.features.planes.plane_responses import plane_responses
 from algorithms.features.planes.plane_rounding import PatchRounding, patch_rounding
 from algorithms.geometry.lines import bases_of
 from algorithms.scans.coordinate_steps import FULL_PRECISION, CoordinateSteps
+from algorithms.scans.instrument_errors import Sweep
 from algorithms.scans.point_blocks import over_blocks
 from algorithms.scans.surface_cells import SurfaceCells
 
@@ -57,6 +59,8 @@ class FittedPlanes:
     """(k, 3, 3) of (a1, a2, b)."""
     rounding_covariances: Float64[Array, "k 3 3"]
     """(k, 3, 3) the same by rounded coordinates alone, of the surface as such, near and far parts of it alike."""
+    responses: Float64[Array, "k 3 8"]
+    """(k, 3, 8) derivatives of (a1, a2, b) by instrument errors and drifts; zero where no position is known."""
     noise_std_m: Float64[Array, "k"]
     point_counts: Int64[Array, "k"]
     extents: Float64[Array, "k 4"]
@@ -77,6 +81,7 @@ class FittedPlanes:
             self.bases[which],
             self.covariances[which],
             self.rounding_covariances[which],
+            self.responses[which],
             self.noise_std_m[which],
             self.point_counts[which],
             self.extents[which],
@@ -104,6 +109,7 @@ def fit_planes(
     sensor_m: Vector3 | None,
     min_points: int,
     steps: CoordinateSteps = FULL_PRECISION,
+    sweep: Sweep | None = None,
     rounds: int = 3,
 ) -> tuple[FittedPlanes, Int64[Array, "kept"]]:
     """Assign points to approximate planes and fit each from its points.
@@ -128,6 +134,8 @@ def fit_planes(
         Planes of fewer points are dropped, and those that are hardly wider than their noise.
     steps
         What the coordinates are rounded to: points on the next step belong to a plane as well.
+    sweep
+        When the instrument looked where; None: nobody knows.
     rounds
         How often points are assigned and planes fitted.
 
@@ -158,7 +166,9 @@ def fit_planes(
     shift = np.einsum("kji,ki->kj", axes, final[:, 3:6] - frames[kept, 3:6])
     extents = labelled.extents[kept] - np.tile(shift, 2)
     numbers = renumber(np.arange(len(normals), dtype=np.int32), kept)
-    planes, flat = _from_points(points, labelled, numbers, final, labelled.counts[kept], extents, sensor_m, steps)
+    planes, flat = _from_points(
+        points, labelled, numbers, final, labelled.counts[kept], extents, sensor_m, steps, sweep
+    )
     return planes.select(flat), kept[flat]
 
 
@@ -185,6 +195,7 @@ def _from_points(
     extents: Float64[Array, "k 4"],
     sensor_m: Vector3 | None,
     steps: CoordinateSteps,
+    sweep: Sweep | None,
 ) -> tuple[FittedPlanes, Int64[Array, "flat"]]:
     """Adjust planes from patches of their points; also say which of them are flat."""
     sums, starts, columns, sizes = _sum_patches(points, labelled, numbers, frames, counts, extents)
@@ -199,13 +210,16 @@ def _from_points(
     noise = np.maximum(np.sqrt(squares / np.maximum(inner - 3.0, 1.0)), steps.std_across_m(frames[:, :3]))
     splits = np.searchsorted(used, starts)
     rounding = patch_rounding(steps, frames, sums[used], splits, sizes, sensor_m)
-    turned, moved, bases, covariances, shared = _adjust_patches(sums, starts, frames, noise, sensor_m, rounding)
+    turned, moved, bases, covariances, shared, responses = _adjust_patches(
+        sums, starts, frames, noise, sensor_m, rounding, sweep
+    )
     planes = FittedPlanes(
         normals=turned,
         centroids=moved,
         bases=bases,
         covariances=covariances,
         rounding_covariances=shared,
+        responses=responses,
         noise_std_m=noise,
         point_counts=counts,
         extents=extents,
@@ -261,8 +275,12 @@ def _adjust_patches(
     noise: Scalars,
     sensor_m: Vector3 | None,
     rounding: PatchRounding,
-) -> tuple[Points, Points, Bases, Matrices3, Matrices3]:
-    """Refine every plane from its patch means; give its covariance, and that by rounding with all patches alike."""
+    sweep: Sweep | None,
+) -> tuple[Points, Points, Bases, Matrices3, Matrices3, Float64[Array, "k 3 8"]]:
+    """Refine every plane from its patch means; give its covariance, and that by rounding with all patches alike.
+
+    Last come the responses to errors of the instrument.
+    """
     k = len(frames)
     normals, centroids = frames[:, :3], frames[:, 3:6]
     axes = frames[:, 6:12].reshape(k, 2, 3)
@@ -281,4 +299,11 @@ def _adjust_patches(
         shared[p] = rounding.plane_covariance(first, end, system[0], np.ones(end - first))
     turned = normals + np.einsum("kji,kj->ki", axes, corrections[:, :2])
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    return turned, centroids + normals * corrections[:, 2:], _carried_bases(axes[:, 0], turned), covariances, shared
+    owners = np.repeat(np.arange(k), np.diff(splits))
+    weights = 1.0 / (variances + rounding.variances + waviness[owners])
+    responses = np.zeros((k, 3, 8))
+    if sensor_m is not None:
+        means = centroids[owners] - np.einsum("pi,pij->pj", jacobian[:, :2], axes[owners]) - sensor_m
+        responses = plane_responses(means, normals, jacobian, weights, splits, sweep)
+    moved = centroids + normals * corrections[:, 2:]
+    return turned, moved, _carried_bases(axes[:, 0], turned), covariances, shared, responses

@@ -1,0 +1,315 @@
+"""Whether a scanner is in adjustment and its tripod stood still, told from what several stations see (MATH 6.8).
+
+The errors are unknowns beside the poses, observed as zero with the maker's tolerances; the features are corrected by
+them and everything adjusted again until nothing changes, so that what seemed a gross error can come back. An error is
+called significant by the observations alone, without its own observation of zero.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+from scipy import linalg, stats
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.adjustment.options import AdjustmentOptions
+from algorithms.arrays import Array, Matrix, Scalars
+from algorithms.errors import InvalidInputError
+from algorithms.network.instrument_normals import InstrumentNormals, columns_of, instrument_normals
+from algorithms.network.instrument_responses import ALL_ERRORS, tells_of_instruments, without_instrument_errors
+from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
+from algorithms.network.tracks import StationFeatures, Tracks
+from algorithms.scans.instrument_errors import DriftError, InstrumentError
+
+DEFAULT_OPTIONS = AdjustmentOptions()
+FAMILY_ALPHA = 0.01
+"""Probability with which of instruments in adjustment any error at all is called significant."""
+MOST_ROUNDS = 8
+SETTLED_IN_STD = 0.05
+"""Steps below this share of the standard deviations end the rounds."""
+NOTHING_SHARE = 1e-9
+"""Less of the information with known poses is left by rounding alone."""
+INSEPARABLE = 0.95
+"""Correlation from which two errors, the poses free, cannot be told apart."""
+
+
+@dataclass(frozen=True)
+class SoughtError:
+    """An error that may be there."""
+
+    error: InstrumentError | DriftError
+    stations: tuple[int, ...]
+    """Stations that have it in common: those of an instrument, or one."""
+    tolerance: float
+    """Standard deviation of the observation that it is zero: the maker's tolerance [rad, m or 1]."""
+    wanted: bool = False
+    """Whether it is estimated in any case, and not only where it is significant."""
+
+
+@dataclass(frozen=True)
+class FoundError:
+    """What the network tells of an error."""
+
+    sought: SoughtError
+    value: float
+    """Recorded minus true; with its observation of zero [rad, m or 1]."""
+    std: float
+    """Standard deviation of the value; infinite where nothing tells of it."""
+    statistic: float
+    """Square of the value over its standard deviation, both without its observation of zero; chi-square, 1 degree."""
+    critical: float
+    """Limit of the statistic, all errors tested together."""
+    estimated: bool
+    """Whether the final solution has it as an unknown; others are as if they were added to it."""
+    determined: bool
+    """Whether the observations know it better than the tolerance."""
+    detectable: float
+    """Size from which it is found with a probability of 80 %; infinite where nothing tells of it."""
+    inseparable: tuple[int, ...]
+    """Numbers of sought errors from which it cannot be told apart here."""
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is not zero."""
+        return self.determined and self.statistic > self.critical
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentCalibration:
+    """Errors of instruments and tripods, and poses without and with them."""
+
+    errors: tuple[FoundError, ...]
+    without: JointAdjustment
+    """With instruments taken for errorless; the same tracks as `joint`, those that scans alone made."""
+    joint: JointAdjustment
+    """With the estimated errors taken off; its cofactors contain their uncertainty."""
+    covariance: Float64[Array, "c c"]
+    """(c, c) of the estimated errors, in their order."""
+    unknown_stations: tuple[int, ...]
+    """Stations whose file does not tell where the instrument stood: taken for errorless."""
+    converged: bool
+
+    @property
+    def estimated(self) -> tuple[FoundError, ...]:
+        """The errors in the final solution."""
+        return tuple(found for found in self.errors if found.estimated)
+
+    def values(self, station: int) -> Scalars:
+        """Give the estimated errors (8,) of a station in the order of `ALL_ERRORS`, zero where there is none."""
+        return _values_of(station, [found.sought for found in self.errors], [
+            found.value if found.estimated else 0.0 for found in self.errors
+        ])  # fmt: skip
+
+
+def calibrate_instruments(
+    features: Mapping[int, StationFeatures],
+    tracks: Tracks,
+    stations: Sequence[int],
+    start: Mapping[int, RigidTransform],
+    sought: Sequence[SoughtError],
+    options: AdjustmentOptions = DEFAULT_OPTIONS,
+) -> InstrumentCalibration:
+    """Estimate errors of instruments and tripods from planes and pipes that several stations see.
+
+    All are estimated first; of those that are not wanted in any case the ones stay that are significant, found one
+    after the other, the most significant first.
+
+    Parameters
+    ----------
+    features
+        Of each station, in its reduced frame.
+    tracks
+        Objects and the features that show them.
+    stations
+        Stations in the adjustment; the first one is fixed.
+    start
+        Poses in a common frame.
+    sought
+        Errors that may be there.
+    options
+        Of the adjustment.
+
+    Raises
+    ------
+    DegenerateGeometryError, TooFewCorrespondencesError
+        As `adjust_jointly`.
+    InvalidInputError
+        Nothing is sought.
+    """
+    if not sought:
+        raise InvalidInputError("scanner", "no error is sought", "name at least one")
+    tracks = tells_of_instruments(dict(features), tracks)
+    network = _Network(features, tracks, tuple(stations), start, tuple(sought), options)
+    without = adjust_jointly(features, tracks, stations, start, options)
+    everything = np.ones(len(sought), dtype=bool)
+    whole = network.estimated(everything, without)
+    chosen = _significant(whole, sought)
+    while True:
+        final = network.estimated(chosen, without)
+        errors = _found(final, sought, chosen)
+        # in the final solution, with gross errors looked for anew, one may have become insignificant
+        gone = [k for k, found in enumerate(errors) if chosen[k] and not found.significant and not sought[k].wanted]
+        if not gone:
+            break
+        chosen[gone] = False
+    covariance = _covariance(final, sought, chosen)
+    cofactors = final.joint.solution.cofactors
+    if chosen.any():
+        cofactors = final.normals.pose_cofactors(cofactors, chosen, covariance / final.joint.variance_factor)
+    return InstrumentCalibration(
+        errors=errors,
+        without=without,
+        joint=replace(final.joint, solution=replace(final.joint.solution, cofactors=cofactors)),
+        covariance=covariance,
+        unknown_stations=tuple(k for k in stations if features[k].plane_responses is None),
+        converged=final.converged,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """A least squares solution with some of the errors."""
+
+    values: Scalars
+    """(c,) zero for those that are not estimated."""
+    joint: JointAdjustment
+    normals: InstrumentNormals
+    """Of all errors, at the solution."""
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Network:
+    """What is adjusted again and again."""
+
+    features: Mapping[int, StationFeatures]
+    tracks: Tracks
+    stations: tuple[int, ...]
+    start: Mapping[int, RigidTransform]
+    sought: tuple[SoughtError, ...]
+    options: AdjustmentOptions
+
+    @property
+    def columns(self) -> Array:
+        """Say which error stands for which at each station."""
+        return columns_of(self.stations, [(each.error, each.stations) for each in self.sought])
+
+    def estimated(self, chosen: Array, without: JointAdjustment) -> _Estimate:
+        """Estimate the chosen errors, correct the features and adjust again until nothing changes."""
+        count = len(self.sought)
+        values, joint, features = np.zeros(count), without, self.features
+        prior = np.diag([1.0 / each.tolerance**2 for each in self.sought])[np.ix_(chosen, chosen)]
+        for _ in range(MOST_ROUNDS):
+            normals = instrument_normals(features, joint, self.columns, count)
+            if not chosen.any():
+                return _Estimate(values, joint, normals, converged=True)
+            of_chosen = normals.information[np.ix_(chosen, chosen)]
+            factor = joint.variance_factor
+            normal = of_chosen / factor + prior
+            wanted = (of_chosen @ values[chosen] + normals.gradient[chosen]) / factor
+            step = linalg.solve(normal, wanted, assume_a="pos") - values[chosen]
+            values[chosen] += step
+            if np.abs(step * np.sqrt(np.diag(normal))).max() < SETTLED_IN_STD:
+                return _Estimate(values, joint, normals, converged=True)
+            features = {
+                k: without_instrument_errors(each, _values_of(k, self.sought, values))
+                for k, each in self.features.items()
+            }
+            start = {**self.start, **{k: joint.pose(k) for k in self.stations}}
+            joint = adjust_jointly(features, self.tracks, self.stations, start, self.options)
+        return _Estimate(values, joint, normals, converged=False)
+
+
+def _values_of(station: int, sought: Sequence[SoughtError], values: Sequence[float] | Array) -> Scalars:
+    found = np.zeros(len(ALL_ERRORS))
+    for each, value in zip(sought, values, strict=True):
+        if station in each.stations:
+            found[ALL_ERRORS.index(each.error)] = value
+    return found
+
+
+def _critical(count: int) -> float:
+    """Give the limit of the tests of so many errors together (Šidák)."""
+    return float(stats.chi2.isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / count), 1))
+
+
+def _significant(whole: _Estimate, sought: Sequence[SoughtError]) -> Array:
+    """Choose errors one after the other, each by what it lowers the weighted squares beside those already chosen."""
+    information = whole.normals.information / whole.joint.variance_factor
+    total = information @ whole.values + whole.normals.gradient / whole.joint.variance_factor
+    chosen = np.array([each.wanted for each in sought])
+    critical = _critical(len(sought))
+    told = whole.normals.information.diagonal() > NOTHING_SHARE * whole.normals.alone
+    while True:
+        best, number = critical, -1
+        for k in np.flatnonzero(~chosen & told).tolist():
+            known, value = _beside(information, total, k, np.flatnonzero(chosen), sought, own_zero=False)
+            if known > 0.0 and value**2 * known > best and known * sought[k].tolerance ** 2 > 1.0:
+                best, number = value**2 * known, k
+        if number < 0:
+            return chosen
+        chosen[number] = True
+
+
+def _beside(
+    information: Matrix, total: Array, k: int, others: Array, sought: Sequence[SoughtError], *, own_zero: bool
+) -> tuple[float, float]:
+    """Give information on error k and its value, others being unknowns with their observations of zero."""
+    others = others[others != k]
+    own, right = float(information[k, k]), float(total[k])
+    if len(others):
+        prior = np.diag([1.0 / sought[j].tolerance ** 2 for j in others])
+        answer = linalg.solve(
+            information[np.ix_(others, others)] + prior,
+            np.column_stack([information[others, k], total[others]]),
+            assume_a="pos",
+        )
+        own -= float(information[k, others] @ answer[:, 0])
+        right -= float(information[k, others] @ answer[:, 1])
+    if own_zero:
+        own += 1.0 / sought[k].tolerance ** 2
+    return own, right / own if own > 0.0 else 0.0
+
+
+def _found(final: _Estimate, sought: Sequence[SoughtError], chosen: Array) -> tuple[FoundError, ...]:
+    """Describe every error: the chosen ones in the solution, others as if each were added to it."""
+    factor = final.joint.variance_factor
+    information = final.normals.information / factor
+    total = information @ final.values + final.normals.gradient / factor
+    critical = _critical(len(sought))
+    among = np.flatnonzero(chosen)
+    told = final.normals.information.diagonal() > NOTHING_SHARE * final.normals.alone
+    scales = np.sqrt(np.where(told, information.diagonal(), 1.0))
+    alike = np.abs(information / scales / scales[:, None]) > INSEPARABLE
+    noncentral = (stats.norm.isf(stats.chi2.sf(critical, 1) / 2.0) + stats.norm.ppf(0.8)) if critical > 0.0 else 0.0
+    found = []
+    for k, each in enumerate(sought):
+        known, plain = _beside(information, total, k, among, sought, own_zero=False)
+        known = known if told[k] else 0.0
+        with_zero, value = _beside(information, total, k, among, sought, own_zero=True)
+        found.append(
+            FoundError(
+                sought=each,
+                value=value if told[k] else 0.0,
+                std=1.0 / np.sqrt(with_zero) if known > 0.0 else np.inf,
+                statistic=plain**2 * known,
+                critical=critical,
+                estimated=bool(chosen[k]),
+                determined=bool(known * each.tolerance**2 > 1.0),
+                detectable=float(noncentral / np.sqrt(known)) if known > 0.0 else np.inf,
+                inseparable=tuple(
+                    j for j in np.flatnonzero(alike[k] & told).tolist() if j != k and told[k]
+                ),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _covariance(final: _Estimate, sought: Sequence[SoughtError], chosen: Array) -> Matrix:
+    """Give the covariance of the chosen errors, observations of zero included."""
+    if not chosen.any():
+        return np.zeros((0, 0))
+    information = final.normals.information[np.ix_(chosen, chosen)] / final.joint.variance_factor
+    prior = np.diag([1.0 / each.tolerance**2 for each, kept in zip(sought, chosen, strict=True) if kept])
+    return np.asarray(linalg.inv(information + prior))

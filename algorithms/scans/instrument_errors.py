@@ -1,0 +1,195 @@
+"""How the errors of a scanner, and of the tripod under it, displace the points it records (MATH 6.8).
+
+Names and equations are those of D. Lichti, *Error modelling, calibration and analysis of an AM-CW terrestrial laser
+scanner system*, 2007, and of B. Muralikrishnan et al., NIST; of a scanner that turns by a whole circle. Errors are
+recorded minus true, in the frame whose origin is the instrument and whose z axis is its vertical axis.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float64
+
+from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.geometry.angles import GON_PER_RAD
+from algorithms.scans.scan import Scan
+
+LEAST_ARM_M = 1e-6
+"""Points nearer to the vertical axis have no azimuth; what errors do to them stays finite."""
+SAMPLED_COLUMNS = 64
+"""Of so many columns the direction is looked up, to see how the instrument turned."""
+ONE_DIRECTION = 0.9
+"""Length of the mean direction of a column's points above which they lie in one vertical half-plane."""
+STEADY_TURN_RAD = 0.02
+"""Deviation of the columns' azimuths from a steady turn above which the columns tell no time."""
+
+
+class InstrumentError(StrEnum):
+    """An error that a scanner makes in the same way in every set-up."""
+
+    VERTICAL_INDEX = "vertical_index"
+    """Added to every elevation [rad]."""
+    RANGE_OFFSET = "range_offset"
+    """Added to every range [m]."""
+    RANGE_SCALE = "range_scale"
+    """Share of the range added to it."""
+    COLLIMATION = "collimation"
+    """Angle between line of sight and the normal of the trunnion axis: adds c / cos(elevation) to azimuths [rad]."""
+    TRUNNION = "trunnion"
+    """Tilt of the trunnion axis: adds i tan(elevation) to azimuths [rad]."""
+
+
+INSTRUMENT_ERRORS = tuple(InstrumentError)
+
+UNITS = {
+    InstrumentError.VERTICAL_INDEX: ("mgon", 1e3 * GON_PER_RAD),
+    InstrumentError.RANGE_OFFSET: ("mm", 1e3),
+    InstrumentError.RANGE_SCALE: ("ppm", 1e6),
+    InstrumentError.COLLIMATION: ("mgon", 1e3 * GON_PER_RAD),
+    InstrumentError.TRUNNION: ("mgon", 1e3 * GON_PER_RAD),
+}
+"""Unit in which each is told, and its number in one SI unit."""
+
+
+class DriftError(StrEnum):
+    """How a set-up turns while it scans: the coefficient of a polynomial in time, its change over the scan [rad]."""
+
+    TILT_X = "tilt_x"
+    """Steady turn about the scan's x axis."""
+    TILT_Y = "tilt_y"
+    """Steady turn about the scan's y axis."""
+    HEADING = "heading"
+    """Steady turn about the vertical axis."""
+
+
+DRIFT_ERRORS = tuple(DriftError)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """When a scanner looked where: it turns steadily from one azimuth on."""
+
+    start_rad: float
+    """Azimuth of the first column."""
+    turn_rad: float
+    """Signed angle from the first to the last column, at most a whole circle."""
+
+    def times(self, points: Points) -> Scalars:
+        """Give the times (n,) at which (n, 3) points about the instrument were measured, 0 at the start, 1 at the end.
+
+        Points outside of what was swept, as means of points may be, get the time of the nearer end.
+        """
+        angles = (np.arctan2(points[:, 1], points[:, 0]) - self.start_rad) * np.sign(self.turn_rad)
+        circle, whole = 2.0 * np.pi, abs(self.turn_rad)
+        margin = 0.5 * (circle - whole)
+        return np.asarray(np.clip(((angles + margin) % circle - margin) / whole, 0.0, 1.0))
+
+
+def sweep_of(scan: Scan) -> Sweep | None:
+    """Find from the columns of a scan's grid how the instrument turned; None where they do not tell.
+
+    Columns whose points lie on both sides of the axis, as of scanners that look over the zenith, tell no time.
+
+    Parameters
+    ----------
+    scan
+        With grid and the instrument's position.
+    """
+    if scan.grid is None or scan.sensor_m is None or scan.grid.columns < 2:
+        return None
+    columns = np.unique(np.linspace(0, scan.grid.columns - 1, SAMPLED_COLUMNS).astype(np.int64))
+    places, azimuths = [], []
+    for column in columns.tolist():
+        numbers = scan.grid.index[:, column]
+        numbers = numbers[numbers >= 0]
+        if len(numbers) == 0:
+            continue
+        arms = scan.points[numbers] - scan.sensor_m
+        flat = np.hypot(arms[:, 0], arms[:, 1])
+        directions = arms[:, :2] / np.maximum(flat, LEAST_ARM_M)[:, None]
+        mean = directions.mean(axis=0)
+        if float(np.hypot(*mean)) < ONE_DIRECTION:
+            return None
+        places.append(column)
+        azimuths.append(float(np.arctan2(mean[1], mean[0])))
+    if len(places) < 3:
+        return None
+    # from column to column less than half a circle, so the turn can be followed
+    turned = np.unwrap(np.array(azimuths))
+    slope, start = np.polyfit(np.array(places, dtype=np.float64), turned, 1)
+    if np.abs(turned - start - slope * np.array(places)).max() > STEADY_TURN_RAD or slope == 0.0:
+        return None
+    whole = float(np.clip(slope * scan.grid.columns, -2.0 * np.pi, 2.0 * np.pi))
+    return Sweep(float(start - 0.5 * slope), whole)
+
+
+def instrument_displacements(arms: Points) -> Float64[Array, "n 3 errors"]:
+    """Give how a unit of each instrument error displaces recorded points (MATH 6.8).
+
+    Parameters
+    ----------
+    arms
+        (n, 3) recorded points from the instrument, z along its vertical axis [m].
+
+    Returns
+    -------
+    (n, 3, 5) recorded minus true [m for each rad, m, 1, rad, rad] in the order of `INSTRUMENT_ERRORS`.
+    """
+    x, y, z = arms.T
+    flat = np.maximum(np.hypot(x, y), LEAST_ARM_M)
+    distance = np.hypot(flat, z)
+    upwards = np.stack([-z * x / flat, -z * y / flat, flat], axis=1)
+    sideways = np.stack([-y, x, np.zeros_like(x)], axis=1) / flat[:, None]
+    return np.stack(
+        [upwards, arms / distance[:, None], arms, distance[:, None] * sideways, z[:, None] * sideways], axis=2
+    )
+
+
+def drift_displacements(arms: Points, times: Scalars) -> Float64[Array, "n 3 drifts"]:
+    """Give how a unit of each drift displaces recorded points: -(t - 1/2) e × x, e the axis of the turn (MATH 6.8).
+
+    Parameters
+    ----------
+    arms
+        (n, 3) recorded points from the instrument [m].
+    times
+        (n,) of their measurement, 0 to 1.
+
+    Returns
+    -------
+    (n, 3, 3) recorded minus true [m for each rad] in the order of `DRIFT_ERRORS`.
+    """
+    x, y, z = arms.T
+    nothing = np.zeros_like(x)
+    turned = np.stack(
+        [
+            np.stack([nothing, z, -y], axis=1),
+            np.stack([-z, nothing, x], axis=1),
+            np.stack([y, -x, nothing], axis=1),
+        ],
+        axis=2,
+    )
+    return np.asarray(turned * (times - 0.5)[:, None, None])
+
+
+def without_errors(points: Points, sensor_m: Vector3, errors: Scalars) -> Points:
+    """Take known instrument errors off recorded points, exactly and not to first order (MATH 6.8).
+
+    Parameters
+    ----------
+    points
+        (n, 3) recorded points, z axis along the instrument's vertical axis [m].
+    sensor_m
+        Where the instrument stood, in the same frame.
+    errors
+        (5,) in the order of `INSTRUMENT_ERRORS` [rad, m, 1, rad, rad].
+    """
+    index, offset, scale, collimation, trunnion = errors
+    arms = points - sensor_m
+    elevations = np.arctan2(arms[:, 2], np.hypot(arms[:, 0], arms[:, 1])) - index
+    azimuths = np.arctan2(arms[:, 1], arms[:, 0]) - collimation / np.cos(elevations) - trunnion * np.tan(elevations)
+    ranges = (np.linalg.norm(arms, axis=1) - offset) / (1.0 + scale)
+    flat = np.cos(elevations)
+    directions = np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), np.sin(elevations)], axis=1)
+    return np.asarray(sensor_m + ranges[:, None] * directions)

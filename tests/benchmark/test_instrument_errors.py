@@ -1,0 +1,76 @@
+"""How often errors of the scanner and drifts of the tripod are found, and how honest their standard deviations are."""
+
+import numpy as np
+import pytest
+
+from algorithms.network.instrument_calibration import calibrate_instruments
+from algorithms.scans.instrument_errors import DriftError, InstrumentError
+from tests.scenes.buildings.instrument_networks import TrueErrors, instrument_network
+from tests.scenes.buildings.instrument_tolerances import MGON, sought_in
+
+pytestmark = pytest.mark.benchmark
+
+NETWORKS = 100
+STATIONS = 6
+IDEAL_PATCH_STD_M = 0.00005
+"""Planes of a virtual scanner: no waviness, and the noise of a thousand points."""
+
+
+def errors_found(errors: TrueErrors, drifts: bool, patch_std_m: float):
+    for seed in range(NETWORKS):
+        network = instrument_network(np.random.default_rng(seed), errors, STATIONS, patch_std_m=patch_std_m)
+        sought = sought_in(STATIONS, drifts=drifts)
+        yield calibrate_instruments(network.features, network.tracks, network.stations, network.start, sought)
+
+
+def test_index_and_offset_are_recovered_within_two_standard_deviations() -> None:
+    truth = {InstrumentError.VERTICAL_INDEX: 10.0 * MGON, InstrumentError.RANGE_OFFSET: 0.002}
+    errors = TrueErrors(vertical_index_rad=10.0 * MGON, range_offset_m=0.002)
+    normalised = {error: [] for error in truth}
+    significant, wrong = dict.fromkeys(truth, 0), 0
+    for result in errors_found(errors, drifts=False, patch_std_m=0.0005):
+        for found in result.errors:
+            error = found.sought.error
+            if error in truth:
+                normalised[error].append((found.value - truth[error]) / found.std)
+                significant[error] += found.significant
+            else:
+                wrong += found.significant
+    for error, values in normalised.items():
+        within = int((np.abs(values) < 2.0).sum())
+        spread = float(np.std(values))
+        print(
+            f"{error}: {within} of {NETWORKS} within 2 std, spread {spread:.2f} std, significant {significant[error]}"
+        )
+        assert within >= 90
+    print(f"others called significant: {wrong}")
+
+
+@pytest.mark.parametrize("drifts", [False, True])
+def test_instruments_in_adjustment_are_left_alone(drifts: bool) -> None:
+    clean = sum(
+        not any(found.significant for found in result.errors)
+        for result in errors_found(TrueErrors(), drifts=drifts, patch_std_m=0.0005)
+    )
+    print(f"drifts {drifts}: nothing significant in {clean} of {NETWORKS}")
+    assert clean >= 95
+
+
+@pytest.mark.parametrize("patch_std_m", [IDEAL_PATCH_STD_M, 0.0001, 0.0002, 0.0005])
+def test_a_tripod_that_tilts_is_found(patch_std_m: float) -> None:
+    drifts = ((0.0, 0.0, 0.0),) * 2 + ((5.0 * MGON, 0.0, 0.0),) + ((0.0, 0.0, 0.0),) * 3
+    hits, elsewhere, normalised, powers = 0, 0, [], []
+    for result in errors_found(TrueErrors(drifts_rad=drifts), drifts=True, patch_std_m=patch_std_m):
+        for found in result.errors:
+            if found.sought.error is DriftError.TILT_X and found.sought.stations == (2,):
+                hits += found.significant
+                normalised.append((found.value - 5.0 * MGON) / found.std)
+                powers.append(found.detectable / MGON)
+            else:
+                elsewhere += found.significant
+    print(
+        f"patches of {1e3 * patch_std_m} mm: found {hits} of {NETWORKS}, others {elsewhere}, spread "
+        f"{np.std(normalised):.2f} std, 80 % power from {np.median(powers):.1f} mgon"
+    )
+    if patch_std_m == IDEAL_PATCH_STD_M:
+        assert hits >= 95

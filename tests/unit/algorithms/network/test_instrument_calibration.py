@@ -1,0 +1,145 @@
+"""Is the scanner in adjustment, did the tripod stand still: told from what several stations see."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from algorithms.network.instrument_calibration import InstrumentCalibration, calibrate_instruments
+from algorithms.network.instrument_normals import columns_of, instrument_normals
+from algorithms.network.instrument_responses import ALL_ERRORS, without_instrument_errors
+from algorithms.network.joint_adjustment import adjust_jointly
+from algorithms.scans.instrument_errors import DriftError, InstrumentError
+from tests.scenes.buildings.instrument_networks import InstrumentNetwork, TrueErrors, instrument_network
+from tests.scenes.buildings.instrument_tolerances import MGON, TOLERANCES, sought_in
+from tests.scenes.lines.line_scenes import KEEP_ALL, pose_error
+
+FINE_M = 1e-4
+STATIONS = 4
+
+
+def network_of(errors: TrueErrors, seed: int = 1, patch_std_m: float = FINE_M, *, upper: bool = True):
+    return instrument_network(np.random.default_rng(seed), errors, STATIONS, patch_std_m=patch_std_m, upper=upper)
+
+
+def calibrated(network: InstrumentNetwork, **options) -> InstrumentCalibration:
+    sought = options.get("sought") or sought_in(STATIONS, **options)
+    return calibrate_instruments(network.features, network.tracks, network.stations, network.start, sought)
+
+
+def found_in(result: InstrumentCalibration, error, station: int = 0):
+    return next(f for f in result.errors if f.sought.error is error and station in f.sought.stations)
+
+
+TRUE = TrueErrors(vertical_index_rad=10.0 * MGON, range_offset_m=0.002)
+
+
+@pytest.fixture(scope="module")
+def out_of_adjustment() -> tuple[InstrumentNetwork, InstrumentCalibration]:
+    network = network_of(TRUE)
+    return network, calibrated(network)
+
+
+def test_an_index_error_and_a_range_offset_are_found_and_nothing_else(out_of_adjustment) -> None:
+    _, result = out_of_adjustment
+    assert {found.sought.error for found in result.errors if found.significant} == {
+        InstrumentError.VERTICAL_INDEX,
+        InstrumentError.RANGE_OFFSET,
+    }
+    index, offset = (
+        found_in(result, error) for error in (InstrumentError.VERTICAL_INDEX, InstrumentError.RANGE_OFFSET)
+    )
+    assert abs(index.value - 10.0 * MGON) < 3.0 * index.std < 3.0 * MGON
+    assert abs(offset.value - 0.002) < 3.0 * offset.std < 0.0003
+
+
+def test_poses_are_right_once_the_errors_are_taken_off_and_wrong_before(out_of_adjustment) -> None:
+    network, result = out_of_adjustment
+    for k in range(1, STATIONS):
+        error = pose_error(result.joint.pose(k), network.start[k])
+        assert error @ np.linalg.solve(result.joint.covariance(k), error) < 22.5  # 99.9 %, 6 degrees of freedom
+    worst = max(np.abs(pose_error(result.without.pose(k), network.start[k])[3:]).max() for k in range(1, STATIONS))
+    right = max(np.abs(pose_error(result.joint.pose(k), network.start[k])[3:]).max() for k in range(1, STATIONS))
+    assert right < 0.3 * worst
+
+
+def test_an_instrument_in_adjustment_is_left_alone() -> None:
+    result = calibrated(network_of(TrueErrors()))
+    assert result.estimated == ()
+    for k in range(1, STATIONS):
+        np.testing.assert_array_equal(result.joint.pose(k).as_matrix(), result.without.pose(k).as_matrix())
+
+
+def test_what_is_wanted_is_estimated_even_where_it_is_not_significant() -> None:
+    network = network_of(TrueErrors())
+    wanted = sought_in(STATIONS)
+    wanted[0] = replace(wanted[0], wanted=True)
+    result = calibrated(network, sought=wanted)
+    (found,) = result.estimated
+    assert found.sought.error is InstrumentError.VERTICAL_INDEX
+    assert abs(found.value) < 3.0 * found.std
+    # the poses are known no better for it
+    assert np.linalg.eigvalsh(result.joint.covariance(2) - result.without.covariance(2)).min() > -1e-15
+
+
+def test_a_scale_that_all_set_ups_share_cannot_be_told_without_a_known_length() -> None:
+    found = found_in(calibrated(network_of(TrueErrors(range_scale=5e-5))), InstrumentError.RANGE_SCALE)
+    assert not found.determined
+    assert not found.significant
+    assert found.std == pytest.approx(TOLERANCES[InstrumentError.RANGE_SCALE], rel=0.05)
+
+
+def test_a_trunnion_error_is_not_known_where_nothing_stands_high_or_low() -> None:
+    low, high = (
+        found_in(calibrated(network_of(TrueErrors(), upper=upper)), InstrumentError.TRUNNION) for upper in (False, True)
+    )
+    assert low.std > 1.5 * high.std
+
+
+def test_a_tripod_that_turns_during_its_scan_is_found_and_named() -> None:
+    drifts = ((0.0, 0.0, 0.0), (0.0, 0.0, 8.0 * MGON), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    result = calibrated(network_of(TrueErrors(drifts_rad=drifts), patch_std_m=5e-5), drifts=True)
+    found = found_in(result, DriftError.HEADING, 1)
+    assert found.significant
+    assert abs(found.value - 8.0 * MGON) < 3.5 * found.std
+    assert [f for f in result.errors if f.significant] == [found]
+
+
+def test_stations_of_another_instrument_have_their_own_errors() -> None:
+    network, good = network_of(TRUE), network_of(TrueErrors())
+    features = {k: (network if k < 2 else good).features[k] for k in range(STATIONS)}
+    sought = [replace(each, stations=stations) for stations in ((0, 1), (2, 3)) for each in sought_in(STATIONS)]
+    result = calibrated(replace(network, features=features), sought=sought)
+    assert {f.sought.stations for f in result.errors if f.significant} == {(0, 1)}
+
+
+def test_stations_whose_instrument_stood_nobody_knows_where_are_named() -> None:
+    network = network_of(TrueErrors())
+    features = {**network.features, 2: replace(network.features[2], plane_responses=None)}
+    assert calibrated(replace(network, features=features)).unknown_stations == (2,)
+
+
+def test_contradictions_answer_to_errors_as_their_derivatives_say() -> None:
+    network = network_of(TrueErrors(), patch_std_m=0.001)
+    stations = list(network.stations)
+    joint = adjust_jointly(network.features, network.tracks, stations, network.start, KEEP_ALL)
+    shared = [(str(each.error), each.stations) for each in sought_in(STATIONS, drifts=True)]
+    columns = columns_of(stations, shared)
+    normals = instrument_normals(network.features, joint, columns, len(shared))
+    scales = np.sqrt(normals.alone)
+    for number, (name, members) in enumerate(shared):
+        step = 1e-6
+        values = np.zeros(len(ALL_ERRORS))
+        values[[str(error) for error in ALL_ERRORS].index(name)] = step
+        features = {
+            k: without_instrument_errors(each, values) if k in members else each for k, each in network.features.items()
+        }
+        moved = adjust_jointly(features, network.tracks, stations, network.start, KEEP_ALL)
+        # what is left of the gradient, and the poses, follow linearly
+        fewer = normals.gradient - instrument_normals(features, moved, columns, len(shared)).gradient
+        np.testing.assert_allclose(
+            fewer / scales, normals.information[:, number] * step / scales, atol=2e-3 * step * scales[number]
+        )
+        for k in range(1, STATIONS):
+            turn = normals.by_error[6 * (k - 1) : 6 * k, number] * step
+            np.testing.assert_allclose(pose_error(joint.pose(k), moved.pose(k)), turn, rtol=2e-3, atol=2e-9)
