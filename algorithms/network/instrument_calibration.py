@@ -2,7 +2,8 @@
 
 The errors are unknowns beside the poses, observed as zero with the maker's tolerances; the features are corrected by
 them and everything adjusted again until nothing changes, so that what seemed a gross error can come back. An error is
-called significant by the observations alone, without its own observation of zero.
+called significant by the observations alone, without its own observation of zero; one that contradicts this observation
+loses it, as a gross error does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,8 @@ from algorithms.network.tracks import StationFeatures, Tracks
 from algorithms.scans.instrument_errors import DriftError, InstrumentError
 
 DEFAULT_OPTIONS = AdjustmentOptions()
+POWER = 0.8
+"""Probability with which an error of the detectable size is found."""
 FAMILY_ALPHA = 0.01
 """Probability with which of instruments in adjustment any error at all is called significant."""
 MOST_ROUNDS = 8
@@ -30,6 +33,8 @@ SETTLED_IN_STD = 0.05
 """Steps below this share of the standard deviations end the rounds."""
 NOTHING_SHARE = 1e-9
 """Less of the information with known poses is left by rounding alone."""
+CONTRADICTED_ALPHA = 0.001
+"""Probability with which an error within its tolerance loses its observation of zero."""
 INSEPARABLE = 0.95
 """Correlation from which two errors, the poses free, cannot be told apart."""
 
@@ -45,6 +50,21 @@ class SoughtError:
     """Standard deviation of the observation that it is zero: the maker's tolerance [rad, m or 1]."""
     wanted: bool = False
     """Whether it is estimated in any case, and not only where it is significant."""
+
+
+@dataclass(frozen=True)
+class InstrumentSearch:
+    """What is looked for in a network."""
+
+    sought: tuple[SoughtError, ...]
+    """Errors of instruments, and of the set-ups of single stations."""
+    apply: bool = False
+    """Whether the poses are those with the estimated errors taken off."""
+
+    def among(self, stations: Sequence[int]) -> list[SoughtError]:
+        """Keep what concerns stations that are connected."""
+        known = set(stations)
+        return [each for each in self.sought if known & set(each.stations)]
 
 
 @dataclass(frozen=True)
@@ -64,6 +84,8 @@ class FoundError:
     """Whether the final solution has it as an unknown; others are as if they were added to it."""
     determined: bool
     """Whether the observations know it better than the tolerance."""
+    observed_as_zero: bool
+    """Whether the value rests on that observation too; False: the network contradicts it."""
     detectable: float
     """Size from which it is found with a probability of 80 %; infinite where nothing tells of it."""
     inseparable: tuple[int, ...]
@@ -72,7 +94,7 @@ class FoundError:
     @property
     def significant(self) -> bool:
         """Whether it is not zero."""
-        return self.determined and self.statistic > self.critical
+        return self.statistic > self.critical
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,18 +164,19 @@ def calibrate_instruments(
     tracks = tells_of_instruments(dict(features), tracks)
     network = _Network(features, tracks, tuple(stations), start, tuple(sought), options)
     without = adjust_jointly(features, tracks, stations, start, options)
-    everything = np.ones(len(sought), dtype=bool)
-    whole = network.estimated(everything, without)
-    chosen = _significant(whole, sought)
+    zeros = np.array([1.0 / each.tolerance**2 for each in sought])
+    whole = network.estimated(np.ones(len(sought), dtype=bool), zeros, without)
+    chosen = _significant(whole, sought, zeros)
+    zeros[_contradicted(whole, chosen, zeros)] = 0.0
     while True:
-        final = network.estimated(chosen, without)
-        errors = _found(final, sought, chosen)
+        final = network.estimated(chosen, zeros, without)
+        errors = _found(final, sought, chosen, zeros)
         # in the final solution, with gross errors looked for anew, one may have become insignificant
         gone = [k for k, found in enumerate(errors) if chosen[k] and not found.significant and not sought[k].wanted]
         if not gone:
             break
         chosen[gone] = False
-    covariance = _covariance(final, sought, chosen)
+    covariance = _covariance(final, chosen, zeros)
     cofactors = final.joint.solution.cofactors
     if chosen.any():
         cofactors = final.normals.pose_cofactors(cofactors, chosen, covariance / final.joint.variance_factor)
@@ -195,11 +218,14 @@ class _Network:
         """Say which error stands for which at each station."""
         return columns_of(self.stations, [(each.error, each.stations) for each in self.sought])
 
-    def estimated(self, chosen: Array, without: JointAdjustment) -> _Estimate:
-        """Estimate the chosen errors, correct the features and adjust again until nothing changes."""
+    def estimated(self, chosen: Array, zeros: Array, without: JointAdjustment) -> _Estimate:
+        """Estimate the chosen errors, correct the features and adjust again until nothing changes.
+
+        Errors are observed as zero with weights `zeros` (c,).
+        """
         count = len(self.sought)
         values, joint, features = np.zeros(count), without, self.features
-        prior = np.diag([1.0 / each.tolerance**2 for each in self.sought])[np.ix_(chosen, chosen)]
+        prior = np.diag(zeros[chosen])
         for _ in range(MOST_ROUNDS):
             normals = instrument_normals(features, joint, self.columns, count)
             if not chosen.any():
@@ -229,87 +255,108 @@ def _values_of(station: int, sought: Sequence[SoughtError], values: Sequence[flo
     return found
 
 
-def _critical(count: int) -> float:
-    """Give the limit of the tests of so many errors together (Šidák)."""
-    return float(stats.chi2.isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / count), 1))
-
-
-def _significant(whole: _Estimate, sought: Sequence[SoughtError]) -> Array:
+def _significant(whole: _Estimate, sought: Sequence[SoughtError], zeros: Array) -> Array:
     """Choose errors one after the other, each by what it lowers the weighted squares beside those already chosen."""
-    information = whole.normals.information / whole.joint.variance_factor
-    total = information @ whole.values + whole.normals.gradient / whole.joint.variance_factor
+    system = _System.of(whole, zeros)
     chosen = np.array([each.wanted for each in sought])
     critical = _critical(len(sought))
-    told = whole.normals.information.diagonal() > NOTHING_SHARE * whole.normals.alone
     while True:
         best, number = critical, -1
-        for k in np.flatnonzero(~chosen & told).tolist():
-            known, value = _beside(information, total, k, np.flatnonzero(chosen), sought, own_zero=False)
-            if known > 0.0 and value**2 * known > best and known * sought[k].tolerance ** 2 > 1.0:
+        for k in np.flatnonzero(~chosen).tolist():
+            known, value = system.beside(k, np.flatnonzero(chosen))
+            if value**2 * known > best:
                 best, number = value**2 * known, k
         if number < 0:
             return chosen
         chosen[number] = True
 
 
-def _beside(
-    information: Matrix, total: Array, k: int, others: Array, sought: Sequence[SoughtError], *, own_zero: bool
-) -> tuple[float, float]:
-    """Give information on error k and its value, others being unknowns with their observations of zero."""
-    others = others[others != k]
-    own, right = float(information[k, k]), float(total[k])
-    if len(others):
-        prior = np.diag([1.0 / sought[j].tolerance ** 2 for j in others])
-        answer = linalg.solve(
-            information[np.ix_(others, others)] + prior,
-            np.column_stack([information[others, k], total[others]]),
-            assume_a="pos",
+def _contradicted(whole: _Estimate, chosen: Array, zeros: Array) -> list[int]:
+    """Find the chosen errors that are larger than their tolerance allows."""
+    system, critical = _System.of(whole, zeros), stats.chi2.isf(CONTRADICTED_ALPHA, 1)
+    found = []
+    for k in np.flatnonzero(chosen).tolist():
+        known, value = system.beside(k, np.flatnonzero(chosen))
+        if known > 0.0 and value**2 > critical * (1.0 / known + 1.0 / zeros[k]):
+            found.append(k)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Normal equations of the errors about zero, the variance factor in them."""
+
+    information: Array
+    """(c, c)."""
+    total: Array
+    """(c,) right side: the least squares solution without observations of zero solves S p = it."""
+    zeros: Array
+    """(c,) weights of the observations of zero."""
+    told: Array
+    """(c,) whether anything at all tells of each error."""
+
+    @staticmethod
+    def of(estimate: _Estimate, zeros: Array) -> "_System":
+        """Take the errors of an estimate together with what is left of their gradient."""
+        normals, factor = estimate.normals, estimate.joint.variance_factor
+        return _System(
+            normals.information / factor,
+            (normals.information @ estimate.values + normals.gradient) / factor,
+            zeros,
+            normals.information.diagonal() > NOTHING_SHARE * normals.alone,
         )
-        own -= float(information[k, others] @ answer[:, 0])
-        right -= float(information[k, others] @ answer[:, 1])
-    if own_zero:
-        own += 1.0 / sought[k].tolerance ** 2
-    return own, right / own if own > 0.0 else 0.0
+
+    def beside(self, k: int, others: Array) -> tuple[float, float]:
+        """Give information on error k without its observation of zero, and its value; others keep theirs."""
+        if not self.told[k]:
+            return 0.0, 0.0
+        others = others[others != k]
+        own, right = float(self.information[k, k]), float(self.total[k])
+        if len(others):
+            among = self.information[np.ix_(others, others)] + np.diag(self.zeros[others])
+            answer = linalg.solve(
+                among, np.column_stack([self.information[others, k], self.total[others]]), assume_a="pos"
+            )
+            own -= float(self.information[k, others] @ answer[:, 0])
+            right -= float(self.information[k, others] @ answer[:, 1])
+        return (own, right / own) if own > NOTHING_SHARE * self.information[k, k] else (0.0, 0.0)
 
 
-def _found(final: _Estimate, sought: Sequence[SoughtError], chosen: Array) -> tuple[FoundError, ...]:
+def _found(final: _Estimate, sought: Sequence[SoughtError], chosen: Array, zeros: Array) -> tuple[FoundError, ...]:
     """Describe every error: the chosen ones in the solution, others as if each were added to it."""
-    factor = final.joint.variance_factor
-    information = final.normals.information / factor
-    total = information @ final.values + final.normals.gradient / factor
-    critical = _critical(len(sought))
-    among = np.flatnonzero(chosen)
-    told = final.normals.information.diagonal() > NOTHING_SHARE * final.normals.alone
-    scales = np.sqrt(np.where(told, information.diagonal(), 1.0))
-    alike = np.abs(information / scales / scales[:, None]) > INSEPARABLE
-    noncentral = (stats.norm.isf(stats.chi2.sf(critical, 1) / 2.0) + stats.norm.ppf(0.8)) if critical > 0.0 else 0.0
+    system, critical, among = _System.of(final, zeros), _critical(len(sought)), np.flatnonzero(chosen)
+    scales = np.sqrt(np.where(system.told, system.information.diagonal(), 1.0))
+    alike = (np.abs(system.information / scales / scales[:, None]) > INSEPARABLE) & system.told
+    noncentral = float(stats.norm.isf(0.5 * stats.chi2.sf(critical, 1)) + stats.norm.ppf(POWER))
     found = []
     for k, each in enumerate(sought):
-        known, plain = _beside(information, total, k, among, sought, own_zero=False)
-        known = known if told[k] else 0.0
-        with_zero, value = _beside(information, total, k, among, sought, own_zero=True)
+        known, plain = system.beside(k, among)
+        tells = known > 0.0
         found.append(
             FoundError(
                 sought=each,
-                value=value if told[k] else 0.0,
-                std=1.0 / np.sqrt(with_zero) if known > 0.0 else np.inf,
+                value=plain * known / (known + zeros[k]) if tells else 0.0,
+                std=float(1.0 / np.sqrt(known + zeros[k])) if tells else np.inf,
                 statistic=plain**2 * known,
                 critical=critical,
                 estimated=bool(chosen[k]),
                 determined=bool(known * each.tolerance**2 > 1.0),
-                detectable=float(noncentral / np.sqrt(known)) if known > 0.0 else np.inf,
-                inseparable=tuple(
-                    j for j in np.flatnonzero(alike[k] & told).tolist() if j != k and told[k]
-                ),
+                observed_as_zero=bool(zeros[k] > 0.0),
+                detectable=noncentral / float(np.sqrt(known)) if tells else np.inf,
+                inseparable=tuple(j for j in np.flatnonzero(alike[k]).tolist() if j != k and system.told[k]),
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
-def _covariance(final: _Estimate, sought: Sequence[SoughtError], chosen: Array) -> Matrix:
+def _critical(count: int) -> float:
+    """Give the limit of the tests of so many errors together (Šidák)."""
+    return float(stats.chi2.isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / count), 1))
+
+
+def _covariance(final: _Estimate, chosen: Array, zeros: Array) -> Matrix:
     """Give the covariance of the chosen errors, observations of zero included."""
     if not chosen.any():
         return np.zeros((0, 0))
     information = final.normals.information[np.ix_(chosen, chosen)] / final.joint.variance_factor
-    prior = np.diag([1.0 / each.tolerance**2 for each, kept in zip(sought, chosen, strict=True) if kept])
-    return np.asarray(linalg.inv(information + prior))
+    return np.asarray(linalg.inv(information + np.diag(zeros[chosen])))

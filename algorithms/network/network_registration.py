@@ -11,6 +11,11 @@ from algorithms.adjustment.solver import Solution
 from algorithms.arrays import Array
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.instrument_calibration import (
+    InstrumentCalibration,
+    InstrumentSearch,
+    calibrate_instruments,
+)
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import (
@@ -53,6 +58,8 @@ class NetworkRegistration:
     """By which the covariances were multiplied because these two differ by more than chance."""
     remarks: tuple[str, ...]
     """What the reader should know, in words."""
+    instruments: InstrumentCalibration | None = None
+    """Errors of instruments and tripods; None: nobody asked, or they could not be looked for, `remarks` says why."""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(6 k, 6 k) of the poses of all stations but the first, in their order."""
 
@@ -71,6 +78,7 @@ def register_network(
     *,
     doubtful: Sequence[StationLink] = (),
     control: SurfaceControl | None = None,
+    instruments: InstrumentSearch | None = None,
 ) -> NetworkRegistration:
     """Find the poses of all stations that consistent registrations connect to the first one (MATH 6.4, 6.5).
 
@@ -92,6 +100,8 @@ def register_network(
         Registrations that connect no station, but are used between stations that others connect where they agree.
     control
         Tests stations against each other where loops leave something open; None: that stays open.
+    instruments
+        Errors of instruments and tripods to look for; None: none.
     """
     verdict = examine_loops(links, names)
     if control is not None:
@@ -111,9 +121,14 @@ def register_network(
     start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
     tracks = build_tracks(features, kept, start)
     joint, remarks = _adjusted(features, tracks, stations, start, options)
+    calibration, words = _calibrated(features, tracks, stations, start, options, instruments)
+    remarks = (*remarks, *words)
+    share = share_of_features(kept)
+    if calibration is not None and instruments is not None and instruments.apply and calibration.estimated:
+        joint, share = calibration.joint, 1.0
     factor = loop_covariance_factor(kept)
     registered = adjust_pose_graph(with_shared_scans(kept), stations)
-    fused = fused_stations(joint, registered, share_of_features(kept))
+    fused = fused_stations(joint, registered, share)
     found = zip(stations[1:], fused.poses, strict=True)
     return NetworkRegistration(
         poses={0: fixed, **{station: pose.with_covariance_scaled(factor) for station, pose in found}},
@@ -126,6 +141,7 @@ def register_network(
         feature_share=fused.feature_share,
         difference_factor=fused.factor,
         remarks=(*remarks, *_in_words(fused, joint)),
+        instruments=calibration,
         covariance=fused.covariance * factor,
     )
 
@@ -170,6 +186,24 @@ def _adjusted(
         )
         return None, (remark,)
     return joint, () if joint.solution.converged else ("the adjustment of all stations did not settle",)
+
+
+def _calibrated(
+    features: Mapping[int, StationFeatures],
+    tracks: Tracks,
+    stations: Sequence[int],
+    start: Mapping[int, RigidTransform],
+    options: AdjustmentOptions,
+    search: InstrumentSearch | None,
+) -> tuple[InstrumentCalibration | None, tuple[str, ...]]:
+    """Look for errors of instruments and tripods; where that is not possible, say why."""
+    sought = [] if search is None else search.among(stations)
+    if not sought:
+        return None, ()
+    try:
+        return calibrate_instruments(features, tracks, stations, start, sought, options), ()
+    except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
+        return None, (f"errors of the instrument could not be looked for: planes and pipes alone do not do ({error})",)
 
 
 def _uncontrolled(links: Sequence[StationLink], verdict: LoopVerdict, kept: Sequence[StationLink]) -> tuple[int, ...]:

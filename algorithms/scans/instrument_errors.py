@@ -173,7 +173,7 @@ def drift_displacements(arms: Points, times: Scalars) -> Float64[Array, "n 3 dri
     return np.asarray(turned * (times - 0.5)[:, None, None])
 
 
-def without_errors(points: Points, sensor_m: Vector3, errors: Scalars) -> Points:
+def without_errors(points: Points, sensor_m: Vector3, errors: Float64[Array, "errors"]) -> Points:
     """Take known instrument errors off recorded points, exactly and not to first order (MATH 6.8).
 
     Parameters

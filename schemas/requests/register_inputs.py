@@ -8,6 +8,7 @@ from schemas.requests.control_points import MAX_CONTROL, MAX_TARGETS, Axes, Cont
 from schemas.requests.edge_options import PhotoLineOptionsRequest
 from schemas.requests.registration_methods import ComparedMethod, DefaultMethod, MethodRequest
 from schemas.requests.report_options import ReportOptions, Tolerance
+from schemas.requests.scanner_options import ScannerOptions
 from schemas.requests.target_kinds import TargetSearch
 from schemas.values.approximate_pose import Approximate
 from schemas.values.base import RequestModel
@@ -112,6 +113,9 @@ class RegisterInputs(RequestModel):
     picked in both scans, or by a pose such as one of two alternatives. The pair is adjusted from there on and judged as
     strictly as any other, the search's own pose standing beside it as its rival; where the scans leave several poses
     possible, the choice decides. The result document says who chose (`pairs[].start`)."""
+    scanner: ScannerOptions | None = Field(default=None, title="Scanner", exclude_if=lambda value: value is None)
+    """Whether errors of the instrument (vertical index, range offset, collimation) and turns of the tripod during scans
+    are looked for in what three stations or more see; null: they are not. The answer is `network.instruments`."""
     reference: dict[StationName, Reference] | None = Field(default=None, title="Reference poses")
     """Known poses (world_from_scan) by station name, to compare the answer with: the 4×4 matrix, row by row, or an
     object with matrix and standard deviations."""

@@ -3,6 +3,7 @@
 from pydantic import Field
 
 from schemas.results.adjustment_figures import GlobalTest
+from schemas.results.instruments import Instruments
 from schemas.values.poses import Document
 
 
@@ -111,6 +112,11 @@ class Network(Document):
     )
     adjustment: NetworkAdjustment | None = Field(
         description="Null: the stations could not be adjusted together; `remarks` says why."
+    )
+    instruments: Instruments | None = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="Errors of instruments and tripods, where `scanner` asks for them.",
     )
     remarks: list[str]
     """What else is to be said, in words."""

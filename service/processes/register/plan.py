@@ -315,7 +315,10 @@ def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> 
 
 
 def _network_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
-    arguments = {**_network_arguments(job, features), "pairs": pairs, "method": job["inputs"]["method"]}
+    inputs = job["inputs"]
+    arguments = {**_network_arguments(job, features), "pairs": pairs, "method": inputs["method"]}
+    if inputs.get("scanner") is not None:
+        arguments["inputs"] = {"scanner": inputs["scanner"]}
     return StepCall("adjust-network", arguments, "adjusting all stations", weight=NETWORK_WEIGHT)
 
 

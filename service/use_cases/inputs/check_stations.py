@@ -33,6 +33,7 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *_reference_faults(inputs),
         *start_faults(inputs),
         *control_faults(inputs),
+        *_scanner_faults(inputs),
         *_method_faults(inputs),
         *_same_scan_faults(inputs.stations, files),
         *(
@@ -95,6 +96,25 @@ def _reference_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
     for name in inputs.reference or {}:
         if name not in names:
             yield FieldFault(pointer_to("inputs", "reference", name), f"there is no station '{name}'")
+
+
+def _scanner_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    """Name what the search for errors of instruments lacks."""
+    scanner = inputs.scanner
+    if scanner is None:
+        return
+    if scanner.asks and len(inputs.stations) < 3:
+        detail = "two stations do not tell errors of the instrument from those of their poses: give three or more"
+        yield FieldFault(pointer_to("inputs", "scanner"), detail)
+    if scanner.apply and not scanner.asks:
+        detail = "nothing is estimated that could be applied: say what in `estimate` or `tripod`"
+        yield FieldFault(pointer_to("inputs", "scanner", "apply"), detail)
+    names = {station.name for station in inputs.stations}
+    for instrument, stations in (scanner.instruments or {}).items():
+        for number, name in enumerate(stations):
+            if name not in names:
+                where = pointer_to("inputs", "scanner", "instruments", instrument, number)
+                yield FieldFault(where, f"there is no station '{name}'")
 
 
 def _method_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:

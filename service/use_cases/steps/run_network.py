@@ -15,7 +15,9 @@ from algorithms.network.network_registration import NetworkRegistration, registe
 from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures
+from schemas.requests.scanner_options import ScannerOptions
 from service.ports import Json, StepContext
+from service.use_cases.documents.instrument_documents import instrument_search, instruments_document
 from service.use_cases.documents.network_documents import network_document
 from service.use_cases.steps.feature_store import load_features
 from service.use_cases.steps.link_store import load_link
@@ -42,9 +44,15 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     context.progress.report(0.3, "adjusting all stations")
     control = SurfaceControl(lru_cache(KEPT_IN_MEMORY)(lambda number: _features_of(context, arguments, number)))
     options = method_of(arguments["method"]).adjustment
-    result = register_network(features, links, names, options, doubtful=doubtful, control=control)
+    asked = arguments.get("inputs", {}).get("scanner")
+    scanner = None if asked is None else ScannerOptions.model_validate(asked)
+    search = None if scanner is None or not scanner.asks else instrument_search(scanner, names)
+    result = register_network(features, links, names, options, doubtful=doubtful, control=control, instruments=search)
+    network = network_document(result, links, doubtful, names)
+    if scanner is not None and result.instruments is not None:
+        network = network.model_copy(update={"instruments": instruments_document(result, scanner, names)})
     document = {
-        "network": network_document(result, links, doubtful, names).model_dump(by_alias=True),
+        "network": network.model_dump(by_alias=True),
         "poses": _poses(result, features, origins, names),
     }
     key = f"jobs/{arguments['job_id']}/network.json"

@@ -1,15 +1,18 @@
 """Three stations of a hall go in over HTTP; they come out adjusted together, controlled by their loop."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
+from algorithms.simulation.systematic_errors import SystematicErrors
 from tests.e2e.running.running_service import Document, RunningService
-from tests.e2e.running.virtual_scans import simulate, write_scans
+from tests.e2e.running.virtual_scans import SCANNER, simulate, write_scans
 
 pytestmark = pytest.mark.service
 
@@ -40,6 +43,23 @@ def test_all_stations_are_registered_true_to_their_covariance(result: Document) 
         )
         assert error @ np.linalg.solve(np.array(document["covariance"]), error) < 27.9  # chi-square, 6 degrees, 0.01 %
         assert np.linalg.norm(error[3:]) < 0.003
+
+
+def test_a_scanner_out_of_adjustment_is_found_and_said_and_changes_nothing_unless_asked(
+    service: RunningService, tmp_path: Path
+) -> None:
+    scanner = replace(SCANNER, systematic=SystematicErrors(vertical_index_error_rad=1.5e-3, range_offset_m=0.01))
+    scene = SCENES["office"]()
+    scans = list(simulate_stations(scene, scene.stations[:STATIONS], scanner, np.random.default_rng(1)))
+    files = [service.upload(path)["id"] for path in write_scans(tmp_path, scans)]
+    stations = [{"name": f"S{k}", "scan": {"file": file}} for k, file in enumerate(files)]
+    inputs = {"stations": stations, "scanner": {"estimate": "auto", "tripod": "auto"}}
+    found = service.result(service.execute("register", inputs))["network"]["instruments"]
+    offset = next(error for error in found["errors"] if error["error"] == "range_offset")
+    assert offset["significant"]
+    assert abs(offset["value"] - 10.0) < 4.0 * offset["std"]
+    assert "range offset" in found["recommendation"]
+    assert not found["applied"]
 
 
 def test_the_loop_closes_and_controls_every_pair(result: Document) -> None:

@@ -1,0 +1,210 @@
+"""Errors of instruments and tripods, as clients ask for them and read them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from algorithms.geometry.angles import GON_PER_RAD
+from algorithms.network.instrument_calibration import (
+    FoundError,
+    InstrumentCalibration,
+    InstrumentSearch,
+    SoughtError,
+)
+from algorithms.network.network_registration import NetworkRegistration
+from algorithms.scans.instrument_errors import DRIFT_ERRORS, INSTRUMENT_ERRORS, UNITS, DriftError, InstrumentError
+from schemas.requests.scanner_options import ScannerOptions
+from schemas.results.instruments import InstrumentErrorFigures, Instruments, PoseWithInstrument
+
+MGON_PER_RAD = 1e3 * GON_PER_RAD
+THE_INSTRUMENT = "scanner"
+"""Name of the instrument where the request names none."""
+NAMES = {
+    InstrumentError.VERTICAL_INDEX: "vertical index",
+    InstrumentError.RANGE_OFFSET: "range offset",
+    InstrumentError.RANGE_SCALE: "range scale",
+    InstrumentError.COLLIMATION: "collimation",
+    InstrumentError.TRUNNION: "trunnion axis",
+    DriftError.TILT_X: "tilt about x",
+    DriftError.TILT_Y: "tilt about y",
+    DriftError.HEADING: "heading",
+}
+TO_ADD = {
+    InstrumentError.VERTICAL_INDEX: "add stations at other distances from the same walls and ceilings, on both sides",
+    InstrumentError.RANGE_OFFSET: "add stations between walls that face each other, near one of them and far from it",
+    InstrumentError.RANGE_SCALE: "add control points or a measured length: stations of one instrument share the scale",
+    InstrumentError.COLLIMATION: "add surfaces seen steeply upwards, such as a ceiling above, from several headings",
+    InstrumentError.TRUNNION: "add surfaces well above and below the instrument, from several headings",
+    DriftError.TILT_X: "add planes in all directions around the set-up that other stations see as well",
+    DriftError.TILT_Y: "add planes in all directions around the set-up that other stations see as well",
+    DriftError.HEADING: "add upright planes in all directions around the set-up that other stations see as well",
+}
+BEYOND = 3.0
+"""An error larger than so many tolerances is beyond what the maker promises."""
+
+
+def instrument_search(options: ScannerOptions, names: Sequence[str]) -> InstrumentSearch:
+    """Give what a request looks for in its stations.
+
+    Parameters
+    ----------
+    options
+        Of the request.
+    names
+        Of the stations, in the order of their numbers.
+    """
+    tolerances = options.tolerances
+    allowed = {
+        InstrumentError.VERTICAL_INDEX: tolerances.vertical_index_mgon,
+        InstrumentError.RANGE_OFFSET: tolerances.range_offset_mm,
+        InstrumentError.RANGE_SCALE: tolerances.range_scale_ppm,
+        InstrumentError.COLLIMATION: tolerances.collimation_mgon,
+        InstrumentError.TRUNNION: tolerances.trunnion_mgon,
+    }
+    wanted = () if isinstance(options.estimate, str) else tuple(options.estimate)
+    looked_for = () if options.estimate == "none" else INSTRUMENT_ERRORS if options.estimate == "auto" else wanted
+    sought = [
+        SoughtError(
+            InstrumentError(error),
+            tuple(names.index(name) for name in stations),
+            allowed[InstrumentError(error)] / UNITS[InstrumentError(error)][1],
+            wanted=error in wanted,
+        )
+        for stations in instruments_of(options, names).values()
+        for error in looked_for
+    ]
+    if options.tripod == "auto":
+        drift = tolerances.drift_mgon / MGON_PER_RAD
+        sought += [SoughtError(error, (k,), drift) for k in range(len(names)) for error in DRIFT_ERRORS]
+    return InstrumentSearch(tuple(sought), apply=options.apply)
+
+
+def instruments_of(options: ScannerOptions, names: Sequence[str]) -> dict[str, list[str]]:
+    """Give the stations of each instrument; one that no instrument of the request has is taken for errorless."""
+    return {THE_INSTRUMENT: list(names)} if options.instruments is None else dict(options.instruments)
+
+
+def instruments_document(result: NetworkRegistration, options: ScannerOptions, names: Sequence[str]) -> Instruments:
+    """Describe what a network tells of its instruments.
+
+    Parameters
+    ----------
+    result
+        The network, with `instruments`.
+    options
+        Of the request.
+    names
+        Of all stations.
+
+    Raises
+    ------
+    ValueError
+        Nothing was looked for.
+    """
+    found = result.instruments
+    if found is None:
+        raise ValueError("nothing was looked for in this network")
+    owners = {tuple(stations): name for name, stations in instruments_of(options, names).items()}
+    applied = options.apply and bool(found.estimated)
+    return Instruments(
+        errors=[_figures(error, found, owners, names) for error in found.errors],
+        recommendation=recommendation(found, names, applied=applied),
+        applied=applied,
+        sigma0_without=found.without.solution.sigma0,
+        sigma0_with=found.joint.solution.sigma0,
+        removed_without=len(found.without.removed),
+        removed_with=len(found.joint.removed),
+        poses=[_moved(found, station, names) for station in found.joint.stations[1:]],
+        unknown_stations=[names[station] for station in found.unknown_stations],
+        converged=found.converged,
+    )
+
+
+def _unit(error: InstrumentError | DriftError) -> tuple[str, float]:
+    return UNITS[error] if isinstance(error, InstrumentError) else ("mgon", MGON_PER_RAD)
+
+
+def _figures(
+    found: FoundError, all_found: InstrumentCalibration, owners: dict[tuple[str, ...], str], names: Sequence[str]
+) -> InstrumentErrorFigures:
+    sought = found.sought
+    unit, factor = _unit(sought.error)
+    stations = [names[station] for station in sought.stations]
+    known = bool(np.isfinite(found.std))
+    return InstrumentErrorFigures.model_validate({
+        "error": sought.error.value,
+        "instrument": owners.get(tuple(stations)) if isinstance(sought.error, InstrumentError) else None,
+        "stations": stations,
+        "unit": unit,
+        "value": found.value * factor,
+        "std": found.std * factor if known else None,
+        "tolerance": sought.tolerance * factor,
+        "statistic": found.statistic,
+        "critical": found.critical,
+        "significant": found.significant,
+        "determined": found.determined,
+        "observed_as_zero": found.observed_as_zero,
+        "estimated": found.estimated,
+        "detectable": found.detectable * factor if np.isfinite(found.detectable) else None,
+        "inseparable": [all_found.errors[k].sought.error.value for k in found.inseparable],
+        "advice": _advice(found),
+    })  # fmt: skip
+
+
+def _advice(found: FoundError) -> str | None:
+    error = found.sought.error
+    if found.significant:
+        if isinstance(error, DriftError):
+            return "scan again from this set-up, on firm ground and after the tripod has settled"
+        if abs(found.value) > BEYOND * found.sought.tolerance:
+            return "larger than the maker allows: have the instrument adjusted"
+        return "adjust or calibrate the instrument before the next survey"
+    return None if found.determined else TO_ADD[error]
+
+
+def _moved(found: InstrumentCalibration, station: int, names: Sequence[str]) -> PoseWithInstrument:
+    before, after = found.without.pose(station), found.joint.pose(station)
+    covariance = found.joint.covariance(station)
+    return PoseWithInstrument(
+        station=names[station],
+        shift_mm=1e3 * float(np.linalg.norm(np.asarray(after.translation) - np.asarray(before.translation))),
+        turn_mgon=MGON_PER_RAD * float((after.rotation * before.rotation.inv()).magnitude()),
+        std_mm=1e3 * float(np.sqrt(np.trace(covariance[3:, 3:]))),
+    )
+
+
+def recommendation(found: InstrumentCalibration, names: Sequence[str], *, applied: bool) -> str:
+    """Say in words what to do.
+
+    Parameters
+    ----------
+    found
+        What the network tells.
+    names
+        Of all stations.
+    applied
+        Whether the errors were taken off.
+    """
+    significant = [each for each in found.errors if each.significant]
+    open_ones = sorted({NAMES[each.sought.error] for each in found.errors if not each.determined})
+    undetermined = f"; not determined by these stations: {', '.join(open_ones)}" if open_ones else ""
+    if not found.converged:
+        return "the errors of the instrument did not settle: use none of their figures"
+    if not significant:
+        return f"nothing speaks against the instrument: no error is significant{undetermined}"
+    told = ", ".join(_told(each, names) for each in significant)
+    moved = max((_moved(found, station, names).shift_mm for station in found.joint.stations[1:]), default=0.0)
+    what = (
+        "the poses are those with these errors taken off; the points themselves are as measured"
+        if applied
+        else f"they would move stations by up to {moved:.1f} mm; `apply` takes them off the poses"
+    )
+    return f"significant: {told}; {what}{undetermined}"
+
+
+def _told(found: FoundError, names: Sequence[str]) -> str:
+    unit, factor = _unit(found.sought.error)
+    figures = f"{found.value * factor:.1f} ± {found.std * factor:.1f} {unit}"
+    if isinstance(found.sought.error, DriftError):
+        return f"{names[found.sought.stations[0]]} turned while it scanned ({NAMES[found.sought.error]} {figures})"
+    return f"{NAMES[found.sought.error]} {figures}"
