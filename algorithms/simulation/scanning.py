@@ -117,8 +117,8 @@ def _true_directions(scanner: VirtualScanner, pose: RigidTransform, readings: _R
     """Give the directions in which the beams really left, in the world."""
     azimuths = scanner.azimuths(beams // scanner.rows) + readings.azimuth_errors_rad[beams]
     elevations = scanner.elevations(beams % scanner.rows) + readings.elevation_errors_rad[beams]
-    elevations -= scanner.systematic.vertical_index_error_rad
-    return np.asarray(pose.rotation.apply(directions_of(azimuths, elevations)))
+    times = (beams // scanner.rows + 0.5) / scanner.columns
+    return np.asarray(pose.rotation.apply(scanner.systematic.true_directions(azimuths, elevations, times)))
 
 
 def _cast_beams(

@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from algorithms.arrays import Scalars
+from algorithms.arrays import Points, Scalars
 from algorithms.errors import InvalidInputError
 
 REFERENCE_INCIDENCE_RAD = float(np.deg2rad(70.0))
 """Angle of incidence for which the offset by incidence is stated."""
+LEAST_COSINE = 1e-6
+"""Beams nearer to the zenith have no azimuth; what a collimation error does to them stays finite."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +30,43 @@ class SystematicErrors:
     on the pulse's shape and on the detection of echoes)."""
     vertical_index_error_rad: float = 0.0
     """Recorded elevation minus true one, the same in all directions: the zero of a vertical circle read in one face."""
+    collimation_error_rad: float = 0.0
+    """Angle between the line of sight and the normal of the trunnion axis: adds c / cos(elevation) to azimuths."""
+    trunnion_error_rad: float = 0.0
+    """Tilt of the trunnion axis: adds i tan(elevation) to azimuths."""
+    drift_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Turn of the tripod about the scanner's x, y, z axes from the first column to the last, steady; half of it before
+    and half after the stated pose."""
 
     def __post_init__(self) -> None:
         """Refuse errors that are no numbers or that turn ranges round."""
         for name, value in vars(self).items():
-            if not np.isfinite(value):
+            if not np.isfinite(value).all():
                 raise InvalidInputError("systematic errors", f"{name} is {value}", "a finite number")
         if not self.range_scale_error > -1.0:
             raise InvalidInputError("systematic errors", f"range_scale_error is {self.range_scale_error}", "above -1")
+
+    def true_directions(self, azimuths: Scalars, elevations: Scalars, times: Scalars) -> Points:
+        """Give where beams really went, (n, 3) unit vectors in the scan frame of the stated pose.
+
+        Parameters
+        ----------
+        azimuths, elevations
+            (n,) recorded [rad].
+        times
+            (n,) of the measurement, 0 at the first column and 1 after the last.
+        """
+        elevations = elevations - self.vertical_index_error_rad
+        if self.collimation_error_rad or self.trunnion_error_rad:
+            sideways = self.collimation_error_rad / np.maximum(np.cos(elevations), LEAST_COSINE)
+            azimuths = azimuths - sideways - self.trunnion_error_rad * np.tan(elevations)
+        horizontal = np.cos(elevations)
+        directions = np.stack(
+            [horizontal * np.cos(azimuths), horizontal * np.sin(azimuths), np.sin(elevations)], axis=1
+        )
+        if any(self.drift_rad):
+            directions = Rotation.from_rotvec((times - 0.5)[:, None] * np.array(self.drift_rad)).apply(directions)
+        return np.asarray(directions)
 
     def range_errors_m(self, ranges_m: Scalars, cosines: Scalars) -> Scalars:
         """Give recorded minus true ranges (n,) [m].

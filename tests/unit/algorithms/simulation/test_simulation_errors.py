@@ -8,6 +8,12 @@ from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.errors import InvalidInputError
+from algorithms.scans.instrument_errors import (
+    drift_displacements,
+    instrument_displacements,
+    sweep_of,
+    without_errors,
+)
 from algorithms.simulation.degenerate_scenes import single_plane_scene
 from algorithms.simulation.materials import PAINT
 from algorithms.simulation.office import office_scene
@@ -73,6 +79,30 @@ def test_a_vertical_index_error_raises_every_recorded_direction() -> None:
     recorded = np.arcsin(points[:, 2] / measured)
     # Ranges are those of the directions in which the beams really left, below the recorded ones.
     np.testing.assert_allclose(measured, -HEIGHT_M / np.sin(recorded - error), rtol=1e-9)
+
+
+def test_the_errors_of_axes_and_of_the_tripod_are_those_that_calibration_takes_off() -> None:
+    scanner = out_of_adjustment(
+        vertical_index_error_rad=2e-4, collimation_error_rad=3e-4, trunnion_error_rad=-2e-4, range_offset_m=0.004
+    )
+    points, _ = points_and_ranges(scanner)
+    errors = np.array([2e-4, 0.004, 0.0, 3e-4, -2e-4])
+    # on the plane again, in the frame of the tripod
+    np.testing.assert_allclose(without_errors(points, np.zeros(3), errors)[:, 2], -HEIGHT_M, atol=1e-9)
+    displaced = points - instrument_displacements(points) @ errors
+    np.testing.assert_allclose(displaced[:, 2], -HEIGHT_M, atol=1e-5)  # to first order
+
+
+def test_a_tripod_that_turns_tilts_the_first_columns_against_the_last() -> None:
+    drift = (2e-4, -1e-4, 3e-4)
+    points, _ = points_and_ranges(out_of_adjustment(drift_rad=drift))
+    scan = scan_scene(GROUND, ABOVE, out_of_adjustment(drift_rad=drift), RNG(5))
+    sweep = sweep_of(scan)
+    assert sweep is not None
+    assert sweep.turn_rad == pytest.approx(2.0 * np.pi, abs=1e-6)
+    displaced = points - drift_displacements(points, sweep.times(points)) @ np.array(drift)
+    np.testing.assert_allclose(displaced[:, 2], -HEIGHT_M, atol=1e-5)
+    assert np.abs(points[:, 2] + HEIGHT_M).max() > 5e-4
 
 
 @pytest.mark.parametrize("wrong", [{"range_offset_m": float("nan")}, {"range_scale_error": -1.0}], ids=str)
