@@ -4,7 +4,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field
 
-from schemas.requests.hybrid_network import HybridNetwork, NetworkName, Number, Std
+from schemas.requests.hybrid_network import HybridNetwork, NetworkName, Number, ScannerParameter, Std
 from schemas.requests.network_texts import NetworkText, network_dictionary
 from schemas.values.base import RequestModel
 
@@ -75,6 +75,30 @@ class GrossErrorSteps(RequestModel):
     """Leave out what fails its test, the worst at a time, and bring back what passes in the end."""
 
 
+class ScannerErrorTolerances(RequestModel):
+    """Standard deviations with which errors of scanners are observed as zero: what the maker promises."""
+
+    distance_offset: Std = 0.005
+    """Addition constant [m]."""
+    collimation: Std = 0.01
+    """Of the line of sight [gon]."""
+    trunnion: Std = 0.01
+    """Of the trunnion axis [gon]."""
+    zenith_index: Std = 0.01
+    """Of the vertical circle [gon]."""
+
+
+class ScannerErrors(RequestModel):
+    """Whether the scanners are in adjustment: the network is adjusted with their errors as unknowns as well."""
+
+    estimate: Literal["auto", "none"] | list[ScannerParameter] = Field(default="auto", max_length=4)
+    """`auto`: all errors, of which the significant ones are applied if asked; a list: these; `none`: nothing."""
+    apply: bool = False
+    """Whether the result has the errors as unknowns: of `auto` the significant ones, of a list all."""
+    tolerances: ScannerErrorTolerances = Field(default_factory=ScannerErrorTolerances)
+    """What the maker promises."""
+
+
 class AdjustInputs(RequestModel):
     """A network of observations and how to adjust it."""
 
@@ -91,6 +115,9 @@ class AdjustInputs(RequestModel):
     """Whether standard deviations of groups are estimated from the residuals; single tests are then done once more."""
     epoch: GivenNetwork | None = Field(default=None, title="Second epoch")
     """A later network of the same points: which of them moved is tested."""
+    scanner: ScannerErrors | None = Field(default=None, title="Scanners", exclude_if=lambda value: value is None)
+    """Whether errors of the scanners (addition constant, collimation, trunnion axis, zenith index) are looked for, each
+    scanner's over all its stations; null: they are not."""
     alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.001
     """Probability that a good observation fails its test."""
     alpha_global: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05

@@ -345,6 +345,63 @@ class AdjustProvenance(Document):
     """What took how long."""
 
 
+class ScannerErrorDocument(Document):
+    """An error of a scanner that was looked for, observed as zero with its tolerance."""
+
+    scanner: str
+    """Name of the instrument."""
+    error: str
+    """`distance_offset`, `collimation`, `trunnion` or `zenith_index`."""
+    unit: str
+    """Of the figures."""
+    value: float
+    """Recorded minus true."""
+    std: float
+    """Standard deviation."""
+    tolerance: float
+    """Standard deviation of the observation that it is zero."""
+    statistic: float
+    """Without that observation; chi-square with one degree of freedom."""
+    critical: float
+    """Limit of the statistic."""
+    significant: bool
+    """Whether it is not zero."""
+    determined: bool
+    """Whether the network tells more of it than the tolerance does."""
+    inseparable: list[str]
+    """Errors from which it cannot be told apart here."""
+    advice: str | None
+    """What to add to determine it; null: nothing."""
+
+
+class ScannerStationDocument(Document):
+    """What the errors of its scanner do to a station."""
+
+    station: str
+    """Its name."""
+    shift_m: float
+    """Distance between its positions without and with them [m]."""
+    turn_gon: float
+    """Angle between its attitudes without and with them [gon]."""
+
+
+class ScannersDocument(Document):
+    """Whether the scanners are in adjustment."""
+
+    errors: list[ScannerErrorDocument]
+    """All that were looked for."""
+    recommendation: str
+    """What to do, in words."""
+    applied: bool
+    """Whether the significant ones are unknowns of this result."""
+    sigma0_without: float | None
+    """Standard deviation of unit weight without them."""
+    sigma0_with: float | None
+    """The same with all of them as unknowns."""
+    stations: list[ScannerStationDocument]
+    """Stations without and with them."""
+
+
 class AdjustDocument(Document):
     """An adjusted network with all tests."""
 
@@ -388,6 +445,8 @@ class AdjustDocument(Document):
     """Adjusted stations and photos."""
     parameters: list[ParameterDocument]
     """Cameras, mounts and instruments that are not wholly constant."""
+    scanners: ScannersDocument | None = None
+    """Whether the scanners are in adjustment, where `scanner` asks for it."""
     observations: list[ObservationDocument]
     """Every component; of very large networks only removed and suspicious ones, all are in `observations.csv`."""
     removals: list[RemovalDocument]

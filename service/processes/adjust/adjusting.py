@@ -22,6 +22,7 @@ from schemas.results.adjust_result import (
     LevelsDocument,
     MovedPoint,
     OtherDatumDocument,
+    ScannersDocument,
 )
 from schemas.results.registration_result import Artifact
 from service.ports import Json, StepContext
@@ -48,6 +49,7 @@ from service.processes.adjust.reliability_documents import (
     removal_documents,
 )
 from service.processes.adjust.report_page import report_page
+from service.processes.adjust.scanner_errors import scanners_document, significant_errors, with_scanner_errors
 from service.processes.adjust.tables import observations_csv, points_csv, stations_csv
 from service.use_cases.steps.run_lines_report import software
 
@@ -79,6 +81,12 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
     read = time.perf_counter()
     cleaned, reference, how = _cleaned(named, inputs, progress)
     answer = answer_in_datum(named, cleaned, inputs, reference)
+    scanners = None
+    asked = inputs.get("scanner")
+    if asked is not None and asked["estimate"] not in ("none", []):
+        scanners, applied = _scanners(answer, inputs, asked)
+        if applied is not None:
+            answer, named, cleaned = applied, applied.named, applied.cleaned
     adjusted = time.perf_counter()
     progress.report(0.9, "testing")
     points, stations = point_documents(answer), station_documents(answer)
@@ -118,7 +126,7 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
             passed=test.verdict == "accepted" if testable else None, verdict=test.verdict.value,
         ),
         groups=group_documents(answer), mean_std=mean_stds(points, stations), points=points, stations=stations,
-        parameters=parameter_documents(answer, inputs["alpha"]),
+        parameters=parameter_documents(answer, inputs["alpha"]), scanners=scanners,
         observations=listed_observations(rows, normal_critical_value(inputs["alpha"])),
         removals=removal_documents(answer), reinstated=len(cleaned.reinstated),
         object_tests=object_documents(answer, inputs["alpha"]), fictitious=fictitious_documents(answer),
@@ -137,6 +145,24 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
         for name, (media, data) in files.items()
     ]
     return document, files
+
+
+def _scanners(without: Answer, inputs: Json, asked: Json) -> tuple[ScannersDocument, Answer | None]:
+    """Adjust with errors of the scanners as unknowns, and once more with those alone that are to be applied."""
+
+    def adjusted(network: Json) -> Answer:
+        named = read_network(network, inputs["datum"])
+        cleaned, reference, _ = _cleaned(named, inputs, _Silent())
+        return answer_in_datum(named, cleaned, inputs, reference)
+
+    looked_for = with_scanner_errors(inputs["network"], asked)
+    everything = adjusted(looked_for.network)
+    wanted = {(scanner, error) for scanner, error, _ in looked_for.added}
+    if asked["estimate"] == "auto":
+        wanted = significant_errors(everything, looked_for, inputs["alpha"])
+    applied = asked["apply"] and bool(wanted)
+    document = scanners_document(without, everything, looked_for, inputs["alpha"], applied=applied)
+    return document, adjusted(looked_for.only(wanted, inputs["network"])) if applied else None
 
 
 def _cleaned(named: NamedNetwork, inputs: Json, progress: Any) -> tuple[Cleaned, State | None, str]:

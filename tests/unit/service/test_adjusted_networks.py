@@ -173,3 +173,46 @@ def test_a_levelled_station_above_a_known_point_is_oriented_by_one_direction() -
     }
     found = {p.id: p.xyz_m for p in adjusted(network, datum={"type": "control"}, gross_errors="none").points}
     np.testing.assert_allclose(found["P"], points["P"], atol=0.002)
+
+
+INDEX_GON, OFFSET_M = 0.02, 0.004
+
+
+def out_of_adjustment() -> dict[str, Any]:
+    """Read the vertical circle and the distances of all stations wrong."""
+    network = copy.deepcopy(GIVEN)
+    for each in network["observations"]["polar"]:
+        if each.get("zenith") is not None:
+            each["zenith"] += INDEX_GON
+        if each.get("distance") is not None:
+            each["distance"] += OFFSET_M
+    return network
+
+
+def test_errors_of_scanners_are_found_and_change_nothing_unless_asked() -> None:
+    network = out_of_adjustment()
+    plain = adjusted(network, gross_errors="none")
+    document = adjusted(network, gross_errors="none", scanner={"estimate": "auto"})
+    assert document.scanners is not None
+    found = {error.error: error for error in document.scanners.errors}
+    assert {name for name, error in found.items() if error.significant} == {"zenith_index", "distance_offset"}
+    assert abs(found["distance_offset"].value - OFFSET_M) < 4.0 * found["distance_offset"].std
+    assert [p.xyz_m for p in document.points] == [p.xyz_m for p in plain.points]
+    assert not document.scanners.applied
+
+
+def test_errors_of_scanners_that_are_applied_make_the_points_right() -> None:
+    network = out_of_adjustment()
+    plain = adjusted(network, gross_errors="none")
+    document = adjusted(network, gross_errors="none", scanner={"estimate": "auto", "apply": True})
+    assert document.scanners is not None
+    assert document.scanners.applied
+    assert {p.parameter for p in document.parameters if p.std is not None} == {"zenith_index", "distance_offset"}
+    assert largest_miss(document, TRUTH) < 0.5 * largest_miss(plain, TRUTH)
+
+
+def test_scanners_in_adjustment_are_said_to_be_so() -> None:
+    document = adjusted(GIVEN, scanner={"estimate": "auto"})
+    assert document.scanners is not None
+    assert not any(error.significant for error in document.scanners.errors)
+    assert document.scanners.recommendation.startswith("nothing speaks against the scanners")
