@@ -107,6 +107,7 @@ def download_files(document: CalibrationDocument, done: Calibration, inputs: Jso
         "photo.json": ("application/json", json.dumps(photo, indent=1).encode()),
         "opencv.yml": ("application/yaml", opencv_yaml(document).encode()),
         "photomodeler.txt": ("text/plain", brown_text(document, inputs["camera"]["pixel_um"]).encode()),
+        "riscan.xml": ("application/xml", riscan_xml(document).encode()),
         "residuals.csv": ("text/csv", residuals_csv(done).encode()),
     }
 
@@ -122,6 +123,25 @@ def opencv_yaml(document: CalibrationDocument) -> str:
         lines.append(f"   data: [ {', '.join(f'{value:.17g}' for value in values)} ]")
     lines.append(f"avg_reprojection_error: {document.rms_px:.17g}")
     return "\n".join(lines) + "\n"
+
+
+def riscan_xml(document: CalibrationDocument) -> str:
+    """Write camera and mount as a RiSCAN PRO project has them under `calibrations`: OpenCV's terms, and M_mount."""
+    from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+    name, c = "calibrated", document.camera
+    root = Element("calibrations")
+    camera = SubElement(SubElement(root, "camcalibs"), "camcalib_opencv", name=name)
+    inner = SubElement(camera, "internal_opencv")
+    terms = {"nx": c.width, "ny": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy, "k1": c.k1, "k2": c.k2}
+    for key, value in {**terms, "k3": c.k3, "k4": 0, "p1": c.p1, "p2": c.p2}.items():
+        SubElement(inner, key).text = f"{value:.17g}"
+    if document.mount is not None:
+        mount = SubElement(SubElement(root, "mountcalibs"), "mountcalib", name=name)
+        rows = (" ".join(f"{value:.17g}" for value in row) for row in document.mount.mount)
+        SubElement(mount, "matrix").text = " ".join(rows)
+    indent(root)
+    return tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def brown_text(document: CalibrationDocument, pixel_um: float | None) -> str:

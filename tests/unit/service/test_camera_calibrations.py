@@ -6,10 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from defusedxml.ElementTree import fromstring
 
 from algorithms.calibration.lenses import LENSES
 from algorithms.calibration.solution import CalibrationOptions, calibrate
 from schemas.requests.calibrate_camera_inputs import CalibrateCameraInputs
+from schemas.requests.riscan_projects import network_of_riscan
 from schemas.results.calibration_result import CalibrationDocument
 from service.errors import InvalidRequestError
 from service.processes.calibrate_camera.calibrating import calibration_document, download_files
@@ -59,6 +61,23 @@ def test_the_camera_is_written_for_other_programs(calibrated: Any, tmp_path: Any
     brown = next(each for each in document.exports if each.model == "brown")
     assert brown.largest_difference_px < 1.0  # another model of a strong distortion
     assert b"focal length: 7.5" in files["photomodeler.txt"][1]
+
+
+def test_a_project_of_riscan_takes_camera_and_mount(calibrated: Any) -> None:
+    document, files = calibrated
+    calibrations = fromstring(files["riscan.xml"][1])
+    identity = " ".join(str(value) for value in np.eye(4).ravel())
+    rest = f"""<project name="P"><scanpositions><scanposition name="S"><sop><matrix>{identity}</matrix></sop>
+        <scanposimages><scanposimage name="I"><camcalib_ref noderef="/project/calibrations/camcalibs/calibrated"/>
+        <mountcalib_ref noderef="/project/calibrations/mountcalibs/calibrated"/><cop><matrix>{identity}</matrix></cop>
+        </scanposimage></scanposimages></scanposition></scanpositions></project>"""
+    project = fromstring(rest)
+    project.append(calibrations)
+    network = network_of_riscan(project)
+    camera, (_, photo) = network["cameras"][0], network["stations"]
+    assert (camera["principal_distance_px"], camera["x0_px"]) == (document.camera.fy, document.camera.cx)
+    place = [photo["approx"][axis] for axis in "XYZ"]
+    np.testing.assert_allclose(place, np.array(document.mount.head_from_camera)[:3, 3], atol=1e-9)
 
 
 def test_an_earlier_camera_is_compared_and_a_changed_one_told() -> None:
