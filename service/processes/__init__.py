@@ -19,6 +19,7 @@ from service.processes.detect_edges import DETECT_EDGES
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
 from service.processes.find_targets import FIND_TARGETS
+from service.processes.mesh import MESH
 from service.processes.orient import ORIENT
 from service.processes.register import REGISTER
 from service.processes.simulate import SIMULATE
@@ -35,6 +36,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     CLEAN,
     COLOUR,
     COMPARE,
+    MESH,
     SIMULATE,
     ORIENT,
     ADJUST,

@@ -23,19 +23,17 @@ from algorithms.deviations.signed_distances import (
     from_mesh,
     from_planes,
 )
-from algorithms.deviations.statistics import QUANTILES, Histogram, deviation_statistics, histogram_of
+from algorithms.deviations.statistics import Histogram, histogram_of
 from algorithms.deviations.triangles import Mesh, condition_of
 from algorithms.progress import NoProgress
 from algorithms.scans.voxel_grid import fullest_of_voxels
 from schemas.results.deviations_result import (
     CompareDocument,
     CompareProvenance,
-    DeviationFigures,
     DeviationHistogram,
     M3C2Figures,
     MeshFigures,
     PlaneFigures,
-    Quantile,
 )  # fmt: skip
 from schemas.results.registration_result import Artifact
 from service.errors import InvalidRequestError
@@ -48,6 +46,7 @@ from service.processes.compare.drawings import histogram_svg, points_png
 from service.processes.compare.raster_part import Files, compared_surfaces
 from service.processes.compare.shown_deviations import store_deviation_scene
 from service.processes.compare.surfaces import StationsInWorld, pose_pairs, read_stations
+from service.use_cases.documents.deviation_documents import deviation_figures
 from service.use_cases.steps.output_files import artifact, output_file
 from service.use_cases.steps.run_lines_report import software
 
@@ -119,7 +118,7 @@ def compare(context: StepContext, arguments: Json) -> Json:
         points=len(cloud.points),
         without_deviation=int((~np.isfinite(compared.deviations_m)).sum()),
         without_sign=int((np.isfinite(compared.deviations_m) & ~compared.signed).sum()),
-        figures=_figures(compared.deviations_m, compared.places + origin, inputs["tolerance_m"]),
+        figures=deviation_figures(compared.deviations_m, compared.places + origin, inputs["tolerance_m"]),
         histogram=_histogram(histogram),
         m3c2=_m3c2_figures(compared.m3c2, inputs["m3c2"]),
         mesh=compared.mesh,
@@ -249,19 +248,6 @@ def _limit(deviations_m: Scalars) -> float:
     return max(float(np.quantile(known, LIMIT_QUANTILE)), 1e-6)
 
 
-def _figures(deviations_m: Scalars, places: Points, tolerance_m: float) -> DeviationFigures:
-    found = deviation_statistics(deviations_m, tolerance_m)
-    x, y, z = places[found.largest_at].tolist()
-    return DeviationFigures(
-        count=found.count, mean_m=found.mean_m, std_m=found.std_m, rms_m=found.rms_m,
-        mean_absolute_m=found.mean_absolute_m, robust_std_m=found.robust_std_m,
-        quantiles=[
-            Quantile(share=share, deviation_m=value) for share, value in zip(QUANTILES, found.quantiles_m, strict=True)
-        ],
-        largest_m=found.largest_m, largest_at_m=(x, y, z), share_within_tolerance=found.share_within,
-    )  # fmt: skip
-
-
 def _histogram(histogram: Histogram) -> DeviationHistogram:
     return DeviationHistogram(
         edges_m=histogram.edges_m.tolist(), counts=histogram.counts.tolist(), below=histogram.below,
@@ -295,7 +281,7 @@ def _plane_figures(compared: _Compared, inputs: Json, origin: Vector3) -> list[P
     for k, plane in enumerate(inputs["planes"]):
         here = compared.nearest == k
         figures = (
-            _figures(compared.deviations_m[here], compared.places[here] + origin, inputs["tolerance_m"])
+            deviation_figures(compared.deviations_m[here], compared.places[here] + origin, inputs["tolerance_m"])
             if here.any()
             else None
         )

@@ -1,0 +1,1 @@
+"""Triangle meshes, plane models and spline patches of registered clouds."""

@@ -1,0 +1,62 @@
+"""Inputs of the process `mesh`."""
+
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from algorithms.cleaning.options import CleaningOptions
+from algorithms.meshing.options import MeshOptions
+from schemas.requests.cleaning_steps import CleaningSteps
+from schemas.requests.execution import FileOutputRequest
+from schemas.requests.method_options import options_model
+from schemas.requests.posed_stations import PosedStations
+from schemas.values.base import RequestModel
+
+if TYPE_CHECKING:
+    MeshRequest = RequestModel
+else:
+    MeshRequest = options_model(MeshOptions)
+
+Coordinate: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
+Position: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
+LEAST_LENGTH = 1e-6
+"""Shorter directions are none."""
+
+
+class MeshCut(RequestModel):
+    """A plane that cuts the mesh, as between a plinth and what stands on it."""
+
+    point_m: Position
+    """A point of the plane, world [m]."""
+    normal: Position
+    """Direction across it, to the side that is kept; of any length."""
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> "MeshCut":
+        if sum(part * part for part in self.normal) < LEAST_LENGTH**2:
+            raise PydanticCustomError("cut_normal", "the normal of a cut has a length")
+        return self
+
+
+class MeshInputs(RequestModel):
+    """Registered scans, and the mesh that is laid through them."""
+
+    stations: PosedStations
+    """Scans with poses, or the stations of a finished `register` job."""
+    cleaning: CleaningSteps = Field(default=CleaningOptions())
+    """Steps taken before, in the order of this list; null leaves one out. Crop to the object: what is beside it becomes
+    part of the mesh."""
+    surface: MeshRequest = Field(default_factory=MeshRequest, title="Surface")
+    """How triangles are laid through the points, repaired and lightened."""
+    cuts: list[MeshCut] = Field(default=[], max_length=100)
+    """Planes that cut the mesh, one after the other; each cut is closed by triangles in its plane."""
+    tolerance_m: float = Field(default=0.01, gt=0.0, le=1000.0)
+    """For the share of points that lie within it of the mesh [m]."""
+
+
+class MeshOutput(FileOutputRequest):
+    """The mesh as a file, in the coordinates of the world."""
+
+    format: Literal["ply", "obj", "glb"] = "ply"
+    """`ply` in float64, `obj`, or binary glTF, whose vertices are float32 about the origin of their node."""

@@ -1,0 +1,67 @@
+"""Result of the process `mesh`."""
+
+from pydantic import Field
+
+from schemas.results.cleaning_figures import CleaningStep
+from schemas.results.deviations_result import DeviationFigures
+from schemas.results.registration_result import Artifact
+from schemas.values.poses import Document
+
+
+class MeshStepFigures(Document):
+    """What one step left."""
+
+    step: str
+    """Name of the method, or of the option that asked for it."""
+    triangles: int
+    """Triangles after it."""
+    holes_closed: int
+    """Holes that it closed."""
+
+
+class MeshFaults(Document):
+    """Faults of one kind."""
+
+    kind: str
+    """`border-loop`: the rim of a hole; `non-manifold-edge`: of three triangles or more; `contradicting-edge`: its two
+    triangles look to opposite sides; `self-intersection`: a triangle that another one pierces; `small-component`: a
+    part with less than 1 % of the surface; `flipped`: a triangle that looks away from where its points were seen."""
+    count: int
+    """How many."""
+    places_m: list[tuple[float, float, float]]
+    """Where the first ones are, world [m]."""
+
+
+class MeshingDocument(Document):
+    """A mesh in figures, with its faults."""
+
+    points: int
+    """Points through which it was laid."""
+    vertices: int
+    """Of the mesh."""
+    triangles: int
+    """Of the mesh."""
+    resolution_m: float
+    """Edge of the smallest cells or radius of the smallest ball, as used [m]."""
+    normal_radius_m: float
+    """Radius of the spheres in which normals were fitted [m]."""
+    watertight: bool
+    """Whether it bounds a body: every edge has two triangles that look to the same side."""
+    area_m2: float
+    """Surface [m²]."""
+    volume_m3: float | None
+    """What it encloses, positive where its triangles look outward [m³]; null: it is not watertight."""
+    cleaning: list[CleaningStep]
+    """Steps taken before, in their order."""
+    steps: list[MeshStepFigures]
+    """What laid, repaired and lightened the mesh, in its order."""
+    faults: list[MeshFaults]
+    """By kind; those without any are not listed."""
+    deviations: DeviationFigures
+    """Signed distances of the points from the mesh, positive outside."""
+    left_out: dict[str, str]
+    """Stations without a pose, by name, and why they have none."""
+    remarks: list[str]
+    """What a reader of the figures must know."""
+    mesh: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """The file, where it was wanted."""

@@ -1,0 +1,67 @@
+"""Process `mesh`: a triangle mesh of registered scans."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from schemas.requests.mesh_inputs import MeshInputs, MeshOutput
+from schemas.requests.posed_stations import StationsOfJob
+from schemas.results.mesh_result import MeshingDocument
+from service.errors import InvalidRequestError
+from service.ports import Json, Process, StepCall, Stored
+from service.use_cases.inputs.check_stations import posed_station_faults
+from service.use_cases.inputs.validate_request import WRONG_FIELDS
+from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.station_calls import scan_of
+
+
+@dataclass(frozen=True)
+class MeshPlan:
+    """One step: all stations go in, a mesh comes out."""
+
+    def next_stage(self, job: Json, outputs: Sequence[Sequence[Json]]) -> Sequence[StepCall] | None:
+        """Give the only stage of `mesh`."""
+        if outputs:
+            return None
+        inputs = job["inputs"]
+        arguments = {
+            "job_id": job["id"],
+            "stations": [
+                {
+                    "name": station["name"],
+                    "scan": scan_of(job, station),
+                    "world_from_scan": station.get("world_from_scan"),
+                }
+                for station in inputs["stations"]
+            ],
+            **{name: inputs[name] for name in ("cleaning", "surface", "cuts", "tolerance_m")},
+            "left_out": job.get("left_out", {}),
+            "wanted": (job.get("wanted") or {}).get("mesh"),
+        }
+        return [StepCall("mesh-stations", arguments, "laying the mesh", weight=self.total_weight(job))]
+
+    def total_weight(self, job: Json) -> float:
+        """Count the stations."""
+        return float(len(job["inputs"]["stations"]))
+
+
+def _check(inputs: MeshInputs, stored: Stored) -> None:
+    if isinstance(inputs.stations, StationsOfJob):
+        return
+    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    if faults:
+        raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+MESH = Process(
+    id="mesh",
+    title="Lay a mesh through registered scans",
+    description="Lays a triangle mesh through registered scans (Poisson, or a rolling ball), leaves out small parts, "
+    "closes holes, smooths, cuts by planes, keeps a share of the triangles, lists what is wrong with it, and tells "
+    "surface, volume and the distances of the points.",
+    inputs=MeshInputs,
+    outputs=MeshingDocument,
+    plan=PosesFirst(MeshPlan()),
+    steps={"mesh-stations": "service.processes.mesh.meshing:mesh"},
+    check=_check,
+    file_outputs={"mesh": MeshOutput},
+)
