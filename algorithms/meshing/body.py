@@ -10,6 +10,7 @@ from algorithms.cleaning.smoothing import neighbourhood_m
 from algorithms.deviations.signed_distances import from_mesh
 from algorithms.deviations.triangles import Mesh
 from algorithms.errors import InvalidInputError
+from algorithms.meshing.constraint_lines import ConstraintLine, with_edges
 from algorithms.meshing.faults import MeshFault, faults_of
 from algorithms.meshing.options import MeshOptions
 from algorithms.meshing.reconstruction import (
@@ -66,6 +67,7 @@ def modelled_body(
     options: MeshOptions,
     cuts: Sequence[tuple[Vector3, Vector3]],
     progress: Progress,
+    lines: Sequence[ConstraintLine] = (),
 ) -> ModelledBody:
     """Lay a mesh through registered points.
 
@@ -81,11 +83,13 @@ def modelled_body(
         Planes that cut it, each a point [m] and a direction to the side that is kept; cuts are closed.
     progress
         Is told the steps.
+    lines
+        Straight edges of the surface that the mesh keeps.
 
     Raises
     ------
     InvalidInputError
-        Too few points, a resolution too fine for the extent, or nothing left by a step.
+        Too few points, a resolution too fine for the extent, nothing left by a step, or a line that is no edge.
     """
     if not len(points):
         raise InvalidInputError("points", "there are none")
@@ -108,6 +112,8 @@ def modelled_body(
     mesh = note("components", without_small_components(mesh, options.least_component_share))
     if options.smoothing_passes:
         mesh = note("smoothing", smoothed_mesh(mesh, options.smoothing_passes))
+    if lines:
+        mesh = note("lines", with_edges(mesh, points, lines, resolution))
     if options.share < 1.0:
         progress.report(0.7, "fewer triangles")
         mesh = note("decimation", decimated(mesh, options.share))

@@ -39,6 +39,21 @@ class MeshCut(RequestModel):
         return self
 
 
+class MeshEdge(RequestModel):
+    """A straight edge of the surface, as `extract-lines` or photos give it."""
+
+    start_m: Position
+    """One end, world [m]."""
+    end_m: Position
+    """The other end, world [m]."""
+
+    @model_validator(mode="after")
+    def _has_length(self) -> "MeshEdge":
+        if sum((one - other) ** 2 for one, other in zip(self.start_m, self.end_m, strict=True)) < LEAST_LENGTH**2:
+            raise PydanticCustomError("edge_length", "the ends of an edge differ")
+        return self
+
+
 class MeshInputs(RequestModel):
     """Registered scans, and the mesh that is laid through them."""
 
@@ -49,6 +64,9 @@ class MeshInputs(RequestModel):
     part of the mesh."""
     surface: MeshRequest = Field(default_factory=MeshRequest, title="Surface")
     """How triangles are laid through the points, repaired and lightened."""
+    lines: list[MeshEdge] = Field(default=[], max_length=10_000)
+    """Edges that the mesh keeps sharp: vertices next to them are laid onto them. They must be edges of the surface,
+    accurate to a fraction of the resolution."""
     cuts: list[MeshCut] = Field(default=[], max_length=100)
     """Planes that cut the mesh, one after the other; each cut is closed by triangles in its plane."""
     tolerance_m: float = Field(default=0.01, gt=0.0, le=1000.0)

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Colors, Points
 from algorithms.meshing.body import ModelledBody, modelled_body
+from algorithms.meshing.constraint_lines import ConstraintLine
 from algorithms.meshing.options import MeshOptions
 from algorithms.progress import ProgressSection
 from schemas.results.mesh_result import MeshFaults, MeshingDocument, MeshStepFigures
@@ -37,8 +38,12 @@ def mesh(context: StepContext, arguments: Json) -> Json:
     points = np.concatenate([left.points for _, left in cleaned.stations()])
     options = TypeAdapter(MeshOptions).validate_python(arguments["surface"])
     cuts = [(np.array(cut["point_m"]) - origin, np.array(cut["normal"], dtype=float)) for cut in arguments["cuts"]]
+    lines = [
+        ConstraintLine(np.array(line["start_m"]) - origin, np.array(line["end_m"]) - origin)
+        for line in arguments["lines"]
+    ]
     progress = ProgressSection(context.progress, CLEANED, MESHED)
-    body = modelled_body(points, _sensors(cleaned), options, cuts, progress)
+    body = modelled_body(points, _sensors(cleaned), options, cuts, progress, lines)
     files: list[Artifact] | None = None
     if arguments["wanted"] is not None:
         context.progress.report(MESHED, "writing")
