@@ -46,7 +46,7 @@ def filled(mesh: Mesh, largest_m: float) -> tuple[Mesh, int]:
         length = float(np.linalg.norm(rim - np.roll(rim, -1, axis=0), axis=1).sum())
         if len(loop) >= 3 and length <= largest_m:
             _, _, axes = np.linalg.svd(rim - rim.mean(axis=0), full_matrices=False)
-            cap = _ears((rim - rim.mean(axis=0)) @ axes[:2].T, [len(loop)])
+            cap = ears_of((rim - rim.mean(axis=0)) @ axes[:2].T, [len(loop)])
             if len(cap) == len(loop) - 2:
                 caps.append(loop[cap])
     return Mesh(mesh.vertices, np.concatenate([mesh.triangles, *caps])), len(caps)
@@ -125,11 +125,11 @@ def _caps(loops: Sequence[Array], flat: Matrix) -> Sequence[Array]:
     for k in np.flatnonzero(depths % 2 == 0).tolist():
         rings = [loops[k], *(loops[j] for j in np.flatnonzero(inside[:, k] & (depths == depths[k] + 1)).tolist())]
         ring = np.concatenate(rings)
-        caps.append(ring[_ears(flat[ring], [len(each) for each in rings])])
+        caps.append(ring[ears_of(flat[ring], [len(each) for each in rings])])
     return caps
 
 
-def _ears(places: Matrix, lengths: Sequence[int]) -> Int64[Array, "_ 3"]:
+def ears_of(places: Matrix, lengths: Sequence[int]) -> Int64[Array, "_ 3"]:
     """Triangulate a polygon with holes, in the sense in which its first ring runs."""
     ends = np.cumsum(lengths).astype(np.uint32)
     # the library drops vertices on a straight line, which the triangles beside the rim have: none lies on one any more

@@ -1,0 +1,1 @@
+"""Roofs of buildings from points over their ground plans."""

@@ -1,0 +1,215 @@
+"""A building from its ground plan and the points of its roof: roof faces, vertical walls, ground."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from algorithms.arrays import Array, Points
+from algorithms.deviations.signed_distances import inside_polygon
+from algorithms.deviations.triangles import Mesh, condition_of
+from algorithms.errors import InvalidInputError
+from algorithms.meshing.reconstruction import enclosed_volume
+from algorithms.meshing.repair import ears_of
+from algorithms.roofs.options import RoofOptions
+from algorithms.roofs.partition import PlanCell, area_of, divided, rings_of, without_slivers
+from algorithms.roofs.planes import LEAST_NEIGHBOURS, TOLERANCE, RoofPlane, roof_planes
+
+ROOF, WALL, GROUND = "RoofSurface", "WallSurface", "GroundSurface"
+"""As CityJSON calls them."""
+JOINED_M = 0.05
+"""Heights at one corner that differ by less than this beyond the noise are one."""
+AROUND_M, LOW = 3.0, 0.1
+"""The ground is this quantile of the heights of points so near around the plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingSurface:
+    """One plane polygon of a building."""
+
+    kind: str
+    rings: Sequence[Array]
+    """Each (k,) vertices; the outer one first, anticlockwise from outside."""
+    plane: int | None
+    """Of a roof face; None of others."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingModel:
+    """A building in plane polygons."""
+
+    vertices: Points
+    """(v, 3) [m]."""
+    surfaces: Sequence[BuildingSurface]
+    planes: Sequence[RoofPlane]
+    ground_m: float
+    points: int
+    """Points over the plan and above the ground."""
+    mesh: Mesh
+    """The same in triangles."""
+
+    @property
+    def watertight(self) -> bool:
+        """Whether the polygons bound a body."""
+        return condition_of(self.mesh).is_closed
+
+    @property
+    def volume_m3(self) -> float:
+        """What they enclose [m³]."""
+        return enclosed_volume(self.mesh)
+
+
+def ground_height_m(points: Points, outline: Array) -> float:
+    """Give the height of the ground about a plan, a low quantile of the points beside it [m].
+
+    Raises
+    ------
+    InvalidInputError
+        There are none.
+    """
+    low, high = outline.min(axis=0) - AROUND_M, outline.max(axis=0) + AROUND_M
+    near = ((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)
+    beside = points[near][~inside_polygon(points[near, :2], outline)]
+    if len(beside) < LEAST_NEIGHBOURS:
+        raise InvalidInputError(
+            "plan", f"no ground within {AROUND_M:g} m around it", "state its height (`ground_m`), or give points of it"
+        )
+    return float(np.quantile(beside[:, 2], LOW))
+
+
+def modelled_building(points: Points, outline: Array, ground_m: float, options: RoofOptions) -> BuildingModel:
+    """Model a building.
+
+    Parameters
+    ----------
+    points
+        (n, 3) of the site; x and y near the origin [m].
+    outline
+        (k, 2) corners of the ground plan in order, either way round [m].
+    ground_m
+        Height of the ground [m].
+    options
+        What counts as a roof.
+
+    Raises
+    ------
+    InvalidInputError
+        Too few points are above the plan.
+    """
+    outline = outline if area_of(outline) > 0.0 else outline[::-1]
+    high = points[points[:, 2] >= ground_m + options.least_height_m]
+    over = high[inside_polygon(high[:, :2], outline)]
+    if len(over) < LEAST_NEIGHBOURS:
+        raise InvalidInputError("plan", f"only {len(over)} points of a roof lie over it", "check its coordinates")
+    planes, labels = roof_planes(over, options)
+    if not planes:  # as the source: what has no plane gets a horizontal one
+        heights = over[:, 2]
+        level = float(heights.mean())
+        planes = [RoofPlane(np.array([0.0, 0.0, level]), 0, len(over), float(heights.std()))]
+        labels = np.zeros(len(over), dtype=np.int64)
+    known = labels >= 0
+    cells = without_slivers(divided(outline, planes, over[known, :2], labels[known]), options.least_area_m2)
+    return _solid(cells, planes, ground_m, len(over), TOLERANCE * options.noise_m + JOINED_M)
+
+
+@dataclass(eq=False)
+class _Columns:
+    """The heights at each corner of the plan, and the vertices made of them."""
+
+    corners: Array
+    heights: list[list[float]]
+    numbers: dict[tuple[int, float], int]
+
+    def vertex(self, corner: int, height: float) -> int:
+        return self.numbers.setdefault((corner, height), len(self.numbers))
+
+    def between(self, corner: int, low: float, high: float) -> list[int]:
+        """Give the vertices of a corner from one height to another, both included, upward."""
+        return [self.vertex(corner, each) for each in self.heights[corner] if low <= each <= high]
+
+    def vertices(self) -> Points:
+        return np.array([[*self.corners[corner], height] for corner, height in self.numbers])
+
+
+def _solid(
+    cells: Sequence[PlanCell], planes: Sequence[RoofPlane], ground_m: float, points: int, joined_m: float
+) -> BuildingModel:
+    corners, faces = rings_of(cells)
+    tops: dict[tuple[int, int], float] = {}
+    columns = _Columns(corners, [[ground_m] for _ in corners], {})
+    of_corner: list[set[int]] = [set() for _ in corners]
+    for plane, rings in faces:
+        for ring in rings:
+            for corner in ring.tolist():
+                of_corner[corner].add(plane)
+    for corner, those in enumerate(of_corner):
+        heights = sorted((float(planes[k].heights(corners[corner][None])[0]), k) for k in those)
+        group: list[tuple[float, int]] = []
+        for height, k in [*heights, (np.inf, -1)]:
+            if group and height - group[-1][0] > joined_m:
+                level = float(np.mean([each for each, _ in group]))
+                columns.heights[corner].append(level)
+                tops.update({(corner, each): level for _, each in group})
+                group = []
+            group.append((height, k))
+    surfaces = [
+        BuildingSurface(ROOF, [_top(columns, tops, ring, plane) for ring in rings], plane) for plane, rings in faces
+    ]
+    surfaces += _walls(columns, tops, faces, ground_m)
+    _, whole = rings_of([PlanCell(cell.corners, 0) for cell in cells])
+    surfaces += [
+        BuildingSurface(
+            GROUND,
+            [np.array([columns.vertex(corner, ground_m) for corner in ring.tolist()])[::-1] for ring in rings],
+            None,
+        )
+        for _, rings in whole
+    ]
+    vertices = columns.vertices()
+    return BuildingModel(vertices, surfaces, planes, ground_m, points, triangulated(vertices, surfaces))
+
+
+def _top(columns: _Columns, tops: dict[tuple[int, int], float], ring: Array, plane: int) -> Array:
+    return np.array([columns.vertex(corner, tops[corner, plane]) for corner in ring.tolist()])
+
+
+def _walls(
+    columns: _Columns,
+    tops: dict[tuple[int, int], float],
+    faces: Sequence[tuple[int, Sequence[Array]]],
+    ground_m: float,
+) -> list[BuildingSurface]:
+    """Put a wall below every side of a face down to what lies beside it: a lower face, or the ground."""
+    sides = {
+        (start, end): plane
+        for plane, rings in faces
+        for ring in rings
+        for start, end in zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True)
+    }
+    walls = []
+    for (start, end), plane in sides.items():
+        beside = sides.get((end, start))
+        foot = {k: ground_m if beside is None else tops[k, beside] for k in (start, end)}
+        top = {k: tops[k, plane] for k in (start, end)}
+        if all(top[k] <= foot[k] for k in (start, end)) or top[start] + top[end] <= foot[start] + foot[end]:
+            continue
+        right = columns.between(end, foot[end], top[end])
+        left = columns.between(start, foot[start], top[start])[::-1]
+        ring = [*left[-1:], *right, *left[:-1]]
+        if len(ring) >= 3:
+            walls.append(BuildingSurface(WALL, [np.array(ring)], None))
+    return walls
+
+
+def triangulated(vertices: Points, surfaces: Sequence[BuildingSurface]) -> Mesh:
+    """Cut all polygons into triangles that look as they do."""
+    triangles = []
+    for surface in surfaces:
+        ring = np.concatenate(surface.rings)
+        outer = vertices[surface.rings[0]]
+        outer = outer - outer[0]
+        normal = np.cross(outer, np.roll(outer, -1, axis=0)).sum(axis=0)
+        axis = int(np.argmax(np.abs(normal)))
+        flat = np.delete(vertices[ring], axis, axis=1)
+        triangles.append(ring[ears_of(flat, [len(each) for each in surface.rings])])
+    return Mesh(vertices, np.concatenate(triangles))

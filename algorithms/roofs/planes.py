@@ -1,0 +1,177 @@
+"""Roof planes over a ground plan, as clusters of the parameters of small planes (the ACV's method).
+
+A small neighbourhood slides over the points, z = a x + b y + c is fitted in it, and the parameters of all are points
+of a space in which the faces of the roof are clusters (Jansa and Stanek 2003).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from algorithms.arrays import Array, CorePoints, Flags, Points, Scalars, Vector3
+from algorithms.roofs.options import RoofOptions
+
+MOST_NEIGHBOURS = 32
+LEAST_NEIGHBOURS = 5
+TOLERANCE = 3.0
+"""In standard deviations of the points."""
+ROUNDS = 3
+MOST_FACES = 60
+"""More faces over one plan are no roof but a heap."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoofPlane:
+    """One face's plane z = a x + b y + c."""
+
+    parameters: Vector3
+    """a, b, c; x and y from the same origin as the points [1, 1, m]."""
+    before: int
+    """Points that its cluster took."""
+    after: int
+    """Points that fit it."""
+    rms_m: float
+    """Of their height differences [m]."""
+
+    def heights(self, places: Array) -> Scalars:
+        """Give z at places (n, 2) [m]."""
+        return np.asarray(places[:, :2] @ self.parameters[:2] + self.parameters[2])
+
+
+def roof_planes(points: Points, options: RoofOptions) -> tuple[Sequence[RoofPlane], Array]:
+    """Find the planes of a roof.
+
+    Parameters
+    ----------
+    points
+        (n, 3) points over the plan, x and y near the origin [m].
+    options
+        How.
+
+    Returns
+    -------
+    The planes, largest first, and the number of the plane of each point (n,), -1 for none.
+    """
+    labels = np.full(len(points), -1, dtype=np.int64)
+    if len(points) <= LEAST_NEIGHBOURS:
+        return [], labels
+    small, good = small_planes(points, options)
+    # a slope counts by the height that it makes across the neighbourhood's own place: the parameters are those at the
+    # middle of the plan, where neither slope nor height is better known than the other
+    lever = max(float(np.hypot(*np.ptp(points[:, :2], axis=0))) / 2.0, options.neighbourhood_m)
+    scaled = small * np.array([lever, lever, 1.0])
+    reach = TOLERANCE * options.noise_m * lever / options.neighbourhood_m
+    least = _least_points(points, options)
+    planes: list[RoofPlane] = []
+    free = good.copy()
+    while free.sum() >= least and len(planes) < MOST_FACES:
+        numbers = np.flatnonzero(free)
+        tree = cKDTree(scaled[numbers])
+        counts = tree.query_ball_point(scaled[numbers], reach, return_length=True)
+        seed = int(np.argmax(counts))
+        if counts[seed] < least:
+            break
+        members = numbers[tree.query_ball_point(scaled[numbers[seed]], reach)]
+        plane, taken = _grown(points, small, members, free, options)
+        free[members] = False
+        free[taken] = False
+        if plane is None or plane.after < least:
+            continue
+        labels[taken] = len(planes)
+        planes.append(plane)
+    return _refined(points, planes, labels, options)
+
+
+def small_planes(points: Points, options: RoofOptions) -> tuple[CorePoints, Flags]:
+    """Fit z = a x + b y + c about each point, without the worst third, and tell which fits are planes of a roof."""
+    distances, found = cKDTree(points[:, :2]).query(
+        points[:, :2], k=min(MOST_NEIGHBOURS, len(points)), distance_upper_bound=options.neighbourhood_m
+    )
+    known = np.isfinite(np.asarray(distances))
+    near = points[np.where(known, found, 0)]
+    weights = known.astype(np.float64)
+    design = np.concatenate([near[:, :, :2], np.ones((*near.shape[:2], 1))], axis=2)
+    centred = design.copy()
+    centred[:, :, :2] -= points[:, None, :2]
+    parameters, rms = _fitted(centred, near[:, :, 2], weights)
+    for _ in range(ROUNDS):
+        residuals = np.abs(near[:, :, 2] - np.einsum("nkj,nj->nk", centred, parameters))
+        weights = known & (residuals <= np.maximum(2.0 * rms, options.noise_m)[:, None])
+        parameters, rms = _fitted(centred, near[:, :, 2], weights.astype(np.float64))
+    count = weights.sum(axis=1)
+    own = np.abs(points[:, 2] - parameters[:, 2]) <= TOLERANCE * options.noise_m
+    slope = np.hypot(parameters[:, 0], parameters[:, 1])
+    good = (count >= np.maximum(LEAST_NEIGHBOURS, 0.5 * known.sum(axis=1))) & (rms <= 1.5 * options.noise_m) & own
+    good &= slope <= np.tan(np.radians(options.steepest_deg))
+    parameters[:, 2] -= np.einsum("ij,ij->i", parameters[:, :2], points[:, :2])
+    return parameters, good
+
+
+def _fitted(design: Array, heights: Array, weights: Array) -> tuple[Array, Array]:
+    """Solve all small least squares at once; lightly damped, so that places on one line have an answer, a poor one."""
+    normal = np.einsum("nk,nki,nkj->nij", weights, design, design) + 1e-9 * np.eye(3)
+    right = np.einsum("nk,nki,nk->ni", weights, design, heights)
+    parameters = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    residuals = heights - np.einsum("nkj,nj->nk", design, parameters)
+    freedom = np.maximum(weights.sum(axis=1) - 3.0, 1.0)
+    return parameters, np.sqrt(np.einsum("nk,nk->n", weights, residuals**2) / freedom)
+
+
+def _grown(
+    points: Points, small: Array, members: Array, free: Flags, options: RoofOptions
+) -> tuple[RoofPlane | None, Array]:
+    """Fit a plane to a cluster, and take all free points that lie in it and whose small planes are like it."""
+    taken, slopes = members, TOLERANCE * options.noise_m / options.neighbourhood_m
+    for _ in range(ROUNDS):
+        if len(taken) < LEAST_NEIGHBOURS:
+            return None, taken
+        parameters = least_squares_plane(points[taken])
+        off = np.abs(points[:, 2] - points[:, :2] @ parameters[:2] - parameters[2])
+        alike = np.hypot(*(small[:, :2] - parameters[:2]).T) <= slopes
+        taken = np.flatnonzero(free & alike & (off <= TOLERANCE * options.noise_m))
+    rms = float(np.sqrt(np.mean(off[taken] ** 2))) if len(taken) else np.inf
+    return RoofPlane(parameters, len(members), len(taken), rms), taken
+
+
+def _refined(
+    points: Points, planes: Sequence[RoofPlane], labels: Array, options: RoofOptions
+) -> tuple[Sequence[RoofPlane], Array]:
+    """Give points without a plane, as those beside ridges, to the plane near them in which they lie best."""
+    if not planes:
+        return planes, labels
+    known = labels >= 0
+    off = np.abs(np.column_stack([points[:, 2] - plane.heights(points) for plane in planes]))
+    distances, nearest = cKDTree(points[known, :2]).query(
+        points[:, :2], k=min(MOST_NEIGHBOURS, int(known.sum())), distance_upper_bound=options.neighbourhood_m
+    )
+    near_labels = np.append(labels[known], -1)[np.where(np.isfinite(distances), nearest, -1)].reshape(len(points), -1)
+    beside = np.stack([(near_labels == k).any(axis=1) for k in range(len(planes))], axis=1)
+    fitting = np.where(beside, off, np.inf)
+    best = np.argmin(fitting, axis=1)
+    within = fitting[np.arange(len(points)), best] <= TOLERANCE * options.noise_m
+    labels = np.where(~known & within, best, labels)
+    refined = []
+    for k, plane in enumerate(planes):
+        own = points[labels == k]
+        parameters = least_squares_plane(own)
+        rms = float(np.sqrt(np.mean((own[:, 2] - own[:, :2] @ parameters[:2] - parameters[2]) ** 2)))
+        refined.append(RoofPlane(parameters, plane.before, len(own), rms))
+    return refined, labels
+
+
+def least_squares_plane(points: Points) -> Vector3:
+    """Fit z = a x + b y + c to points, (3,)."""
+    middle = points.mean(axis=0)
+    slope = np.linalg.lstsq(points[:, :2] - middle[:2], points[:, 2] - middle[2])[0]
+    return np.array([slope[0], slope[1], middle[2] - slope @ middle[:2]])
+
+
+def _least_points(points: Points, options: RoofOptions) -> int:
+    """Give the points that the smallest face has, by the density of all."""
+    tree = cKDTree(points[:, :2])
+    sample = points[:: max(1, len(points) // 500), :2]
+    counts = tree.query_ball_point(sample, options.neighbourhood_m, return_length=True)
+    density = float(np.median(counts)) / (np.pi * options.neighbourhood_m**2)
+    return max(LEAST_NEIGHBOURS, int(0.5 * density * options.least_area_m2))
