@@ -184,7 +184,7 @@ def rings_of(cells: Sequence[PlanCell]) -> tuple[Array, Sequence[tuple[int, Sequ
     corners, rows = _numbered(cells)
     faces: list[tuple[int, Sequence[Array]]] = []
     for plane in sorted({cell.plane for cell in cells}):
-        sides = {}
+        sides: dict[tuple[int, int], bool] = {}
         for cell, row in zip(cells, rows, strict=True):
             if cell.plane == plane:
                 for start, end in zip(row, [*row[1:], row[0]], strict=True):
