@@ -12,7 +12,7 @@ from algorithms.errors import InvalidInputError
 from algorithms.meshing.reconstruction import enclosed_volume
 from algorithms.meshing.repair import ears_of
 from algorithms.roofs.options import RoofOptions
-from algorithms.roofs.partition import PlanCell, area_of, divided, rings_of, without_slivers
+from algorithms.roofs.partition import PlanCell, area_of, divided, outline_of, rings_of, without_slivers
 from algorithms.roofs.planes import LEAST_NEIGHBOURS, TOLERANCE, RoofPlane, roof_planes
 
 ROOF, WALL, GROUND = "RoofSurface", "WallSurface", "GroundSurface"
@@ -156,14 +156,13 @@ def _solid(
         BuildingSurface(ROOF, [_top(columns, tops, ring, plane) for ring in rings], plane) for plane, rings in faces
     ]
     surfaces += _walls(columns, tops, faces, ground_m)
-    _, whole = rings_of([PlanCell(cell.corners, 0) for cell in cells])
     surfaces += [
         BuildingSurface(
             GROUND,
             [np.array([columns.vertex(corner, ground_m) for corner in ring.tolist()])[::-1] for ring in rings],
             None,
         )
-        for _, rings in whole
+        for rings in outline_of(corners, faces)
     ]
     vertices = columns.vertices()
     return BuildingModel(vertices, surfaces, planes, ground_m, points, triangulated(vertices, surfaces))

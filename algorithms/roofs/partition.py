@@ -193,7 +193,34 @@ def rings_of(cells: Sequence[PlanCell]) -> tuple[Array, Sequence[tuple[int, Sequ
                     else:
                         sides[start, end] = True
         faces += [(plane, rings) for rings in _faces(corners, _chained(corners, list(sides)))]
-    return corners, faces
+    return corners, _without_straight_corners(corners, faces)
+
+
+def outline_of(corners: Array, faces: Sequence[tuple[int, Sequence[Array]]]) -> Sequence[Sequence[Array]]:
+    """Give the rings (k,) of corners that bound all faces together, as `rings_of` gives those of one."""
+    sides = [
+        side
+        for _, rings in faces
+        for ring in rings
+        for side in zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True)
+    ]
+    inner = set(sides)
+    return _faces(corners, _chained(corners, [(start, end) for start, end in sides if (end, start) not in inner]))
+
+
+def _without_straight_corners(
+    corners: Array, faces: Sequence[tuple[int, Sequence[Array]]]
+) -> Sequence[tuple[int, Sequence[Array]]]:
+    """Leave out the corners at which no face turns: lines that parted cells of one face left them."""
+    needed = np.zeros(len(corners), dtype=np.bool_)
+    for _, rings in faces:
+        for ring in rings:
+            there, back = (corners[np.roll(ring, step)] - corners[ring] for step in (-1, 1))
+            across = there[:, 0] * back[:, 1] - there[:, 1] * back[:, 0]
+            # two sides and the height of their triangle: how far the corner lies from the line of its neighbours
+            apart = np.abs(across) / np.maximum(np.linalg.norm(there - back, axis=1), SAME_M)
+            needed[ring[(apart > 3.0 * SAME_M) | (np.einsum("ij,ij->i", there, back) > 0.0)]] = True
+    return [(plane, [ring[needed[ring]] for ring in rings]) for plane, rings in faces]
 
 
 def _numbered(cells: Sequence[PlanCell]) -> tuple[Array, list[list[int]]]:

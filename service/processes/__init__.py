@@ -22,6 +22,7 @@ from service.processes.find_targets import FIND_TARGETS
 from service.processes.mesh import MESH
 from service.processes.orient import ORIENT
 from service.processes.register import REGISTER
+from service.processes.roofs import ROOFS
 from service.processes.simulate import SIMULATE
 from service.processes.transform import TRANSFORM
 from service.use_cases.steps.fetching_plan import FetchingPlan
@@ -37,6 +38,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     COLOUR,
     COMPARE,
     MESH,
+    ROOFS,
     SIMULATE,
     ORIENT,
     ADJUST,
