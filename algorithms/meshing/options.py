@@ -41,3 +41,11 @@ class MeshOptions:
     """Passes of Taubin's smoothing, which does not shrink."""
     share: Annotated[float, Gt(0.0), Le(1.0)] = 1.0
     """Share of the triangles that is kept; those that change the surface least are united first."""
+
+
+class PlaneRelation(Enum):
+    """What two planes, or a plane and the vertical, have to do with each other."""
+
+    VERTICAL = "vertical"
+    PARALLEL = "parallel"
+    ORTHOGONAL = "orthogonal"

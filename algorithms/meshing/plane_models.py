@@ -9,7 +9,6 @@ points are needed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from jaxtyping import Float64
@@ -18,6 +17,7 @@ from scipy.linalg import qr, solve
 from algorithms.arrays import Array, Matrix, Matrix3, Vector, Vector3
 from algorithms.errors import DegenerateGeometryError, InvalidInputError, NotConvergedError
 from algorithms.geometry.lines import bases_of
+from algorithms.meshing.options import PlaneRelation
 
 ITERATIONS = 50
 SETTLED = 1e-12
@@ -28,14 +28,6 @@ yet show only as far as they keep them. In the end all must hold, also those lef
 LEAST_PLANE_POINTS = 4
 FLATTEST_CORNER = 1e-6
 """Three normals that span a smaller volume meet in no point."""
-
-
-class PlaneRelation(Enum):
-    """What two planes, or a plane and the vertical, have to do with each other."""
-
-    VERTICAL = "vertical"
-    PARALLEL = "parallel"
-    ORTHOGONAL = "orthogonal"
 
 
 @dataclass(frozen=True)

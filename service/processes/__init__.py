@@ -20,6 +20,7 @@ from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
 from service.processes.find_targets import FIND_TARGETS
 from service.processes.mesh import MESH
+from service.processes.model_planes import MODEL_PLANES
 from service.processes.orient import ORIENT
 from service.processes.register import REGISTER
 from service.processes.roofs import ROOFS
@@ -38,6 +39,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     COLOUR,
     COMPARE,
     MESH,
+    MODEL_PLANES,
     ROOFS,
     SIMULATE,
     ORIENT,

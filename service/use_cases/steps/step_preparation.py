@@ -7,7 +7,7 @@ from service.use_cases.limits.machine_shares import INSPECT
 from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
 NETWORK_STEPS = {"adjust", "calibrate-camera"}
-CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-roofs"}
+CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-planes", "model-roofs"}
 PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 

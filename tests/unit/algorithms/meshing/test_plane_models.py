@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 from algorithms.arrays import Array
 from algorithms.errors import DegenerateGeometryError, InvalidInputError
 from algorithms.geometry.lines import bases_of
+from algorithms.meshing.options import PlaneRelation
 from algorithms.meshing.plane_models import (
     PlaneConstraint,
-    PlaneRelation,
     adjusted_planes,
     constraint_values,
     corner_of,
