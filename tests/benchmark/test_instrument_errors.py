@@ -1,4 +1,9 @@
-"""How often errors of the scanner and drifts of the tripod are found, and how honest their standard deviations are."""
+"""How often errors of the scanner and drifts of the tripod are found, and how honest their standard deviations are.
+
+`TIELINE_INSTRUMENTS` sets how many networks of each kind (100). Run with -m benchmark -s for the figures.
+"""
+
+import os
 
 import numpy as np
 import pytest
@@ -8,9 +13,9 @@ from algorithms.scans.instrument_errors import DriftError, InstrumentError
 from tests.scenes.buildings.instrument_networks import TrueErrors, instrument_network
 from tests.scenes.buildings.instrument_tolerances import MGON, sought_in
 
-pytestmark = pytest.mark.benchmark
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(2 * 3600)]
 
-NETWORKS = 100
+NETWORKS = int(os.environ.get("TIELINE_INSTRUMENTS", "100"))
 STATIONS = 6
 IDEAL_PATCH_STD_M = 0.00005
 """Planes of a virtual scanner: no waviness, and the noise of a thousand points."""
@@ -42,7 +47,7 @@ def test_index_and_offset_are_recovered_within_two_standard_deviations() -> None
         print(
             f"{error}: {within} of {NETWORKS} within 2 std, spread {spread:.2f} std, significant {significant[error]}"
         )
-        assert within >= 90
+        assert within >= 0.9 * NETWORKS
     print(f"others called significant: {wrong}")
 
 
@@ -53,7 +58,7 @@ def test_instruments_in_adjustment_are_left_alone(drifts: bool) -> None:
         for result in errors_found(TrueErrors(), drifts=drifts, patch_std_m=0.0005)
     )
     print(f"drifts {drifts}: nothing significant in {clean} of {NETWORKS}")
-    assert clean >= 95
+    assert clean >= 0.95 * NETWORKS
 
 
 @pytest.mark.parametrize("patch_std_m", [IDEAL_PATCH_STD_M, 0.0001, 0.0002, 0.0005])
@@ -73,4 +78,4 @@ def test_a_tripod_that_tilts_is_found(patch_std_m: float) -> None:
         f"{np.std(normalised):.2f} std, 80 % power from {np.median(powers):.1f} mgon"
     )
     if patch_std_m == IDEAL_PATCH_STD_M:
-        assert hits >= 95
+        assert hits >= 0.95 * NETWORKS

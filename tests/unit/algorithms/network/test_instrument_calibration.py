@@ -82,6 +82,7 @@ def test_what_is_wanted_is_estimated_even_where_it_is_not_significant() -> None:
     assert np.linalg.eigvalsh(result.joint.covariance(2) - result.without.covariance(2)).min() > -1e-15
 
 
+@pytest.mark.slow
 def test_a_scale_that_all_set_ups_share_cannot_be_told_without_a_known_length() -> None:
     found = found_in(calibrated(network_of(TrueErrors(range_scale=5e-5))), InstrumentError.RANGE_SCALE)
     assert not found.determined
@@ -89,6 +90,7 @@ def test_a_scale_that_all_set_ups_share_cannot_be_told_without_a_known_length() 
     assert found.std == pytest.approx(TOLERANCES[InstrumentError.RANGE_SCALE], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_trunnion_error_is_not_known_where_nothing_stands_high_or_low() -> None:
     low, high = (
         found_in(calibrated(network_of(TrueErrors(), upper=upper)), InstrumentError.TRUNNION) for upper in (False, True)
@@ -96,6 +98,7 @@ def test_a_trunnion_error_is_not_known_where_nothing_stands_high_or_low() -> Non
     assert low.std > 1.5 * high.std
 
 
+@pytest.mark.slow
 def test_a_tripod_that_turns_during_its_scan_is_found_and_named() -> None:
     drifts = ((0.0, 0.0, 0.0), (0.0, 0.0, 8.0 * MGON), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     result = calibrated(network_of(TrueErrors(drifts_rad=drifts), patch_std_m=5e-5), drifts=True)
@@ -105,6 +108,7 @@ def test_a_tripod_that_turns_during_its_scan_is_found_and_named() -> None:
     assert [f for f in result.errors if f.significant] == [found]
 
 
+@pytest.mark.slow
 def test_stations_of_another_instrument_have_their_own_errors() -> None:
     network, good = network_of(TRUE), network_of(TrueErrors())
     features = {k: (network if k < 2 else good).features[k] for k in range(STATIONS)}
@@ -119,6 +123,7 @@ def test_stations_whose_instrument_stood_nobody_knows_where_are_named() -> None:
     assert calibrated(replace(network, features=features)).unknown_stations == (2,)
 
 
+@pytest.mark.slow
 def test_contradictions_answer_to_errors_as_their_derivatives_say() -> None:
     network = network_of(TrueErrors(), patch_std_m=0.001)
     stations = list(network.stations)
