@@ -111,7 +111,8 @@ def register_network(
     kept = [link for link in usable if link.target in stations]
     fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     if not kept:
-        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, 1.0, 1.0, ())
+        words = () if instruments is None else ("errors of the instrument cannot be looked for: nothing is registered",)
+        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, 1.0, 1.0, words)
     graph = adjust_pose_graph(kept, stations)
     verdict, again = _taken_back(links, verdict, stations, graph)
     confirmed = agreeing_links(doubtful, stations, graph, verdict.variance_factor)
