@@ -23,12 +23,13 @@ from service.use_cases.steps.practice import (
     practise_on_methods,
     practise_on_networks,
     practise_on_photos,
+    practise_on_terrain,
 )
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
 LOOK_S = 0.5
 KERNELS = Path(__file__).parents[3] / "algorithms"
-SCANS, METHODS, CLOUDS, NETWORKS = "scans", "methods", "clouds", "networks"
+SCANS, METHODS, CLOUDS, NETWORKS, TERRAIN = "scans", "methods", "clouds", "networks", "terrain"
 EDGES_OF_PHOTOS, LINES_OF_PHOTOS = "edges", "photos"
 PRACTICES = {
     SCANS: practise,
@@ -37,6 +38,7 @@ PRACTICES = {
     EDGES_OF_PHOTOS: practise_on_edges,
     LINES_OF_PHOTOS: practise_on_photos,
     NETWORKS: practise_on_networks,
+    TERRAIN: practise_on_terrain,
 }
 
 

@@ -144,6 +144,21 @@ def practise_on_networks() -> None:
     factor.row_gains(jacobian, every, columns.reshape(8, 2)[:4].astype(np.int64))
 
 
+def practise_on_terrain() -> None:
+    """Find the ground of a tiny slope by all filters, predict it, and let it rain there."""
+    from algorithms.progress import NoProgress
+    from algorithms.terrain.drainage.rain import rain_on, runoff_of_rounds
+    from algorithms.terrain.ground import ground_of
+    from algorithms.terrain.linear_prediction import Covariance
+    from algorithms.terrain.models import terrain_models
+    from algorithms.terrain.options import EVERY_FILTER
+
+    points = np.random.default_rng(0).uniform(0.0, 30.0, (900, 3)) * [1.0, 1.0, 0.01]
+    grounds = [ground_of(points, chosen(), 1.0, NoProgress()).ground for chosen in EVERY_FILTER.values()]
+    models = terrain_models(points, grounds[0], 1.0, Covariance(5.0, 1.0, 0.1), NoProgress())
+    runoff_of_rounds(rain_on(models.dtm_m), 1)
+
+
 def practise_on_edges() -> None:
     """Find the edges of a tiny photo in all ways; starts threads."""
     from algorithms.photos.detector import detect_edges

@@ -8,6 +8,7 @@ from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
 NETWORK_STEPS = {"adjust", "calibrate-camera"}
 CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-planes", "model-roofs"}
+TERRAIN_STEPS = {"terrain", "drainage"}
 PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 
@@ -42,6 +43,8 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
 
     if step in NETWORK_STEPS:
         yield kernels.NETWORKS
+    elif step in TERRAIN_STEPS:
+        yield kernels.TERRAIN
     elif step == EDGES:
         yield kernels.EDGES_OF_PHOTOS
     else:

@@ -27,6 +27,7 @@ from service.use_cases.steps.kernels import (
     METHODS,
     NETWORKS,
     SCANS,
+    TERRAIN,
     compile_once,
     counted_kernels,
     keep_kernels_as_they_are,
@@ -161,6 +162,7 @@ def test_each_kernel_that_the_numerics_call_is_practised() -> None:
         ("write-registered", {"options": {"cleaning": None}}, [SCANS]),
         ("write-registered", {"options": {"cleaning": {"comet_tails": True}}}, [SCANS, CLOUDS]),
         ("adjust", {"options": None}, [NETWORKS]),
+        ("terrain", {"inputs": {}}, [TERRAIN]),
     ],
 )
 def test_a_step_waits_for_the_kernels_that_it_calls_only(step: str, arguments: Json, parts: list[str]) -> None:

@@ -1,0 +1,1 @@
+"""Which points lie on the ground: one method a file."""
