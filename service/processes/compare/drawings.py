@@ -2,18 +2,16 @@
 
 from html import escape
 
-import cv2
 import numpy as np
 
-from algorithms.arrays import Array, Points, Scalars
-from algorithms.deviations.colour_classes import ColourClasses, deviation_classes
-from algorithms.deviations.rasters import Grid, GridValues, grid_over, wished_cell
+from algorithms.arrays import Points, Scalars
+from algorithms.deviations.colour_classes import deviation_classes
+from algorithms.deviations.rasters import Grid, grid_over, wished_cell
 from algorithms.deviations.statistics import Histogram
+from service.use_cases.reports.grid_pictures import LEAST_SIDE_PX, beside, legend, png
 
 WIDTH, HEIGHT, MARGIN = 720.0, 360.0, 46.0
-LARGEST_SIDE_PX, LEAST_SIDE_PX = 2000, 600
-LEGEND_PX = 26
-"""Height of a class in the legend."""
+LARGEST_SIDE_PX = 2000
 POINTS_PER_PIXEL = 1.5
 
 
@@ -48,25 +46,6 @@ def histogram_svg(histogram: Histogram, limit_m: float) -> str:
     )
 
 
-def grid_png(values: GridValues, classes: ColourClasses, unit: str, factor: float = 1.0) -> bytes:
-    """Paint a grid with its legend beside it, as PNG.
-
-    Parameters
-    ----------
-    values
-        One for each cell.
-    classes
-        Colours of the values.
-    unit
-        Of the numbers in the legend, ASCII.
-    factor
-        From values to that unit.
-    """
-    side = max(values.shape)
-    picture = classes.picture(values, pixels=max(1, LEAST_SIDE_PX // side))
-    return png(_beside(picture, _legend(classes, unit, factor)))
-
-
 def points_png(uvh: Points, deviations_m: Scalars, limit_m: float) -> bytes:
     """Paint the mean deviation of the points in each pixel, as PNG with legend."""
     known = np.isfinite(deviations_m)
@@ -81,7 +60,7 @@ def points_png(uvh: Points, deviations_m: Scalars, limit_m: float) -> bytes:
     near_zero = np.isfinite(means)[::-1].repeat(pixels, axis=0).repeat(pixels, axis=1)
     white = near_zero & (picture == 255).all(axis=2)
     picture[white] = (225, 225, 225)  # measured and as it should be; white is where nothing was measured
-    return png(_beside(picture, _legend(classes, "mm", 1e3)))
+    return png(beside(picture, legend(classes, "mm", 1e3)))
 
 
 def _picture_grid(uvh: Points) -> Grid:
@@ -90,31 +69,3 @@ def _picture_grid(uvh: Points) -> Grid:
     cell = max(cell, float(extent.max()) / LARGEST_SIDE_PX)
     padded = np.vstack([uvh, uvh.max(axis=0) + cell])
     return grid_over([padded], cell, overlap=False)
-
-
-def _legend(classes: ColourClasses, unit: str, factor: float) -> Array:
-    """Paint a box for each class with the limits between them."""
-    count = len(classes.colours)
-    legend = np.full((LEGEND_PX * (count + 1), 150, 3), 255, dtype=np.uint8)
-    for k, colour in enumerate(classes.colours):
-        top = LEGEND_PX * (count - 1 - k) + LEGEND_PX // 2
-        cv2.rectangle(legend, (6, top), (36, top + LEGEND_PX), tuple(int(c) for c in colour), -1)
-        cv2.rectangle(legend, (6, top), (36, top + LEGEND_PX), (90, 90, 90), 1)
-        if k < len(classes.limits):
-            text = f"{classes.limits[k] * factor:.3g} {unit}"
-            cv2.putText(legend, text, (42, top + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
-    return legend
-
-
-def _beside(picture: Array, legend: Array) -> Array:
-    height = max(picture.shape[0], legend.shape[0])
-    out = np.full((height, picture.shape[1] + legend.shape[1], 3), 255, dtype=np.uint8)
-    out[: picture.shape[0], : picture.shape[1]] = picture
-    out[: legend.shape[0], picture.shape[1] :] = legend
-    return out
-
-
-def png(picture: Array) -> bytes:
-    """Encode a picture, red, green and blue."""
-    _, encoded = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
-    return encoded.tobytes()

@@ -14,7 +14,7 @@ from algorithms.deviations.surface_patterns import surface_pattern
 from schemas.results.deviations_result import PatternFigures
 from service.formats.writers.esri_grid import esri_ascii
 from service.ports import Json
-from service.processes.compare.drawings import grid_png
+from service.use_cases.reports.grid_pictures import grid_png
 
 POINTS_PER_CELL = 4.0
 CLASSES_IN_METRES = 0.5
