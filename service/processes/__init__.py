@@ -25,6 +25,7 @@ from service.processes.orient import ORIENT
 from service.processes.register import REGISTER
 from service.processes.roofs import ROOFS
 from service.processes.simulate import SIMULATE
+from service.processes.terrain import TERRAIN
 from service.processes.transform import TRANSFORM
 from service.use_cases.steps.fetching_plan import FetchingPlan
 from service.use_cases.steps.table import SHARED_STEPS
@@ -41,6 +42,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     MESH,
     MODEL_PLANES,
     ROOFS,
+    TERRAIN,
     SIMULATE,
     ORIENT,
     ADJUST,

@@ -53,6 +53,7 @@ def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:
         "mesh": ["async-execute", "dismiss"],
         "model-planes": ["async-execute", "dismiss"],
         "roofs": ["async-execute", "dismiss"],
+        "terrain": ["async-execute", "dismiss"],
         "adjust": ["async-execute", "dismiss"],
         "calibrate-camera": ["async-execute", "dismiss"],
         "orient": ["async-execute", "dismiss"],

@@ -1,0 +1,174 @@
+"""The step of `terrain`: read, classify, model, describe, store."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from algorithms.arrays import Array, Points
+from algorithms.errors import AlgorithmError, CancelledError
+from algorithms.progress import NoProgress, ProgressSection
+from algorithms.terrain.ground import Ground, ground_of, row_beside
+from algorithms.terrain.linear_prediction import Covariance
+from algorithms.terrain.models import TerrainModels, residuals_above, terrain_models
+from algorithms.terrain.options import EVERY_FILTER
+from schemas.results.registration_result import Artifact
+from schemas.results.terrain_result import ComparedFilter, GroundResiduals, HeightFigures, TerrainDocument
+from service.formats.writers import ScalarField, writer_of
+from service.ports import Json, StepContext
+from service.processes.terrain.pictures import Files, drawn
+from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, read_stations
+
+OBJECT, GROUND, LOW = 1, 2, 7
+"""Classes of LAS: unclassified, ground, low point."""
+CLASSES = ScalarField("classification", "class: 2 ground, 7 low", "u1")
+HEIGHTS = ScalarField("above_ground_m", "height above the terrain [m]", "f4")
+READ, FILTERED, COMPARED, MODELLED = 0.2, 0.6, 0.75, 0.85
+WITHIN_M = 0.1
+"""Of the share of ground points near the terrain, as the source has it."""
+
+
+def model_terrain(context: StepContext, arguments: Json) -> Json:
+    """Find the ground and model heights; store document and downloads.
+
+    Raises
+    ------
+    InvalidInputError
+        Too few points, too many cells, or no ground was found.
+    """
+    job_id, inputs = arguments["job_id"], arguments["inputs"]
+    frame = read_stations(context, arguments["stations"])
+    points = np.concatenate([station.points() for station in frame.stations])
+    chosen = TypeAdapter(EVERY_FILTER[inputs["filter"]["name"]]).validate_python(inputs["filter"])
+    ground = ground_of(points, chosen, inputs["cell_m"], ProgressSection(context.progress, READ, FILTERED))
+    compared = _compared(context, points, ground, inputs)
+    models = terrain_models(
+        points,
+        ground.ground,
+        inputs["cell_m"],
+        _covariance(inputs),
+        ProgressSection(context.progress, COMPARED, MODELLED),
+    )
+    context.progress.report(MODELLED, "maps and drawings")
+    files = drawn(points, ground.ground, models, frame.origin_m, inputs)
+    for name, (_, data) in files.items():
+        context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
+    document = TerrainDocument(
+        points=len(points),
+        ground=int(ground.ground.sum()),
+        objects=int((~ground.ground & ~ground.low).sum()),
+        low=int(ground.low.sum()),
+        filter=asdict(chosen),
+        cell_m=inputs["cell_m"],
+        rows=models.grid.rows,
+        columns=models.grid.columns,
+        models=_figures(models, float(frame.origin_m[2])),
+        residuals=_residuals(points, ground, models),
+        compared=compared,
+        left_out=arguments["left_out"],
+        remarks=_remarks(ground, models),
+        artifacts=_artifacts(job_id, files),
+        classified=_classified(context, arguments, frame, points, ground, models),
+    )
+    context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
+    return {"ground": document.ground}
+
+
+def _compared(context: StepContext, points: Points, ground: Ground, inputs: Json) -> list[ComparedFilter]:
+    rows = []
+    names = inputs["compare_filters"]
+    part = ProgressSection(context.progress, FILTERED, COMPARED)
+    for k, name in enumerate(names):
+        section = ProgressSection(part, k / len(names), (k + 1) / len(names))
+        started = time.perf_counter()
+        try:
+            found = ground_of(points, EVERY_FILTER[name](), inputs["cell_m"], section)
+        except CancelledError:
+            raise
+        except AlgorithmError as error:
+            rows.append(
+                ComparedFilter(
+                    name=name, ground=None, kappa=None, only_here=None, only_chosen=None,
+                    seconds=time.perf_counter() - started, reason=str(error),
+                )
+            )  # fmt: skip
+            continue
+        rows.append(ComparedFilter(**asdict(row_beside(name, found, ground)), seconds=time.perf_counter() - started))
+    return rows
+
+
+def _covariance(inputs: Json) -> Covariance | None:
+    return None if inputs.get("prediction") is None else Covariance(**inputs["prediction"])
+
+
+def _figures(models: TerrainModels, base_m: float) -> list[HeightFigures]:
+    heights: Mapping[str, tuple[Array, float]] = {
+        "dtm": (models.dtm_m, base_m), "dsm": (models.dsm_m, base_m), "ndsm": (models.ndsm_m, 0.0),
+    }  # fmt: skip
+    return [
+        HeightFigures(
+            name=name,
+            lowest_m=float(values.min()) + base,
+            mean_m=float(values.mean()) + base,
+            highest_m=float(values.max()) + base,
+        )
+        for name, (values, base) in heights.items()
+    ]
+
+
+def _residuals(points: Points, ground: Ground, models: TerrainModels) -> GroundResiduals:
+    residuals = residuals_above(points[ground.ground], models)
+    known = np.isfinite(models.dtm_std_m)
+    return GroundResiduals(
+        rms_m=float(np.sqrt((residuals**2).mean())),
+        share_within_10_cm=float((np.abs(residuals) <= WITHIN_M).mean()),
+        expected_std_m=float(np.median(models.dtm_std_m[known])) if known.any() else None,
+        unknown_share=float(1.0 - known.mean()),
+    )
+
+
+def _remarks(ground: Ground, models: TerrainModels) -> list[str]:
+    remarks = []
+    if ground.low.any():
+        remarks.append(f"{int(ground.low.sum())} points lie alone below the ground and take no part (class {LOW})")
+    unknown = float(1.0 - np.isfinite(models.dtm_std_m).mean())
+    if unknown > 0.0:
+        remarks.append(f"in {unknown:.1%} of the cells the terrain is bridged: too few ground points are near")
+    return remarks
+
+
+def _artifacts(job_id: str, files: Files) -> list[Artifact]:
+    return [
+        Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
+        for name, (media, data) in files.items()
+    ]
+
+
+def _classified(
+    context: StepContext, arguments: Json, frame: CommonFrame, points: Points, ground: Ground, models: TerrainModels
+) -> list[Artifact] | None:
+    """Write the points of all stations with their classes and heights above the terrain, where that is wanted."""
+    if arguments["wanted"] is None:
+        return None
+    writer = writer_of(arguments["wanted"]["format"])
+    classes = np.where(ground.low, LOW, np.where(ground.ground, GROUND, OBJECT)).astype(np.uint8)
+    above = residuals_above(points, models).astype(np.float32)
+    clouds, start = [], 0
+    for station in frame.stations:
+        part = slice(start, start + len(station.scan))
+        start = part.stop
+        if len(station.scan) == 0:
+            continue
+        clouds.append(
+            cloud_in_world(
+                station, frame.origin_m, np.arange(len(station.scan)), points[part],
+                scalars={CLASSES.name: classes[part], HEIGHTS.name: above[part]}, fields=(CLASSES, HEIGHTS),
+            )
+        )  # fmt: skip
+    filename = f"classified{writer.ending}"
+    with output_file(context, arguments["job_id"], filename) as path:
+        writer.write(path, clouds, NoProgress())
+    return [artifact(context, arguments["job_id"], filename, writer.media_type)]
