@@ -16,6 +16,7 @@ from service.processes.clean import CLEAN
 from service.processes.colour import COLOUR
 from service.processes.compare import COMPARE
 from service.processes.detect_edges import DETECT_EDGES
+from service.processes.drainage import DRAINAGE
 from service.processes.echo import ECHO
 from service.processes.extract_lines import EXTRACT_LINES
 from service.processes.find_targets import FIND_TARGETS
@@ -43,6 +44,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     MODEL_PLANES,
     ROOFS,
     TERRAIN,
+    DRAINAGE,
     SIMULATE,
     ORIENT,
     ADJUST,

@@ -54,6 +54,7 @@ def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:
         "model-planes": ["async-execute", "dismiss"],
         "roofs": ["async-execute", "dismiss"],
         "terrain": ["async-execute", "dismiss"],
+        "drainage": ["async-execute", "dismiss"],
         "adjust": ["async-execute", "dismiss"],
         "calibrate-camera": ["async-execute", "dismiss"],
         "orient": ["async-execute", "dismiss"],

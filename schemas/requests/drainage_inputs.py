@@ -1,0 +1,26 @@
+"""Inputs of the process `drainage`."""
+
+from pydantic import Field
+
+from schemas.requests.posed_stations import PosedStations
+from schemas.requests.terrain_inputs import FilterRequest
+from schemas.values.base import RequestModel
+
+
+class DrainageInputs(RequestModel):
+    """A registered cloud, z upwards, on whose terrain it rains."""
+
+    stations: PosedStations
+    """Scans with poses, or the stations of a finished `register` job."""
+    filter: FilterRequest | None = None
+    """How points on the ground are told from those on objects; null: all points lie on the terrain."""
+    cell_m: float = Field(default=1.0, gt=0.0, le=1000.0)
+    """Edge of the cells [m]."""
+    least_catchment_m2: float = Field(default=1000.0, gt=0.0, le=1e12)
+    """Area whose water makes a valley or ridge line [m²]."""
+    least_length_m: float = Field(default=20.0, ge=0.0, le=1e6)
+    """Shorter lines are left out [m]."""
+    ridges: bool = True
+    """Look for ridges too: valleys of the terrain turned upside down."""
+    hollow_paths: bool = True
+    """Join the bases of hollows over their lowest saddles."""
