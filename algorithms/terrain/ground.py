@@ -12,6 +12,7 @@ from algorithms.progress import Progress
 from algorithms.terrain.filters.block_min import block_min
 from algorithms.terrain.filters.dual_rank import dual_rank
 from algorithms.terrain.filters.hierarchical import hierarchical
+from algorithms.terrain.filters.hull import hull
 from algorithms.terrain.filters.local_plane import local_plane
 from algorithms.terrain.filters.membrane import membrane
 from algorithms.terrain.filters.opening import opening
@@ -37,6 +38,7 @@ FILTERS: Mapping[str, Callable[[Points, Any, float, Progress], Flags]] = {
     "membrane": membrane,
     "local-plane": local_plane,
     "spline": spline,
+    "hull": hull,
 }
 """What each filter of `TerrainFilter` runs."""
 

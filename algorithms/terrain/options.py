@@ -18,7 +18,7 @@ class Opening:
     """The filter."""
     window_m: Length = 18.0
     """Largest radius of a window [m]; half the width of the largest building, about."""
-    slope: Slope = 0.15
+    slope: Slope = 0.2
     """Tangent of the steepest terrain between neighbouring cells."""
     tolerance_m: Length = 0.5
     """Points within this height of the terrain are ground [m]."""
@@ -34,7 +34,7 @@ class SlopeFilter:
     """The filter."""
     radius_m: Length = 15.0
     """Radius of the structuring element [m]."""
-    slope: Slope = 0.3
+    slope: Slope = 0.4
     """Tangent of the steepest terrain: allowed height per distance."""
     offset_m: Annotated[float, Ge(0.0), Le(100.0)] = 0.5
     """Allowed height at distance 0: noise and roughness [m]."""
@@ -148,13 +148,13 @@ class Quantile:
     """Cells, coarsest first [m]."""
     share: Annotated[float, Ge(0.0), Le(1.0)] = 0.01
     """Of the points of a cell that lie below its height."""
-    jump: Annotated[float, Gt(0.0), Le(10.0)] = 0.2
+    jump: Annotated[float, Gt(0.0), Le(10.0)] = 0.4
     """Height by which a cell may stand above those around, per metre of its edge."""
-    band: Annotated[float, Gt(0.0), Le(10.0)] = 0.3
+    band: Annotated[float, Gt(0.0), Le(10.0)] = 0.5
     """Half the width of the band around a level, per metre of its cells."""
     tolerance_m: Length = 0.5
     """Points within this height of the terrain are ground [m]."""
-    per_slope_m: Annotated[float, Ge(0.0), Le(1000.0)] = 1.0
+    per_slope_m: Annotated[float, Ge(0.0), Le(1000.0)] = 1.5
     """What a slope of 1 adds to that tolerance [m]."""
 
 
@@ -164,7 +164,7 @@ class Membrane:
 
     name: Literal["membrane"] = "membrane"
     """The filter."""
-    lift_per_m: Annotated[float, Gt(0.0), Le(10.0)] = 0.02
+    lift_per_m: Annotated[float, Gt(0.0), Le(10.0)] = 0.2
     """Force over stiffness: between supports at distance d the membrane rises by this · d² / 8 [1/m]."""
     tolerance_m: Length = 0.5
     """Points within this height of the terrain are ground [m]."""
@@ -210,9 +210,25 @@ class Spline:
     """What a slope of 1 adds to that tolerance [m]."""
 
 
+@dataclass(frozen=True)
+class Hull:
+    """The lower convex hull grows by points near its triangles, seen by distance and angle."""
+
+    name: Literal["hull"] = "hull"
+    """The filter."""
+    distance_m: Length = 2.0
+    """Largest distance of a new point from its triangle [m]."""
+    angle_deg: Annotated[float, Gt(0.0), Le(90.0)] = 15.0
+    """Largest angle between the triangle and the lines to its corners [degrees]."""
+    tolerance_m: Length = 0.5
+    """Points within this height of the terrain are ground [m]."""
+    per_slope_m: Annotated[float, Ge(0.0), Le(1000.0)] = 1.25
+    """What a slope of 1 adds to that tolerance [m]."""
+
+
 TerrainFilter: TypeAlias = (
     Opening | SlopeFilter | Tin | Robust | Hierarchical | DualRank | BlockMinimum | Quantile
-    | Membrane | LocalPlane | Spline
+    | Membrane | LocalPlane | Spline | Hull
 )  # fmt: skip
 """All filters; `name` tells which."""
 EVERY_FILTER: Mapping[str, type[TerrainFilter]] = {each.name: each for each in get_args(TerrainFilter)}
