@@ -12,7 +12,9 @@ from algorithms.arrays import Flags, Points, Scalars
 from algorithms.deviations.rasters import Grid, GridValues, raster_surface
 from algorithms.progress import Progress
 from algorithms.terrain.cell_heights import cells_over, filled, heights_on, highest_heights, lowest_points
+from algorithms.terrain.ground import ground_of
 from algorithms.terrain.linear_prediction import Covariance, predicted_grid
+from algorithms.terrain.options import TerrainFilter
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,43 @@ def terrain_models(
 
 def _lowest(points: Points, grid: Grid) -> GridValues:
     return -highest_heights(points * [1.0, 1.0, -1.0], grid)
+
+
+@dataclass(frozen=True, eq=False)
+class Canopy:
+    """The upper surface of plants, on the cells of the terrain [m]."""
+
+    heights_m: GridValues
+    """Of the canopy, without gaps; on open ground it is the terrain's."""
+    stand_m: GridValues
+    """Above the terrain."""
+
+
+def canopy_over(
+    points: Points, models: TerrainModels, chosen: TerrainFilter, cell_m: float, progress: Progress
+) -> Canopy:
+    """Give the canopy by a filter turned upside down: what it calls ground then is seen from above.
+
+    Points inside the crowns and on the floor of a forest are left out as those on objects are of the terrain; the
+    difference from the terrain is the height of the stand.
+
+    Parameters
+    ----------
+    points
+        (n, 3) [m].
+    models
+        Of the same points.
+    chosen
+        The filter.
+    cell_m
+        Edge of the cells [m].
+    progress
+        Of the filter.
+    """
+    upside_down = points * np.array([1.0, 1.0, -1.0])
+    top = ground_of(upside_down, chosen, cell_m, progress).ground
+    heights = filled(highest_heights(points[top], models.grid))
+    return Canopy(heights, heights - models.dtm_m)
 
 
 def residuals_above(points: Points, models: TerrainModels) -> Scalars:

@@ -53,6 +53,8 @@ class TerrainInputs(RequestModel):
     """Make maps of density, distance, residuals and expected standard deviations."""
     contour_interval_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     """Draw contour lines of the terrain, and of the heights of objects, at this interval [m]; null: none."""
+    canopy: bool = False
+    """Model the canopy by the filter turned upside down, and the height of the stand above the terrain."""
     mesh: bool = False
     """Write the terrain as a triangle mesh."""
     light_azimuth_deg: float = Field(default=315.0, ge=0.0, le=360.0)

@@ -12,7 +12,7 @@ class HeightFigures(Document):
     """A model of heights in figures."""
 
     name: str
-    """dtm, dsm or ndsm; its file is of that name."""
+    """dtm, dsm or ndsm, where wanted canopy and stand-height; its file is of that name."""
     lowest_m: float
     """Least height [m]."""
     mean_m: float

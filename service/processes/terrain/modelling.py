@@ -1,7 +1,6 @@
 """The step of `terrain`: read, classify, model, describe, store."""
 
 import time
-from collections.abc import Mapping
 from dataclasses import asdict
 
 import numpy as np
@@ -12,7 +11,7 @@ from algorithms.errors import AlgorithmError, CancelledError
 from algorithms.progress import NoProgress, ProgressSection
 from algorithms.terrain.ground import Ground, ground_of, row_beside
 from algorithms.terrain.linear_prediction import Covariance
-from algorithms.terrain.models import TerrainModels, residuals_above, terrain_models
+from algorithms.terrain.models import Canopy, TerrainModels, canopy_over, residuals_above, terrain_models
 from algorithms.terrain.options import EVERY_FILTER
 from schemas.results.registration_result import Artifact
 from schemas.results.terrain_result import ComparedFilter, GroundResiduals, HeightFigures, TerrainDocument
@@ -26,7 +25,7 @@ OBJECT, GROUND, LOW = 1, 2, 7
 """Classes of LAS: unclassified, ground, low point."""
 CLASSES = ScalarField("classification", "class: 2 ground, 7 low", "u1")
 HEIGHTS = ScalarField("above_ground_m", "height above the terrain [m]", "f4")
-READ, FILTERED, COMPARED, MODELLED = 0.2, 0.6, 0.75, 0.85
+READ, FILTERED, COMPARED, MODELLED, DRAWING = 0.2, 0.55, 0.7, 0.8, 0.9
 WITHIN_M = 0.1
 """Of the share of ground points near the terrain, as the source has it."""
 
@@ -52,8 +51,12 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         _covariance(inputs),
         ProgressSection(context.progress, COMPARED, MODELLED),
     )
-    context.progress.report(MODELLED, "maps and drawings")
-    files = drawn(points, ground.ground, models, frame.origin_m, inputs)
+    canopy = None
+    if inputs["canopy"]:
+        part = ProgressSection(context.progress, MODELLED, DRAWING)
+        canopy = canopy_over(points, models, chosen, inputs["cell_m"], part)
+    context.progress.report(DRAWING, "maps and drawings")
+    files = drawn(points, ground.ground, models, canopy, frame.origin_m, inputs)
     for name, (_, data) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
     document = TerrainDocument(
@@ -65,7 +68,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         cell_m=inputs["cell_m"],
         rows=models.grid.rows,
         columns=models.grid.columns,
-        models=_figures(models, float(frame.origin_m[2])),
+        models=_figures(models, canopy, float(frame.origin_m[2])),
         residuals=_residuals(points, ground, models),
         compared=compared,
         left_out=arguments["left_out"],
@@ -104,10 +107,12 @@ def _covariance(inputs: Json) -> Covariance | None:
     return None if inputs.get("prediction") is None else Covariance(**inputs["prediction"])
 
 
-def _figures(models: TerrainModels, base_m: float) -> list[HeightFigures]:
-    heights: Mapping[str, tuple[Array, float]] = {
+def _figures(models: TerrainModels, canopy: Canopy | None, base_m: float) -> list[HeightFigures]:
+    heights: dict[str, tuple[Array, float]] = {
         "dtm": (models.dtm_m, base_m), "dsm": (models.dsm_m, base_m), "ndsm": (models.ndsm_m, 0.0),
     }  # fmt: skip
+    if canopy is not None:
+        heights |= {"canopy": (canopy.heights_m, base_m), "stand-height": (canopy.stand_m, 0.0)}
     return [
         HeightFigures(
             name=name,

@@ -11,7 +11,7 @@ from algorithms.deviations.rasters import Grid, GridValues
 from algorithms.deviations.surface_maps import density_map, distance_map, rms_map
 from algorithms.terrain.contours import contours
 from algorithms.terrain.hillshade import hillshade
-from algorithms.terrain.models import TerrainModels, residuals_above
+from algorithms.terrain.models import Canopy, TerrainModels, residuals_above
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
 from service.formats.writers.esri_grid import esri_ascii
 from service.ports import Json
@@ -26,14 +26,16 @@ Files = dict[str, tuple[str, bytes]]
 """Media type and content by name."""
 
 
-def drawn(points: Points, ground: Flags, models: TerrainModels, origin_m: Vector3, inputs: Json) -> Files:
+def drawn(
+    points: Points, ground: Flags, models: TerrainModels, canopy: Canopy | None, origin_m: Vector3, inputs: Json
+) -> Files:
     """Give all files of the models.
 
     Parameters
     ----------
     points, ground
         (n, 3) in the reduced common frame [m], and (n,) which lie on the ground.
-    models
+    models, canopy
         Of heights.
     origin_m
         Of the common frame [m].
@@ -48,6 +50,9 @@ def drawn(points: Points, ground: Flags, models: TerrainModels, origin_m: Vector
         "ndsm.asc": ("text/plain", esri_ascii(models.ndsm_m, grid, corner)),
         "hillshade.png": ("image/png", png(np.repeat(shade[::-1, :, None], 3, axis=2))),
     }
+    if canopy is not None:
+        files["canopy.asc"] = ("text/plain", esri_ascii(canopy.heights_m + base, grid, corner))
+        files["stand-height.asc"] = ("text/plain", esri_ascii(canopy.stand_m, grid, corner))
     if inputs["maps"]:
         files |= _maps(points[ground], models, corner)
     if inputs.get("contour_interval_m") is not None:

@@ -23,7 +23,13 @@ def station(service: RunningService, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def test_ground_models_and_drawings_come_out(service: RunningService, station: Document, tmp_path: Path) -> None:
-    inputs = {"stations": [station], "compare_filters": ["block-min"], "contour_interval_m": 1.0, "mesh": True}
+    inputs = {
+        "stations": [station],
+        "compare_filters": ["block-min"],
+        "contour_interval_m": 1.0,
+        "mesh": True,
+        "canopy": True,
+    }
     result = run(
         service, "terrain", inputs,
         {"classified": {"format": "laz"}, "ground": {}, "points": {}, "compared": {}, "artifacts": {}},
@@ -37,7 +43,16 @@ def test_ground_models_and_drawings_come_out(service: RunningService, station: D
     assert ((classes == 2) == truth).mean() > 0.98
     assert [row["name"] for row in result["compared"]] == ["block-min"]
     names = {each["name"] for each in result["artifacts"]}
-    assert {"dtm.asc", "dsm.asc", "ndsm.asc", "hillshade.png", "contours.dxf", "terrain.ply", "density.png"} <= names
+    assert {
+        "dtm.asc",
+        "dsm.asc",
+        "ndsm.asc",
+        "hillshade.png",
+        "contours.dxf",
+        "terrain.ply",
+        "density.png",
+        "stand-height.asc",
+    } <= names
     grid = service.get(next(each["href"] for each in result["artifacts"] if each["name"] == "dtm.asc")).text
     header = dict(line.split() for line in grid.splitlines()[:6])
     assert float(header["xllcorner"]) == pytest.approx(SHIFT_M[0], abs=2.0)

@@ -1,0 +1,85 @@
+"""Models of heights and linear prediction on surfaces that are known."""
+
+import numpy as np
+import pytest
+
+from algorithms.deviations.rasters import Grid
+from algorithms.progress import NoProgress
+from algorithms.terrain.cell_heights import filled
+from algorithms.terrain.contours import contours
+from algorithms.terrain.hillshade import hillshade
+from algorithms.terrain.linear_prediction import Covariance, predicted
+from algorithms.terrain.models import canopy_over, terrain_models
+from algorithms.terrain.options import Opening
+from tests.scenes.simulated_terrain import hill_heights, hills_with_houses
+
+
+def test_heights_of_objects_are_surface_minus_terrain_and_the_terrain_runs_on_below_them() -> None:
+    points, ground = hills_with_houses()
+    models = terrain_models(points, ground, 1.0, None, NoProgress())
+    x, y = models.grid.centres().T
+    errors = models.dtm_m.ravel() - hill_heights(x, y)
+    assert np.sqrt((errors**2).mean()) < 0.1
+    np.testing.assert_allclose(models.ndsm_m, models.dsm_m - models.dtm_m)
+    house = models.ndsm_m[22:28, 22:30]
+    assert house.min() > 4.0
+    known = np.isfinite(models.dtm_std_m.ravel())
+    normalised = errors[known] / models.dtm_std_m.ravel()[known]
+    assert 0.7 < np.sqrt((normalised**2).mean()) < 1.5
+
+
+def test_the_canopy_stands_as_high_as_its_trees() -> None:
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(0.0, 60.0, (2, 12000))
+    z = 0.1 * x
+    crowns = (x > 20.0) & (x < 45.0) & (rng.random(12000) < 0.8)
+    z[crowns] += rng.uniform(11.0, 12.0, int(crowns.sum()))
+    points = np.column_stack([x, y, z])
+    models = terrain_models(points, ~crowns, 1.0, None, NoProgress())
+    canopy = canopy_over(points, models, Opening(), 1.0, NoProgress())
+    assert np.median(canopy.stand_m[:, 22:43]) == pytest.approx(11.9, abs=0.3)
+    assert np.median(canopy.stand_m[:, :18]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_linear_prediction_has_honest_standard_deviations() -> None:
+    rng = np.random.default_rng(7)
+    covariance, normalised = Covariance(4.0, 1.0, 0.1), []
+    for _ in range(60):
+        plan = np.column_stack([rng.uniform(0.0, 20.0, (60, 2)), np.zeros(60)])
+        gaps = ((plan[:, None, :2] - plan[None, :, :2]) ** 2).sum(axis=2)
+        surface = rng.multivariate_normal(np.zeros(60), np.exp(-0.5 * gaps / 16.0), method="svd")
+        plan[:, 2] = surface + rng.normal(0.0, 0.1, 60)
+        inner = np.flatnonzero((np.abs(plan[:50, :2] - 10.0) < 6.0).all(axis=1))[:5]
+        kept = np.setdiff1d(np.arange(60), inner)
+        found = predicted(plan[kept], np.ones(len(kept)), plan[inner], covariance, NoProgress(), with_std=True)
+        normalised.append((surface[inner] - found.heights_m) / found.std_m)
+    # the plane of each unit takes a little of the signal, and tells nothing of it
+    assert 0.85 < np.sqrt((np.concatenate(normalised) ** 2).mean()) < 1.3
+
+
+def test_a_membrane_over_gaps_of_a_plane_is_the_plane() -> None:
+    grid = Grid(0.0, 0.0, 1.0, 40, 50)
+    x, y = grid.centres().T
+    plane = (0.2 * x - 0.1 * y).reshape(grid.shape)
+    holed = plane.copy()
+    holed[10:25, 15:35] = np.nan
+    np.testing.assert_allclose(filled(holed), plane, atol=0.02)
+
+
+def test_contours_lie_at_multiples_of_the_interval_and_keep_their_height() -> None:
+    grid = Grid(0.0, 0.0, 1.0, 30, 30)
+    x, _ = grid.centres().T
+    found = contours((0.5 * x).reshape(grid.shape), grid, 2.0, base_m=101.0)
+    assert [each.height_m for each in found] == [102.0, 104.0, 106.0, 108.0, 110.0, 112.0, 114.0]
+    for each in found:
+        for line in each.lines:
+            np.testing.assert_allclose(0.5 * line[:, 0] + 101.0, each.height_m)
+            np.testing.assert_allclose(line[:, 2] + 101.0, each.height_m)
+
+
+def test_a_slope_that_faces_the_light_is_brightest() -> None:
+    grid = Grid(0.0, 0.0, 1.0, 10, 10)
+    x, _ = grid.centres().T
+    east_rising = x.reshape(grid.shape)
+    assert (hillshade(east_rising, grid, 270.0, 45.0) == 255).all()
+    assert (hillshade(-east_rising, grid, 270.0, 45.0) == 0).all()
