@@ -68,7 +68,7 @@ def _plane(points: Points) -> tuple[Vector3, Vector3]:
 
 def _cells(points: Array, seed_m: Vector3, normal: Vector3, cell_m: float) -> Array:
     """Give the cell of each point in the plane, (n, 2), the seed's cell being 0, 0."""
-    return np.rint((points - seed_m) @ bases_of(normal[None])[0] / cell_m).astype(np.int64)
+    return np.asarray(np.rint((points - seed_m) @ bases_of(normal[None])[0] / cell_m).astype(np.int64))
 
 
 def _hanging_together(cells: Array, *, rim: bool) -> Array:
@@ -84,5 +84,5 @@ def _hanging_together(cells: Array, *, rim: bool) -> Array:
         part = int(np.argmax(np.bincount(parts.ravel())[1:])) + 1
     own = parts == part
     if rim:
-        own = binary_erosion(own, structure=np.ones((3, 3)))
+        own = binary_erosion(own, structure=np.ones((3, 3), dtype=np.bool_))
     return np.asarray(own[places[:, 0], places[:, 1]])

@@ -219,4 +219,4 @@ def _constrained_inverse(normal: Array, jacobian: Array) -> Array:
     whole = np.block([[normal, jacobian.T], [jacobian, np.zeros((count, count))]])
     unit = np.eye(size + count, size)
     cofactors = np.asarray(solve(whole, unit, assume_a="sym"))[:size]
-    return 0.5 * (cofactors + cofactors.T)
+    return np.asarray(0.5 * (cofactors + cofactors.T))

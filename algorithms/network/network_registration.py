@@ -111,8 +111,9 @@ def register_network(
     kept = [link for link in usable if link.target in stations]
     fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     if not kept:
-        words = () if instruments is None else ("errors of the instrument cannot be looked for: nothing is registered",)
-        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, 1.0, 1.0, words)
+        unsought = "errors of the instrument cannot be looked for: nothing is registered"
+        remarks: tuple[str, ...] = () if instruments is None else (unsought,)
+        return NetworkRegistration({0: fixed}, verdict, None, None, verdict.uncontrolled, (), 1.0, 1.0, 1.0, remarks)
     graph = adjust_pose_graph(kept, stations)
     verdict, again = _taken_back(links, verdict, stations, graph)
     confirmed = agreeing_links(doubtful, stations, graph, verdict.variance_factor)
