@@ -47,12 +47,14 @@ class GroundPlan(RequestModel):
 
 
 class RoofsInputs(RequestModel):
-    """Registered scans or strips, and the ground plans over which roofs are looked for."""
+    """Registered scans or strips, and the ground plans, where they are known."""
 
     stations: PosedStations
     """Scans with poses, or the stations of a finished `register` job; z upward."""
-    plans: list[GroundPlan] = Field(min_length=1, max_length=10_000)
-    """The buildings."""
+    plans: list[GroundPlan] | None = Field(default=None, min_length=1, max_length=10_000)
+    """The buildings; null: what stands above the terrain and is made of planes, with right-angled outlines."""
+    least_plan_m2: float = Field(default=20.0, gt=0.0, le=1e6)
+    """Without `plans`: smaller buildings are left out [m²]."""
     roof: RoofRequest = Field(default_factory=RoofRequest, title="Roof")
     """How roof planes are found."""
 

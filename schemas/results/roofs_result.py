@@ -27,7 +27,9 @@ class ModelledBuilding(Document):
     """One building."""
 
     name: str
-    """Of the plan."""
+    """Of the plan; of plans that were found `building-1` and so on, the largest first."""
+    corners_m: list[tuple[float, float]]
+    """x, y of the plan's corners, world [m]."""
     points: int
     """Points over the plan and above the ground."""
     ground_m: float | None

@@ -35,6 +35,7 @@ class RoofsPlan:
             ],
             "plans": inputs["plans"],
             "roof": inputs["roof"],
+            "least_plan_m2": inputs["least_plan_m2"],
             "left_out": job.get("left_out", {}),
             "wanted": (job.get("wanted") or {}).get("building_models"),
         }
@@ -46,7 +47,7 @@ class RoofsPlan:
 
 
 def _check(inputs: RoofsInputs, stored: Stored) -> None:
-    names = [plan.name for plan in inputs.plans]
+    names = [plan.name for plan in inputs.plans or []]
     faults = [
         FieldFault(f"/inputs/plans/{k}/name", f"the name '{name}' is used twice")
         for k, name in enumerate(names)

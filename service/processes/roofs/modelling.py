@@ -3,10 +3,11 @@
 import numpy as np
 from pydantic import TypeAdapter
 
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Array, Points, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.roofs.building import ROOF, BuildingModel, ground_height_m, modelled_building
 from algorithms.roofs.options import RoofOptions
+from algorithms.roofs.outlines import found_outlines
 from algorithms.roofs.partition import area_of
 from schemas.results.registration_result import Artifact
 from schemas.results.roofs_result import ModelledBuilding, RoofFace, RoofsDocument
@@ -27,12 +28,13 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
     Raises
     ------
     InvalidInputError
-        None of the plans could be modelled.
+        None of the plans could be modelled, or without plans no building found.
     """
-    job_id, plans = arguments["job_id"], arguments["plans"]
+    job_id = arguments["job_id"]
     options = TypeAdapter(RoofOptions).validate_python(arguments["roof"])
     frame = read_stations(context, arguments["stations"])
     points = np.concatenate([station.points() for station in frame.stations])
+    plans = arguments["plans"] or _found_plans(points, options, arguments["least_plan_m2"], frame.origin_m)
     documents: list[ModelledBuilding] = []
     buildings: list[NamedBuilding] = []
     for number, plan in enumerate(plans):
@@ -44,9 +46,9 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
             ground = ground_height_m(near, outline) if ground is None else float(ground)
             model = modelled_building(near, outline, ground, options)
         except InvalidInputError as fault:
-            documents.append(_not_modelled(plan["name"], str(fault)))
+            documents.append(_not_modelled(plan, str(fault)))
             continue
-        documents.append(_document(plan["name"], model, float(frame.origin_m[2])))
+        documents.append(_document(plan, model, float(frame.origin_m[2])))
         buildings.append(NamedBuilding(plan["name"], model, {"measuredHeight": round(_height(model), 3)}))
     if not buildings:
         raise InvalidInputError("plans", f"none could be modelled; of the first: {documents[0].reason}")
@@ -62,6 +64,19 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
     return {"buildings": len(buildings)}
 
 
+def _found_plans(points: Points, options: RoofOptions, least_m2: float, origin_m: Vector3) -> list[Json]:
+    """Find plans, and give them as a request would."""
+    outlines, grounds = found_outlines(points, options, least_m2)
+    return [
+        {
+            "name": f"building-{number}",
+            "corners_m": [(x, y) for x, y in (outline + origin_m[:2]).tolist()],
+            "ground_m": ground + float(origin_m[2]),
+        }
+        for number, (outline, ground) in enumerate(zip(outlines, grounds, strict=True), start=1)
+    ]
+
+
 def _near(points: Points, outline: Array) -> Points:
     """Keep what lies over a plan or near it: all that modelling one building looks at."""
     low, high = outline.min(axis=0) - AROUND_PLAN_M, outline.max(axis=0) + AROUND_PLAN_M
@@ -72,14 +87,21 @@ def _height(model: BuildingModel) -> float:
     return float(model.vertices[:, 2].max()) - model.ground_m
 
 
-def _not_modelled(name: str, reason: str) -> ModelledBuilding:
+def _not_modelled(plan: Json, reason: str) -> ModelledBuilding:
     return ModelledBuilding(
-        name=name, points=0, ground_m=None, faces=[], share_without_face=0.0, watertight=False, volume_m3=None,
+        name=plan["name"],
+        corners_m=plan["corners_m"],
+        points=0,
+        ground_m=None,
+        faces=[],
+        share_without_face=0.0,
+        watertight=False,
+        volume_m3=None,
         reason=reason,
-    )  # fmt: skip
+    )
 
 
-def _document(name: str, model: BuildingModel, origin_height_m: float) -> ModelledBuilding:
+def _document(plan: Json, model: BuildingModel, origin_height_m: float) -> ModelledBuilding:
     areas = np.zeros(len(model.planes))
     for surface in model.surfaces:
         if surface.kind == ROOF and surface.plane is not None:
@@ -101,7 +123,8 @@ def _document(name: str, model: BuildingModel, origin_height_m: float) -> Modell
             )
         )
     return ModelledBuilding(
-        name=name,
+        name=plan["name"],
+        corners_m=plan["corners_m"],
         points=model.points,
         ground_m=model.ground_m + origin_height_m,
         faces=faces,

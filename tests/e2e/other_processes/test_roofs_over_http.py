@@ -50,3 +50,12 @@ def test_a_plan_without_area_and_a_name_used_twice_are_refused(service: RunningS
     twice = {**inputs, "plans": [inputs["plans"][0], inputs["plans"][0]]}
     answer = service.post("/processes/roofs/execution", json={"inputs": twice})
     assert answer.json()["errors"][0]["pointer"] == "/inputs/plans/1/name"
+
+
+def test_without_plans_the_house_is_found(service: RunningService, inputs: Document) -> None:
+    result = service.result(service.execute("roofs", {name: inputs[name] for name in ("stations", "roof")}))
+    (house,) = result["buildings"]
+    assert house["name"] == "building-1"
+    assert len(house["corners_m"]) == 4
+    assert len(house["faces"]) == 2
+    assert house["volume_m3"] == pytest.approx(true_volume_m3(RECTANGLE, gable), rel=0.1)

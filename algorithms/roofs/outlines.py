@@ -1,0 +1,165 @@
+"""Ground plans from points alone: what stands above the terrain and is made of planes (Rottensteiner's first steps).
+
+A surface model less a terrain model tells what is high, local planes tell roofs from trees (Jansa and Stanek 2003). The
+outlines are squared to their own main direction.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening, grey_closing, grey_opening, label
+from scipy.spatial import cKDTree
+
+from algorithms.arrays import Array, Points
+from algorithms.errors import InvalidInputError
+from algorithms.roofs.options import RoofOptions
+from algorithms.roofs.partition import area_of
+from algorithms.roofs.planes import small_planes
+
+CELL_SPACINGS = 1.5
+PLANE_SHARE = 0.25
+"""Of the points of a cell on a roof so many lie in local planes; at ridges and eaves fewer, in trees hardly any."""
+LARGEST_BUILDING_M = 60.0
+"""What is narrower and stands out of the lowest points is no terrain."""
+CORNER_CELLS = 1.5
+"""Corners of a rim count that lie so many cells off the line of the others."""
+LEAST_SIDE_CELLS = 2.0
+REACH_CELLS = 2.0
+"""A side is moved at most so many cells."""
+OUTERMOST = 0.98
+"""The place of a side is this quantile of the points beside it."""
+
+
+def found_outlines(
+    points: Points, options: RoofOptions, least_area_m2: float
+) -> tuple[Sequence[Array], Sequence[float]]:
+    """Find ground plans.
+
+    Parameters
+    ----------
+    points
+        (n, 3) of a site with its ground; x and y near the origin [m].
+    options
+        What counts as a roof.
+    least_area_m2
+        Smaller plans are left out [m²].
+
+    Returns
+    -------
+    Outlines (k, 2) [m], and the height of the ground at each [m]; largest first.
+
+    Raises
+    ------
+    InvalidInputError
+        Nothing stands above the ground that is large and plane enough.
+    """
+    spacing, _ = cKDTree(points[:, :2]).query(points[:: max(1, len(points) // 2000), :2], k=7)
+    cell = CELL_SPACINGS * float(np.median(np.asarray(spacing)[:, -1])) * np.sqrt(np.pi / 7.0)
+    low = points[:, :2].min(axis=0) - 2.0 * cell
+    rows = ((points[:, :2] - low) / cell).astype(np.int64)
+    shape = tuple((rows.max(axis=0) + 3).tolist())
+    flat = np.ravel_multi_index((rows[:, 0], rows[:, 1]), shape)
+    terrain = _terrain(points, flat, shape, cell)
+    high = points[:, 2] > terrain.ravel()[flat] + options.least_height_m
+    _, plane = small_planes(points, options)
+    size = shape[0] * shape[1]
+    counts = np.bincount(flat, minlength=size)
+    roofs = np.bincount(flat, high & plane, minlength=size) >= PLANE_SHARE * np.maximum(counts, 1)
+    mask = binary_opening(binary_closing(roofs.reshape(shape), np.ones((3, 3))), np.ones((3, 3)))
+    parts, count = label(mask)
+    found: list[tuple[Array, float]] = []
+    for number in range(1, count + 1):
+        part = parts == number
+        wide = binary_dilation(part, np.ones((3, 3))).ravel()[flat] & high
+        outline = _outline(points[wide, :2], cell)
+        if outline is not None and abs(area_of(outline)) >= least_area_m2:
+            found.append((outline, float(np.median(terrain[part]))))
+    if not found:
+        raise InvalidInputError("plans", f"no roof of {least_area_m2:g} m² or more stands above the ground")
+    found.sort(key=lambda each: -abs(area_of(each[0])))
+    return [outline for outline, _ in found], [ground for _, ground in found]
+
+
+def _terrain(points: Points, flat: Array, shape: tuple[int, ...], cell_m: float) -> Array:
+    """Open the raster of the lowest points by a window larger than buildings."""
+    lowest = np.full(shape[0] * shape[1], np.inf)
+    np.minimum.at(lowest, flat, points[:, 2])
+    raster = lowest.reshape(shape)
+    known = np.isfinite(raster)
+    places = np.argwhere(known)
+    _, nearest = cKDTree(places).query(np.argwhere(~known))
+    raster[~known] = raster[tuple(places[nearest].T)]
+    window = min(int(LARGEST_BUILDING_M / cell_m) | 1, 2 * max(shape) + 1)
+    return np.asarray(grey_closing(grey_opening(raster, size=(window, window), mode="nearest"), size=(3, 3)))
+
+
+def _outline(places: Array, cell_m: float) -> Array | None:
+    """Give the squared outline of the places (n, 2) of one building [m]; None where nothing square is left."""
+    import cv2
+
+    (_, _), (_, _), degrees = cv2.minAreaRect(places.astype(np.float32))
+    angle = float(np.radians(degrees))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    turned = places @ turn
+    low = turned.min(axis=0) - 2.0 * cell_m
+    rows = ((turned - low) / cell_m).astype(np.int64)
+    mask = np.zeros((rows.max(axis=0) + 3).tolist(), dtype=np.bool_)
+    mask[rows[:, 0], rows[:, 1]] = True
+    mask = binary_opening(binary_closing(mask, np.ones((3, 3))), np.ones((3, 3)))
+    rims, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not rims:
+        return None
+    # contours run through the middles of cells, x being the column
+    corners = cv2.approxPolyDP(max(rims, key=len), CORNER_CELLS, closed=True)[:, 0, ::-1].astype(np.float64) + 0.5
+    if len(corners) < 4:
+        return None
+    corners = corners if area_of(corners) > 0.0 else corners[::-1]
+    squared = _squared(corners, np.hypot(*(np.roll(corners, -1, axis=0) - corners).T))
+    return None if squared is None else np.asarray(_fitted(squared * cell_m + low, turned, cell_m) @ turn.T)
+
+
+def _fitted(corners: Array, places: Array, cell_m: float) -> Array:
+    """Move each side of a right-angled outline to the outermost places beside it."""
+    moved = corners.copy()
+    for k in range(len(corners)):
+        start, end = corners[k], corners[(k + 1) % len(corners)]
+        along = int(abs(end[0] - start[0]) < abs(end[1] - start[1]))
+        across = 1 - along
+        # of an outline that runs anticlockwise the outside is to the right
+        outward = np.sign(end[along] - start[along]) * (1.0 if across == 0 else -1.0)
+        apart = outward * (places[:, across] - start[across])
+        beside = (places[:, along] > min(start[along], end[along])) & (places[:, along] < max(start[along], end[along]))
+        beside &= np.abs(apart) < REACH_CELLS * cell_m
+        if beside.any():
+            place = start[across] + outward * float(np.quantile(apart[beside], OUTERMOST))
+            moved[k, across] = moved[(k + 1) % len(corners), across] = place
+    return moved
+
+
+def _squared(corners: Array, lengths: Array) -> Array | None:
+    """Replace sides by ones along the axes: those of one direction in a row become one, at their mean."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    along_x = np.abs(sides[:, 0]) >= np.abs(sides[:, 1])
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    kept = lengths >= LEAST_SIDE_CELLS
+    order = np.flatnonzero(kept)
+    if len(order) < 4:
+        return None
+    groups: list[list[int]] = []
+    for k in order.tolist():
+        if groups and along_x[groups[-1][-1]] == along_x[k]:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    if len(groups) > 1 and along_x[groups[0][0]] == along_x[groups[-1][0]]:
+        groups[0] = groups.pop() + groups[0]
+    if len(groups) < 4:
+        return None
+    places = [
+        float(np.average(middles[group, 1 if along_x[group[0]] else 0], weights=lengths[group])) for group in groups
+    ]
+    out = []
+    for k, group in enumerate(groups):
+        here, there = places[k], places[(k + 1) % len(groups)]
+        out.append([there, here] if along_x[group[0]] else [here, there])
+    return np.array(out)
