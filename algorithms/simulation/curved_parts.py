@@ -20,16 +20,17 @@ def tube(
     material: Material,
     *,
     capped: bool = True,
+    sagitta_m: float = MAX_SAGITTA_M,
 ) -> Part:
     """Build a round tube as a prism.
 
-    The facets lie within `MAX_SAGITTA_M` of the cylinder, and their mean distance from the axis is the radius:
+    The facets lie within `sagitta_m` of the cylinder, and their mean distance from the axis is the radius:
     a prism with its corners at rho has the mean facet distance rho * mean(cos(pi/n) / cos(u), |u| < pi/n).
     """
     start, end = np.array(start_m, dtype=np.float64), np.array(end_m, dtype=np.float64)
     direction = (end - start) / np.linalg.norm(end - start)
     basis = bases_of(direction[None, :])[0]
-    n = max(MIN_FACETS, int(np.ceil(np.pi / np.arccos(1.0 - min(MAX_SAGITTA_M / radius_m, 0.5)))))
+    n = max(MIN_FACETS, int(np.ceil(np.pi / np.arccos(1.0 - min(sagitta_m / radius_m, 0.5)))))
     half = np.pi / n
     mean_of_unit_prism = np.cos(half) / half * np.log(np.tan(np.pi / 4 + half / 2))
     angle = 2.0 * half * np.arange(n)

@@ -14,6 +14,8 @@ from algorithms.simulation.parts import Part, polygons
 
 SPHERE_STEPS = 240
 """Facets around a sphere: of 0.1 m radius they lie within 0.02 mm of it."""
+FOIL_SAGITTA_M = 1e-5
+"""So near to a cylinder its facets lie that its foil fades across it as on a round one, not by steps."""
 SPHERE_PAINT = Material("sphere paint", 0.85)
 BOARD_BLACK = Material("board black", 0.08)
 BOARD_WHITE = Material("board white", 0.85)
@@ -91,6 +93,6 @@ def retro_cylinder(centre_m: Vector3, size_m: float) -> list[Part]:
     """Build an upright cylinder as wide as it is high, about its centre: foil around it, dark lids."""
     half = np.array([0.0, 0.0, 0.5 * size_m])
     x, y, low = (float(v) for v in np.asarray(centre_m) - half)
-    foil = tube((x, y, low), (x, y, low + size_m), 0.5 * size_m, RETRO, capped=False)
+    foil = tube((x, y, low), (x, y, low + size_m), 0.5 * size_m, RETRO, capped=False, sagitta_m=FOIL_SAGITTA_M)
     bottom, top = np.split(foil.vertices[:-2], 2)
     return [foil, polygons([bottom[::-1], top], BOARD_BLACK, with_edges=False)]
