@@ -1,6 +1,8 @@
 """A board's crossing in the intensities of its plane: two blurred edges by least squares."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy import special
@@ -8,10 +10,12 @@ from scipy.optimize import least_squares
 
 from algorithms.arrays import Array, Scalars, Vectors2
 
+Model: TypeAlias = Callable[[Array], tuple[Array, Array]]
+"""Gives intensities and their derivatives."""
 ANGLES = np.deg2rad(np.arange(0.0, 90.0, 7.5))
 SHIFTS = np.linspace(-0.16, 0.16, 5)
 """Of the first search, in sides of the board."""
-MOST_SEARCHED = 500
+MOST_SEARCHED, LEAST_SEARCHED = 500, 12
 BLUR_PRIOR = 0.7
 """Standard deviation of the logarithm of the blur: it is the sampling's and the beam's, within a factor of two."""
 TEMPLATE_SHARE = 0.46
@@ -53,25 +57,31 @@ def searched_crossing(places: Vectors2, intensities: Scalars, size_m: float) -> 
     """
     step = max(1, len(places) // MOST_SEARCHED)
     places, intensities = places[::step], intensities[::step]
-    best: tuple[Array, float, float] = np.zeros(2), 0.0, 0.0
+    if len(places) == 0:
+        return np.zeros(2), 0.0, 0.0
+    values = (intensities - intensities.mean())[:, None]
+    shifts, limit = SHIFTS * size_m, TEMPLATE_SHARE * size_m
+    correlations = []
     for angle in ANGLES:
         turned = places @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        for x in SHIFTS * size_m:
-            for y in SHIFTS * size_m:
-                first, second = turned[:, 0] - x, turned[:, 1] - y
-                inside = np.maximum(np.abs(first), np.abs(second)) < TEMPLATE_SHARE * size_m
-                if np.count_nonzero(inside) < 12:
-                    continue
-                signs = np.sign(first[inside] * second[inside])
-                values = intensities[inside]
-                spread = float(np.std(values) * np.std(signs))
-                if spread <= 0.0:
-                    continue
-                correlation = float(np.mean((values - values.mean()) * (signs - signs.mean()))) / spread
-                if abs(correlation) > abs(best[2]):
-                    cosine, sine = np.cos(angle), np.sin(angle)
-                    best = np.array([cosine * x - sine * y, sine * x + cosine * y]), float(angle), correlation
-    return best
+        # sums over the points inside each shifted square are products of what is inside along either side
+        first, second = turned[:, :1] - shifts, turned[:, 1:] - shifts
+        rows, columns = (np.abs(side) < limit for side in (first, second))
+        rows, columns = rows.astype(np.float64), columns.astype(np.float64)
+        signed = np.sign(first) * rows, np.sign(second) * columns
+        count = rows.T @ columns
+        n = np.maximum(count, 1.0)
+        mean, square = (values * rows).T @ columns / n, (values**2 * rows).T @ columns / n
+        sign = signed[0].T @ signed[1] / n
+        spread = np.sqrt(np.maximum((square - mean**2) * (1.0 - sign**2), 0.0))
+        both = (values * signed[0]).T @ signed[1] / n - mean * sign
+        usable = (count >= LEAST_SEARCHED) & (spread > 0.0)
+        correlations.append(np.where(usable, both / np.where(usable, spread, 1.0), 0.0))
+    whole = np.array(correlations)
+    best = np.unravel_index(np.argmax(np.abs(whole)), whole.shape)
+    angle, x, y = float(ANGLES[best[0]]), shifts[best[1]], shifts[best[2]]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([cosine * x - sine * y, sine * x + cosine * y]), angle, float(whole[best])
 
 
 def fit_crossing(
@@ -106,14 +116,23 @@ def fit_crossing(
     weights = np.full(len(places), 1.0 / unit)
     solution = first
     for _ in range(3):
+        last: dict[bytes, tuple[Array, Array]] = {}
 
-        def residuals(x: Array, weights: Array = weights) -> Array:
-            return np.append((_model(x, places)[0] - intensities) * weights, (x[6:] - first[6:]) / BLUR_PRIOR)
+        def seen(x: Array, last: dict[bytes, tuple[Array, Array]] = last) -> tuple[Array, Array]:
+            # the solver asks for residuals and derivatives of the same place one after the other
+            key = x.tobytes()
+            if key not in last:
+                last.clear()
+                last[key] = _model(x, places)
+            return last[key]
 
-        def jacobian(x: Array, weights: Array = weights) -> Array:
+        def residuals(x: Array, weights: Array = weights, seen: Model = seen) -> Array:
+            return np.append((seen(x)[0] - intensities) * weights, (x[6:] - first[6:]) / BLUR_PRIOR)
+
+        def jacobian(x: Array, weights: Array = weights, seen: Model = seen) -> Array:
             prior = np.zeros((2, 8))
             prior[[0, 1], [6, 7]] = 1.0 / BLUR_PRIOR
-            return np.vstack([_model(x, places)[1] * weights[:, None], prior])
+            return np.vstack([seen(x)[1] * weights[:, None], prior])
 
         fitted = least_squares(residuals, solution, jac=jacobian, method="lm", x_scale="jac", max_nfev=60)
         solution = fitted.x
