@@ -13,15 +13,21 @@ from algorithms.targets.tangent_plane import TangentPlane, plane_across, plane_t
 
 POINTS_OF_A_PLANE = 12
 """Of fewer pixels the target is taken to face the instrument."""
+DARK_SHARE = 0.1
+"""So much of a spot's window is surely darker than the spot."""
 INNER_SHARE = 0.25
 """Pixels within so much of the spot's height from its top lie on the target as a whole."""
 POINTS_OF_A_TAIL = 30
 """Pixels that a tail is told from."""
-TAIL_SIGNIFICANCE, MOST_TAIL = 0.001, 0.4
-STRIPS = 18
-"""Of a cylinder, of equal angles: narrow where its brightness falls."""
-LEAN_STD_RAD = 0.01
-"""How upright a cylinder stands in the scanner's frame: its front is so much higher or lower."""
+HOPELESS = 0.4
+"""A shape that explains less of the intensities than this is not looked at more closely."""
+TAIL_SIGNIFICANCE, TAIL_WORTH, MOST_TAIL = 0.001, 0.8, 0.4
+"""A tail explains significantly more, and leaves at most so much of the sum of squares: what else the shape does not
+explain of many pixels would be taken for one."""
+STRIPS = 9
+"""Of each half of a cylinder, of equal angles: narrow where its brightness falls."""
+LEAN_STD_RAD = 0.03
+"""How upright a cylinder stands in the scanner's frame, or a scanner that is set up by eye: towards it and across."""
 LAMBERT = 1.0
 """A foil's brightness falls with a power of the cosine of incidence that is fitted; it begins as paper's does."""
 KNOWN_BEFORE = 0.7
@@ -29,7 +35,9 @@ KNOWN_BEFORE = 0.7
 EXPECTED_SCATTER = 0.03
 """Of the intensities about the picture, relative to their range; what it is follows from the first fit."""
 LEAST_SCATTER = 1e-4
-LEAST_STD_PX = 0.02
+TAIL_STD = 0.1
+"""A beam's tail is no second sharp beam: the model leaves so much of what it moves the centre of mass by."""
+LEAST_STD_PX = 0.005
 """Of one pixel a centre is never known better: the raster itself repeats no better."""
 
 
@@ -94,8 +102,9 @@ def fit_spot(
     rows, columns = np.nonzero(there)
     middle = _between_pixels(directions, rows, columns, start)
     # well inside the contour: farther out the range is a mixture with what is behind
-    inner = values > values.max() - INNER_SHARE * (values.max() - np.median(values))
-    outer = values > 0.5 * (values.max() + np.median(values))
+    dark = float(np.quantile(values, DARK_SHARE)) if np.all(there) else 0.0
+    inner = values > values.max() - INNER_SHARE * (values.max() - dark)
+    outer = values > 0.5 * (values.max() + dark)
     bright = inner if np.count_nonzero(inner) >= POINTS_OF_A_PLANE else outer
     own = cloud.ranges[numbers][bright]
     near_range = np.abs(own - range_m) < size_m
@@ -105,12 +114,15 @@ def fit_spot(
     plane = _plane(cloud.points[numbers][bright], middle, own, size_m, kind)
     step_m = range_m * cloud.step_rad
     around = _with_surroundings(values, np.abs(cloud.ranges[numbers] - range_m) <= size_m)
+    inside = directions[bright][near_range]
+    silent = _silent_directions(directions, rows, columns, (index < 0) & ~ndimage.binary_fill_holes(there))
+    directions = np.vstack([directions, silent])
+    values, around = (np.append(part, np.zeros(len(silent))) for part in (values, around))
     fit = _best(directions, values, around, plane, middle, step_m, SpotShape(kind, size_m, _slope(middle)))
     if fit is None:
         return None
-    if kind is TargetKind.RETRO_CYLINDER:
+    if kind is TargetKind.RETRO_CYLINDER and fit[2] > HOPELESS:
         # how far the axis lies behind the foil follows from where the pixels lie beside it, and that from the plane
-        inside = directions[bright][near_range]
         for _ in range(2):
             plane = _through_axis(plane, fit[0], inside, own, size_m)
             fit = _best(directions, values, around, plane, middle, step_m, SpotShape(kind, size_m, _slope(middle)))
@@ -118,9 +130,8 @@ def fit_spot(
                 return None
     solution, covariance, agreement, rms, tail = fit
     covariance = covariance + (LEAST_STD_PX * step_m) ** 2 * np.eye(2)
-    if kind is TargetKind.RETRO_CYLINDER:
-        # the foil lies 0.8 radii before the axis on the average
-        covariance[1, 1] += (0.4 * size_m * LEAN_STD_RAD) ** 2
+    if tail > 0.0:
+        covariance[0, 0] += (TAIL_STD * tail * float(solution[-1])) ** 2
     level, height = float(solution[2]), float(solution[3])
     return SpotFit(
         centre_m=plane.in_space(solution[:2]),
@@ -141,6 +152,28 @@ def _beside_contour(cloud: SeenCloud, index: Array, range_m: float, size_m: floa
     """
     far = (index >= 0) & (np.abs(cloud.ranges[np.maximum(index, 0)] - range_m) > size_m)
     return np.asarray(far & ndimage.binary_dilation((index >= 0) & ~far, np.ones((3, 3), dtype=bool)))
+
+
+def _silent_directions(directions: Array, rows: Array, columns: Array, silent: Array) -> Array:
+    """Give the directions (k, 3) of pixels beside the target that nothing came back from: their intensity is none.
+
+    Parameters
+    ----------
+    directions, rows, columns
+        Of pixels (n,) from which something did.
+    silent
+        Which pixels of the window are meant.
+    """
+
+    def design(row: Array, column: Array) -> Array:
+        return np.stack([np.ones(len(row)), row, column, row * column], axis=1)
+
+    wanted = np.nonzero(silent)
+    if len(wanted[0]) == 0:
+        return np.empty((0, 3))
+    law = np.linalg.lstsq(design(rows.astype(np.float64), columns.astype(np.float64)), directions, rcond=None)[0]
+    found = design(*(each.astype(np.float64) for each in wanted)) @ law
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
 def _with_surroundings(values: Scalars, near: Array) -> Array:
@@ -225,35 +258,73 @@ class SpotShape:
     slope: float
     """Rise of the beam over its horizontal length."""
 
-    def picture(self, offset: Vectors2, log_blur: float, own: float) -> tuple[Scalars, Array]:
-        """Give the brightness (n,), 0..1, at places (n, 2) about the centre, and its derivatives (n, 4): by the place,
-        by the logarithm of the blur, by the shape's own.
+    @property
+    def begins(self) -> Scalars:
+        """Give what the shape's own parameters are before anything is seen."""
+        return np.zeros(1) if self.kind is TargetKind.RETRO_SQUARE else np.array([LAMBERT, 0.0, 0.0])
 
-        Its own is the turn of a square, and the power of the cosine of incidence with which a cylinder's foil shines.
+    @property
+    def stds(self) -> Scalars:
+        """Give the standard deviations with which the blur's logarithm and the shape's own are known before."""
+        if self.kind is TargetKind.RETRO_SQUARE:
+            return np.array([KNOWN_BEFORE])
+        return np.array([KNOWN_BEFORE, KNOWN_BEFORE, LEAN_STD_RAD, LEAN_STD_RAD])
+
+    def picture(self, offset: Vectors2, log_blur: float, own: Array) -> tuple[Scalars, Array]:
+        """Give the brightness (n,), 0..1, at places (n, 2) about the centre, and its derivatives (n, 3 + k): by the
+        place, by the logarithm of the blur, by the shape's own.
+
+        Its own is the turn of a square; of a cylinder the power of the cosine of incidence with which its foil shines,
+        and how it leans towards the instrument and across.
         """
         blur = np.sqrt(2.0) * float(np.exp(np.clip(log_blur, -20.0, 5.0)))
         half = 0.5 * self.size_m
-        if self.kind is TargetKind.RETRO_CYLINDER:
-            return self._cylinder(offset, blur, half, own)
-        axes = np.array([[np.cos(own), -np.sin(own)], [np.sin(own), np.cos(own)]])
+        turn = float(own[-1])
+        axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         turned = offset @ axes
-        first, by_first, first_blur = _bar(turned[:, 0], -half, half, blur)
-        other, by_other, other_blur = _bar(turned[:, 1], -half, half, blur)
-        moved = np.stack([by_first * other, first * by_other], axis=1)
-        turn = moved[:, 0] * turned[:, 1] - moved[:, 1] * turned[:, 0]
-        return first * other, np.column_stack([moved @ axes.T, first_blur * other + first * other_blur, turn])
+        if self.kind is TargetKind.RETRO_CYLINDER:
+            value, moved, others = self._cylinder(turned, blur, half, own)
+        else:
+            first, by_first, first_blur = _bar(turned[:, 0], -half, half, blur)
+            other, by_other, other_blur = _bar(turned[:, 1], -half, half, blur)
+            value = first * other
+            moved = np.stack([by_first * other, first * by_other], axis=1)
+            others = (first_blur * other + first * other_blur)[:, None]
+        by_turn = moved[:, 0] * turned[:, 1] - moved[:, 1] * turned[:, 0]
+        return value, np.column_stack([moved @ axes.T, others, by_turn])
 
-    def _cylinder(self, offset: Vectors2, blur: float, half: float, power: float) -> tuple[Scalars, Array]:
-        """Give upright strips, each as high above its place at the axis as a sloping beam meets it before."""
-        angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, STRIPS + 1)
-        edges, cosines = half * np.sin(angles), np.cos(0.5 * (angles[1:] + angles[:-1]))
-        brightness = cosines ** np.clip(power, -5.0, 20.0)
-        strip, by_side, strip_blur = _bar(offset[:, :1], edges[:-1], edges[1:], blur)
-        part, by_height, part_blur = _bar(offset[:, 1:] - half * cosines * self.slope, -half, half, blur)
-        whole = strip * part
-        derivatives = [by_side * part @ brightness, strip * by_height @ brightness]
-        derivatives += [(strip_blur * part + strip * part_blur) @ brightness, whole @ (brightness * np.log(cosines))]
-        return whole @ brightness, np.stack(derivatives, axis=1)
+    def _cylinder(self, offset: Vectors2, blur: float, half: float, own: Array) -> tuple[Scalars, Array, Array]:
+        """Give upright strips, each as high above its place at the axis as a sloping beam meets it before; their
+        derivatives by the place (n, 2), and (n, 3) by blur, power and lean.
+
+        Two strips at equal angles left and right have one height and one brightness.
+        """
+        angles = np.linspace(0.0, 0.5 * np.pi, STRIPS + 1)
+        cosines = np.cos(0.5 * (angles[1:] + angles[:-1]))
+        brightness = cosines ** np.clip(own[0], -5.0, 20.0)
+        edges = half * np.concatenate([-np.sin(angles[::-1]), np.sin(angles)])
+        bound = (offset[:, :1] - edges) / blur
+        rise = np.exp(-(bound**2)) / np.sqrt(np.pi)
+        strip, by_side, strip_blur = (_pairs(below) for below in (0.5 * special.erf(bound), rise / blur, -bound * rise))
+        part, by_height, part_blur = _bar(offset[:, 1:] - half * cosines * (self.slope + own[1]), -half, half, blur)
+        whole, upward = strip * part, strip * by_height
+        moved = np.stack([by_side * part @ brightness, upward @ brightness], axis=1)
+        others = [(strip_blur * part + strip * part_blur) @ brightness, whole @ (brightness * np.log(cosines))]
+        others += [upward @ (-half * cosines * brightness)]
+        return whole @ brightness, moved, np.stack(others, axis=1)
+
+
+def _pairs(below: Array) -> Array:
+    """Give the differences (n, k) between the bounds of strips, from the middle outwards, left and right added.
+
+    Parameters
+    ----------
+    below
+        (n, 2 k + 2) at the bounds from left to right, the middle twice.
+    """
+    strips = below[:, :-1] - below[:, 1:]
+    k = strips.shape[1] // 2
+    return np.asarray(strips[:, k + 1 :] + strips[:, k - 1 :: -1])
 
 
 def _bar(place: Array, low: Array | float, high: Array | float, blur: float) -> tuple[Array, Array, Array]:
@@ -282,24 +353,28 @@ def _best(
     first = np.array([start[0], start[1], level, unit, np.log(max(0.5 * step_m, 0.05 * size_m))])
     flat = shape.kind is TargetKind.RETRO_SQUARE
     own = np.deg2rad([0.0, 22.5, 45.0, 67.5]) if size_m > 4.0 * step_m else np.zeros(1)
-    own = own if flat else np.array([LAMBERT])
+    begins = own[:, None] if flat else shape.begins[None, :]
     problem = SpotModel(places, values, around, shape, unit, own_is_free=not flat or len(own) > 1)
-    plain = min((problem.solved(np.append(first, value)) for value in own), key=lambda trial: trial[1])
+    plain = min((problem.solved(np.append(first, begin)) for begin in begins), key=lambda trial: trial[1])
     solution, omega, covariance = plain
     tail = 0.0
     n = len(values)
-    if n >= POINTS_OF_A_TAIL:
+    whole = float(np.sum((values - values.mean()) ** 2))
+    if n >= POINTS_OF_A_TAIL and omega < (1.0 - HOPELESS) * whole:
         for side in (-1.0, 1.0):
             begin = np.concatenate([plain[0], [0.1, side * max(2.0 * step_m, 0.5 * size_m)]])
             other = problem.solved(begin)
-            freedom = n - 8
+            freedom = n - len(begin)
             gain = (plain[1] - other[1]) / 2.0 / max(other[1] / freedom, 1e-300)
-            if 0.0 < other[0][6] < MOST_TAIL and other[1] < omega and stats.f.sf(gain, 2, freedom) < TAIL_SIGNIFICANCE:
+            if (
+                0.0 < other[0][-2] < MOST_TAIL
+                and other[1] < TAIL_WORTH * omega
+                and stats.f.sf(gain, 2, freedom) < TAIL_SIGNIFICANCE
+            ):
                 solution, omega, covariance = other
-                tail = float(other[0][6])
+                tail = float(other[0][-2])
     if float(np.linalg.norm(solution[:2] - start)) > size_m:
         return None
-    whole = float(np.sum((values - values.mean()) ** 2))
     agreement = 1.0 - omega / whole
     rms = float(np.sqrt(omega / n)) / max(abs(float(solution[3])), 1e-300)
     return solution, covariance, agreement, rms, tail
@@ -307,7 +382,7 @@ def _best(
 
 @dataclass(frozen=True, eq=False)
 class SpotModel:
-    """Intensities by centre (2), level, height, blur and one of the shape's own; share and place of a tail."""
+    """Intensities by centre (2), level, height, blur and the shape's own; share and place of a tail."""
 
     places: Vectors2
     values: Scalars
@@ -328,24 +403,37 @@ class SpotModel:
         """Solve where the intensities scatter by so much of their range, and the start is what is known before."""
         free = np.ones(len(start), dtype=bool)
         free[5] = self.own_is_free
-        known = np.zeros((1 if self.shape.kind is TargetKind.RETRO_SQUARE else 2, len(start)))
-        known[np.arange(len(known)), 4 + np.arange(len(known))] = scatter / KNOWN_BEFORE
+        stds = self.shape.stds
+        known = np.zeros((len(stds), len(start)))
+        known[np.arange(len(stds)), 4 + np.arange(len(stds))] = scatter / stds
 
         def whole(x: Array) -> Array:
             out = start.copy()
             out[free] = x
             return out
 
+        last: dict[bytes, tuple[Scalars, Array]] = {}
+
+        def seen(x: Array) -> tuple[Scalars, Array]:
+            # the solver asks for residuals and derivatives of the same place one after the other
+            key = x.tobytes()
+            if key not in last:
+                last.clear()
+                last[key] = self.intensities(whole(x))
+            return last[key]
+
         def residuals(x: Array) -> Array:
-            full = whole(x)
-            return np.append((self.intensities(full)[0] - self.values) / self.unit, known @ (full - start))
+            return np.append((seen(x)[0] - self.values) / self.unit, known @ (whole(x) - start))
 
         def jacobian(x: Array) -> Array:
-            return np.vstack([self.intensities(whole(x))[1] / self.unit, known])[:, free]
+            return np.vstack([seen(x)[1] / self.unit, known])[:, free]
 
         size, unit = self.shape.size_m, self.unit
-        scale = np.array([size, size, unit, unit, 1.0, 1.0, 1.0, size])[: len(start)]
-        fitted = least_squares(residuals, begin[free], jacobian, method="lm", x_scale=scale[free], max_nfev=100)
+        scale = np.ones(len(start))
+        scale[:4] = size, size, unit, unit
+        if self._has_tail(start):
+            scale[-1] = size
+        fitted = least_squares(residuals, begin[free], jacobian, method="lm", x_scale=scale[free], max_nfev=40)
         solution = whole(fitted.x)
         n = len(self.values)
         misfits = np.asarray(fitted.fun)[:n]
@@ -357,15 +445,20 @@ class SpotModel:
         meat = gain * np.append(misfits / (1.0 - leverage), np.full(len(known), scatter))[:, None]
         return solution, float(np.sum(misfits**2)) * unit**2, np.asarray((meat.T @ meat)[:2, :2])
 
+    def _has_tail(self, x: Array) -> bool:
+        return len(x) > 5 + len(self.shape.begins)
+
     def intensities(self, x: Array) -> tuple[Scalars, Array]:
         """Give the intensities (n,) of the shape, with a tail of a weaker one beside it too, and their derivatives."""
         offset = self.places - x[:2]
-        value, by_shape = self.shape.picture(offset, x[4], x[5])
+        own = x[5 : 5 + len(self.shape.begins)]
+        value, by_shape = self.shape.picture(offset, x[4], own)
         by_tail = np.empty((len(offset), 0))
-        if len(x) > 6:
-            beside, by_beside = self.shape.picture(offset - np.array([x[7], 0.0]), x[4], x[5])
-            by_tail = np.column_stack([beside - value, -x[6] * by_beside[:, 0]])
-            value, by_shape = (1.0 - x[6]) * value + x[6] * beside, (1.0 - x[6]) * by_shape + x[6] * by_beside
+        if self._has_tail(x):
+            share, beside_m = x[-2:]
+            beside, by_beside = self.shape.picture(offset - np.array([beside_m, 0.0]), x[4], own)
+            by_tail = np.column_stack([beside - value, -share * by_beside[:, 0]])
+            value, by_shape = (1.0 - share) * value + share * beside, (1.0 - share) * by_shape + share * by_beside
         height = x[3]
         by_level = np.column_stack([self.around, value])
         derivatives = np.column_stack([-height * by_shape[:, :2], by_level, height * by_shape[:, 2:], height * by_tail])

@@ -10,26 +10,40 @@ from scipy import ndimage
 from algorithms.arrays import Array
 from algorithms.errors import InvalidInputError
 from algorithms.progress import NoProgress, Progress
-from algorithms.targets.bright_spot import SpotFit, fit_spot
+from algorithms.targets.bright_spot import POINTS_OF_A_PLANE, SpotFit, fit_spot
 from algorithms.targets.found import Candidate, FoundTarget, RejectedCandidate
 from algorithms.targets.options import TargetKind
 from algorithms.targets.seen_cloud import SeenCloud
+from algorithms.targets.tangent_plane import plane_across, plane_through
 
 BRIGHTER = 2.5
 """A spot is so many times as bright as the brightest tenth of what surrounds it."""
 BLOCK_PX = 24
 """Side of the blocks whose intensities tell what is around."""
 LEAST_PIXELS, MOST_PIXELS = 3, 1 << 20
+LEVELS, BLUR_PX = 8, 2
+"""Brightness is halved so often, and what lies so near to a brighter spot is its blur."""
+SEEN_SHARE = 0.3
+"""Blocks that hold fewer measurements are taken for as bright as the scan is in the middle."""
 SMALLEST, LARGEST = 0.55, 1.6
 """A spot's sides relative to the target's, beyond what the beam and the raster blur."""
-MOST_LOOKED_AT = 400
+MOST_LOOKED_AT = 1000
 STEEPEST_SHARE = 0.45
 """A square seen at more than 63 degrees, and whatever else is narrower than so much of its height, is none."""
 RANGE_SPREAD = 1.5
 """The ranges of a target's pixels differ by at most so many sides."""
-LEAST_AGREEMENT = 0.6
 RIM_PX = 3
 """Pixels around a spot that take part in its measurement."""
+BEFORE, MOST_BEFORE = 0.25, 0.1
+"""What lies so many sides before the plane of a spot hides a part of it, if it is beside so much of its contour."""
+LEAST_COVERAGE, MOST_COVERAGE = 0.6, 1.35
+"""Pixels that are at least half as bright as the brightest, relative to those of a whole target: of a cylinder whose
+foil shines as paper does 0.87."""
+LEAST_AGREEMENT = 0.8
+LEAST_CONTRAST, MOST_CONTRAST = 0.4, 1.3
+"""Foil is 2.5 times as bright as what surrounds it, and that is not darker than nothing."""
+EIGHT = np.ones((3, 3), dtype=np.int8)
+"""Neighbours of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,23 +100,39 @@ def find_retro_targets(
 
 
 def _spots(values: Array, there: Array) -> list[_Spot]:
-    """Find connected pixels that are much brighter than what surrounds them, the brightest first."""
+    """Find connected pixels that are much brighter than what surrounds them, the brightest first.
+
+    Where much is bright, a target is a part of it: what is brighter than half of a part's height stands for itself, and
+    the rest is looked at again without it.
+    """
     background = _surroundings(values, there)
     bright = there & (values > BRIGHTER * background)
-    labels, count = ndimage.label(bright, structure=np.ones((3, 3)))
-    if count == 0:
-        return []
-    peaks = ndimage.maximum(values, labels, np.arange(1, count + 1))
-    boxes = ndimage.find_objects(labels)
-    spots = []
-    for label in (np.argsort(-np.asarray(peaks), kind="stable")[:MOST_LOOKED_AT] + 1).tolist():
-        rows, columns = boxes[label - 1]
-        peak, around = peaks[label - 1], background[rows, columns]
+    spots, peaks = [], []
+    for _ in range(LEVELS):
+        labels, count = ndimage.label(bright, structure=EIGHT)
+        if count == 0:
+            break
         # the beam's tail and blur are below half, so that half of the height is where the target ends
-        mask = (labels[rows, columns] == label) & (values[rows, columns] > 0.5 * (peak + around))
-        if np.count_nonzero(labels[rows, columns] == label) >= LEAST_PIXELS:
-            spots.append(_Spot(rows, columns, mask))
-    return spots
+        high = _upper_halves(values, background, labels, count)
+        parts, count = ndimage.label(high, structure=EIGHT)
+        for number, (rows, columns) in enumerate(ndimage.find_objects(parts), 1):
+            mask = parts[rows, columns] == number
+            if np.count_nonzero(mask) >= LEAST_PIXELS:
+                spots.append(_Spot(rows, columns, mask))
+                peaks.append(float(values[rows, columns][mask].max()))
+        bright &= ~ndimage.binary_dilation(high, EIGHT, iterations=BLUR_PX)
+    return [spots[k] for k in np.argsort(-np.asarray(peaks), kind="stable")[:MOST_LOOKED_AT]]
+
+
+def _upper_halves(values: Array, background: Array, labels: Array, count: int) -> Array:
+    """Mark the pixels of each label above the middle between its peak and its surroundings."""
+    where = np.flatnonzero(labels)
+    own, value = labels.ravel()[where], values.ravel()[where]
+    peaks = np.zeros(count + 1)
+    np.maximum.at(peaks, own, value)
+    high = np.zeros(labels.size, dtype=bool)
+    high[where] = value > 0.5 * (peaks[own] + background.ravel()[where])
+    return high.reshape(labels.shape)
 
 
 def _surroundings(values: Array, there: Array) -> Array:
@@ -111,12 +141,11 @@ def _surroundings(values: Array, there: Array) -> Array:
     padded = np.full((rows * BLOCK_PX, columns * BLOCK_PX), np.nan, dtype=np.float32)
     padded[: values.shape[0], : values.shape[1]] = np.where(there, values, np.nan)
     blocks = padded.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2).reshape(rows, columns, -1)
-    known = np.isfinite(blocks).any(axis=2)
-    upper = np.full((rows, columns), np.inf, dtype=np.float32)
+    # where next to nothing else comes back (sky), a target would be its own surroundings
+    known = np.mean(np.isfinite(blocks), axis=2) > SEEN_SHARE
+    upper = np.full((rows, columns), np.median(values[there]), dtype=np.float32)
     upper[known] = np.nanquantile(blocks[known], 0.9, axis=1)
-    least = ndimage.minimum_filter(upper, 3)
-    filled = np.where(np.isfinite(least), least, 0.0)
-    whole = np.repeat(np.repeat(filled, BLOCK_PX, axis=0), BLOCK_PX, axis=1)
+    whole = np.repeat(np.repeat(ndimage.minimum_filter(upper, 3), BLOCK_PX, axis=0), BLOCK_PX, axis=1)
     return np.asarray(whole[: values.shape[0], : values.shape[1]])
 
 
@@ -133,16 +162,21 @@ def _tested(cloud: SeenCloud, spot: _Spot, size_m: float, kind: TargetKind) -> C
         [cloud.column_step_rad * np.hypot(middle[0], middle[1]), cloud.row_step_rad * range_m]
     )  # width and height of a pixel across the beam [m]
     where = middle + cloud.sensor_m
-    reason = _wrong_shape(spot, pixel, ranges, size_m)
+    whole = size_m**2 / float(np.prod(pixel))
+    reason = (
+        _wrong_shape(spot, pixel, ranges, size_m)
+        or _wrong_coverage(len(numbers), (STEEPEST_SHARE * whole, whole), size_m)
+        or _cut_off(cloud, spot, points, size_m)
+    )
     if reason is not None:
         return RejectedCandidate(kind, where, reason)
     fit = _measured(cloud, spot, range_m, size_m, kind)
     if fit is None or float(np.linalg.norm(fit.centre_m - middle)) > 1.5 * size_m:
         return RejectedCandidate(kind, where, "its intensities allow no centre")
-    if fit.agreement < LEAST_AGREEMENT:
-        reason = f"a {kind.value} of {size_m * 1e3:.0f} mm explains only {fit.agreement:.0%} of its intensities"
+    expected = whole * np.cos(fit.incidence_rad)
+    reason = _wrong_intensities(fit, size_m, kind) or _wrong_coverage(len(numbers), (expected, expected), size_m)
+    if reason is not None:
         return RejectedCandidate(kind, where, reason)
-    expected = size_m**2 / float(np.prod(pixel)) * np.cos(fit.incidence_rad)
     coverage = float(min(1.0, len(numbers) / max(expected, 1.0)))
     return FoundTarget(
         kind,
@@ -155,6 +189,58 @@ def _tested(cloud: SeenCloud, spot: _Spot, size_m: float, kind: TargetKind) -> C
         fit.contrast,
         min(coverage, fit.agreement),
     )
+
+
+def _wrong_coverage(pixels: int, expected: tuple[float, float], size_m: float) -> str | None:
+    """Say how many pixels there are where a target shows some number between two, or nothing.
+
+    Along the contour a pixel belongs to the target or not as it happens: as many as half a side may be missing.
+    """
+    least, most = (max(value, 1.0) for value in expected)
+    if pixels < LEAST_COVERAGE * least - 0.5 * np.sqrt(least):
+        return (
+            f"it is only {pixels / least:.0%} of the surface of {size_m * 1e3:.0f} mm: part of something (sign, plate)"
+        )
+    if pixels > MOST_COVERAGE * most + 2.0 * np.sqrt(most):
+        return f"it is {pixels / most:.0%} of the surface of {size_m * 1e3:.0f} mm: too large (sign, plate)"
+    return None
+
+
+def _cut_off(cloud: SeenCloud, spot: _Spot, points: Array, size_m: float) -> str | None:
+    """Say that the spot is cut off by what stands before it, or by the end of the scan; or nothing."""
+    rows, columns = (slice(part.start - 2, part.stop + 2) for part in (spot.rows, spot.columns))
+    if min(rows.start, columns.start) < -1 or np.any(
+        np.array([rows.stop, columns.stop]) > np.add(cloud.index.shape, 1)
+    ):
+        return "it is cut off by the end of the scan"
+    inner = slice(max(rows.start, 0), rows.stop), slice(max(columns.start, 0), columns.stop)
+    index = cloud.index[inner]
+    mask = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=bool)
+    mask[2:-2, 2:-2] = spot.mask
+    # the pixels next to it may have met it in part
+    rim = ndimage.binary_dilation(mask, EIGHT)
+    ring = ndimage.binary_dilation(rim, EIGHT) & ~rim
+    ring = ring[inner[0].start - rows.start :, inner[1].start - columns.start :][: index.shape[0], : index.shape[1]]
+    around = index[ring]
+    beside = cloud.points[around[around >= 0]]
+    plane, margin = plane_through(points), BEFORE * size_m
+    if plane is None or len(points) < POINTS_OF_A_PLANE:
+        plane = plane_across(points.mean(axis=0), 0.0)
+        margin += size_m
+    before = (beside - plane.centre_m) @ plane.normal > margin + 4.0 * plane.noise_m
+    share = float(np.count_nonzero(before)) / max(len(around), 1)
+    if share <= MOST_BEFORE:
+        return None
+    return f"{share:.0%} of its contour is the edge of what stands before it: part of something (sign, plate)"
+
+
+def _wrong_intensities(fit: SpotFit, size_m: float, kind: TargetKind) -> str | None:
+    """Say why the intensities are not those of the target, or nothing."""
+    if fit.agreement < LEAST_AGREEMENT:
+        return f"a {kind.value} of {size_m * 1e3:.0f} mm explains only {max(fit.agreement, 0.0):.0%} of its intensities"
+    if not LEAST_CONTRAST <= fit.contrast <= MOST_CONTRAST:
+        return f"its contrast to what surrounds it is {fit.contrast:.2f}: not that of foil"
+    return None
 
 
 def _wrong_shape(spot: _Spot, pixel: Array, ranges: Array, size_m: float) -> str | None:

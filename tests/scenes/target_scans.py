@@ -29,6 +29,8 @@ HALF_FIELD_RAD, STEP_RAD = 0.16, 0.0006
 NEAREST_M, FARTHEST_M = 3.0, 12.0
 APART_RAD, CLEAR_M = 0.05, 0.12
 STEEPEST_RAD = float(np.deg2rad(60.0))
+MOST_LEAN_RAD = float(np.deg2rad(2.0))
+"""Of the instrument against the upright cylinders."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,8 @@ def window_of(number: int, *, with_targets: bool) -> tuple[Scan, list[PlacedTarg
     rng = np.random.default_rng(number + (0 if with_targets else 1_000_000))
     name = ROOMS[number % len(ROOMS)]
     room = SCENES[name]() if name in SCENES else SYMMETRIC_SCENES[name](rng, 2)
-    pose = room.stations[(number // len(ROOMS)) % len(room.stations)]
+    level = [pose for pose in room.stations if pose.rotation.as_matrix()[2, 2] > np.cos(MOST_LEAN_RAD)]
+    pose = level[(number // len(ROOMS)) % len(level)]
     azimuth = float(rng.uniform(-np.pi + HALF_FIELD_RAD, np.pi - HALF_FIELD_RAD))
     elevation = float(rng.uniform(-0.25, 0.25))
     scanner = VirtualScanner(

@@ -125,6 +125,22 @@ def test_retro_squares_are_found_beside_a_number_plate_that_is_named(tail: float
     assert "too large" in targets.rejected[0].reason
 
 
+def test_what_bars_leave_of_a_sign_is_no_target_and_says_why() -> None:
+    sign = plate(facing((10.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), 0.4, 0.06)
+    bars = [box((9.5, y - 0.03, -0.3), (9.55, y + 0.03, 0.3), CONCRETE) for y in (-0.17, -0.06, 0.05, 0.16)]
+    targets = find_targets(_scan([sign, *bars]), [RetroKind(RETRO_M), RetroKind(RETRO_M, TargetKind.RETRO_CYLINDER)])
+    assert targets.found == ()
+    assert any("edge of what stands before it: part of something" in each.reason for each in targets.rejected)
+
+
+def test_a_retro_square_is_found_before_the_sky() -> None:
+    truth = np.array([[10.0, 0.2, 0.1]])
+    parts = [plate(facing(truth[0].tolist(), -truth[0], 0.3), RETRO_M, RETRO_M)]
+    scene = scene_from_parts("sky", [box((9.0, -0.5, -0.5), (9.2, -0.1, 0.5), CONCRETE), *parts], [])
+    scan = scan_scene(scene, RigidTransform.identity(), FINE, np.random.default_rng(5))
+    _assert_found(find_targets(scan, [RetroKind(RETRO_M)]), truth, 0.001)
+
+
 def test_the_axis_of_a_retro_cylinder_is_found() -> None:
     truth = np.array([[10.0, 0.2, 0.1], [9.0, -0.2, -0.2]])
     scan = _scan([part for centre in truth for part in retro_cylinder(centre, RETRO_M)])
@@ -175,7 +191,8 @@ def test_the_centres_of_retro_cylinders_scatter_as_their_covariances_say() -> No
 def test_the_derivatives_of_a_spots_picture_are_its_differences(kind: TargetKind, tail: bool) -> None:
     places = np.random.default_rng(2).uniform(-0.05, 0.05, (40, 2))
     problem = SpotModel(places, np.zeros(40), np.linspace(0.0, 1.0, 40), SpotShape(kind, 0.05, 0.3), 1.0, True)
-    x = np.array([0.003, 0.002, 0.5, 7.0, np.log(0.003), 0.4, *((0.1, 0.02) if tail else ())])
+    own = (0.4,) if kind is TargetKind.RETRO_SQUARE else (0.4, 0.02, 0.03)
+    x = np.array([0.003, 0.002, 0.5, 7.0, np.log(0.003), *own, *((0.1, 0.02) if tail else ())])
     steps = 1e-6 * np.eye(len(x))
     differences = [(problem.intensities(x + s)[0] - problem.intensities(x - s)[0]) / 2e-6 for s in steps]
     expected = np.stack(differences, axis=1)
