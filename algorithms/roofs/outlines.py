@@ -65,12 +65,14 @@ def found_outlines(
     size = shape[0] * shape[1]
     counts = np.bincount(flat, minlength=size)
     roofs = np.bincount(flat, high & plane, minlength=size) >= PLANE_SHARE * np.maximum(counts, 1)
-    mask = binary_opening(binary_closing(roofs.reshape(shape), np.ones((3, 3))), np.ones((3, 3)))
+    mask = binary_opening(
+        binary_closing(roofs.reshape(shape), np.ones((3, 3), dtype=np.bool_)), np.ones((3, 3), dtype=np.bool_)
+    )
     parts, count = label(mask)
     found: list[tuple[Array, float]] = []
     for number in range(1, count + 1):
         part = parts == number
-        wide = binary_dilation(part, np.ones((3, 3))).ravel()[flat] & high
+        wide = binary_dilation(part, np.ones((3, 3), dtype=np.bool_)).ravel()[flat] & high
         outline = _outline(points[wide, :2], cell)
         if outline is not None and abs(area_of(outline)) >= least_area_m2:
             found.append((outline, float(np.median(terrain[part]))))
@@ -105,7 +107,7 @@ def _outline(places: Array, cell_m: float) -> Array | None:
     rows = ((turned - low) / cell_m).astype(np.int64)
     mask = np.zeros((rows.max(axis=0) + 3).tolist(), dtype=np.bool_)
     mask[rows[:, 0], rows[:, 1]] = True
-    mask = binary_opening(binary_closing(mask, np.ones((3, 3))), np.ones((3, 3)))
+    mask = binary_opening(binary_closing(mask, np.ones((3, 3), dtype=np.bool_)), np.ones((3, 3), dtype=np.bool_))
     rims, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not rims:
         return None
