@@ -21,7 +21,7 @@ from typing import IO
 import psutil
 import structlog
 
-from service.adapters.processes.handing import hand_out, take_in
+from service.adapters.processes.handing import hand_out, pinned, take_in
 from service.adapters.processes.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
 from service.adapters.processes.process_limits import DEFAULT_STEPS, is_harmless, this_host
 from service.errors import ComputationFailedError, ServiceError, to_problem
@@ -146,6 +146,7 @@ class ChildProcesses:
         blobs = self._store(self._settings, directory)
         try:
             handed = await asyncio.to_thread(hand_out, needs, blobs, seldom=seldom)
+            handed["paths"] = await asyncio.to_thread(pinned, handed["paths"], directory)
             code = await self._converse({**request, **handed, "scratch": str(own)}, heard, on_progress)
             if heard.result is not None:
                 await asyncio.to_thread(take_in, needs, own, blobs)

@@ -7,7 +7,7 @@ it has ended (`take_in`).
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -57,6 +57,31 @@ def _looked_up(keys: Sequence[str], blobs: BlobStore) -> dict[str, str]:
         with suppress(FileNotFoundError):
             paths[key] = str(blobs.local_path(key))
     return paths
+
+
+def pinned(paths: Mapping[str, str], directory: Path) -> dict[str, str]:
+    """Give blobs second names in a directory, which nobody replaces.
+
+    A process is left files to read, not names: what another upload of the same content, or another computation of the
+    same features, puts under the same name it could not open. Where the file system has no second names, or this is
+    another one than that of the blobs, the first ones are given.
+
+    Parameters
+    ----------
+    paths
+        Of blobs, by key.
+    directory
+        Of the process, removed when it has ended.
+    """
+    found = {}
+    for number, (key, path) in enumerate(paths.items()):
+        name = directory / f"read-{number}"
+        try:
+            name.hardlink_to(path)
+        except OSError:
+            name = Path(path)
+        found[key] = str(name)
+    return found
 
 
 def take_in(needs: StepNeeds, directory: Path, blobs: BlobStore) -> None:
