@@ -15,7 +15,7 @@ def test_a_field_before_the_scanner_gives_camera_and_mount(service: RunningServi
     assert all(abs(found[name]["value"] - TRUTH[name]) < 4.0 * found[name]["std"] for name in TRUTH)
     assert result["mount"]["effects"][0]["distance_m"] == 10.0
     names = [each["name"] for each in result["artifacts"]]
-    assert names == ["photo.json", "opencv.yml", "photomodeler.txt", "residuals.csv"]
+    assert names == ["photo.json", "opencv.yml", "photomodeler.txt", "riscan.xml", "residuals.csv"]
 
 
 def test_a_parameter_of_another_model_is_refused_with_a_pointer(service: RunningService) -> None:
