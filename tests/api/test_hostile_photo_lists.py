@@ -53,7 +53,9 @@ def test_the_whole_inputs_are_taken(client: Client, documents: Documents) -> Non
 
 
 @pytest.mark.parametrize("process", ["register", "extract-lines", "detect-edges"])
-@pytest.mark.parametrize("first", range(0, DAMAGED, AT_ONCE))
+@pytest.mark.parametrize(
+    "first", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(AT_ONCE, DAMAGED, AT_ONCE))]
+)
 def test_damaged_inputs_are_refused_with_pointers_or_taken(
     client: Client, adapters: Adapters, documents: Documents, process: str, first: int
 ) -> None:

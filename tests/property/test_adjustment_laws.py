@@ -239,6 +239,7 @@ def test_covariance_of_lines_with_shared_planes_is_honest(tilt_std):
     assert in_chi_square_band(float(np.mean(omegas)), 24, runs)
 
 
+@pytest.mark.slow
 def test_lines_with_shared_planes_taken_as_independent_promise_too_much():
     rng, runs = np.random.default_rng(8), 20
     errors = []

@@ -24,7 +24,6 @@ from algorithms.registration import DEFAULT_METHOD, RegistrationMethod, pair_ver
 from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.lines_alshawa import LinesAlshawaMethod
-from algorithms.registration.method import ProposingMethod
 from algorithms.registration.ndt import NdtMethod
 from algorithms.registration.own_estimates import register_own_way
 from algorithms.registration.own_procedures import OwnProcedure, Proposal
@@ -39,13 +38,14 @@ SCANNER = VirtualScanner(rows=160, columns=400, mixed_pixels=False)
 FAR_ORIGIN_M = np.array([500_000.0, 5_300_000.0, 400.0])
 LARGEST_NEES = 22.5
 """99.9 % of chi-square with six degrees of freedom: one scene, one seed."""
+QUICK = ("auto", "lines")
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 quick_method = pytest.mark.parametrize(
     "method",
-    [pytest.param(each, marks=[pytest.mark.slow] if issubclass(each, ProposingMethod) else []) for each in METHODS],
+    [pytest.param(each, marks=[] if each.name in QUICK else [pytest.mark.slow]) for each in METHODS],
     ids=lambda method: method.name,
 )
-"""Every method, and those that search anew for themselves with the slow tests."""
+"""Every method, all but some with the slow tests."""
 further_method = pytest.mark.parametrize(
     "method", [pytest.param(each, marks=pytest.mark.slow) for each in METHODS], ids=lambda method: method.name
 )

@@ -258,6 +258,7 @@ def test_scans_wrongly_said_to_be_levelled_are_not_accepted_wrongly() -> None:
     assert result.status is not PairStatus.ACCEPTED or is_right(result, poses)
 
 
+@pytest.mark.slow
 def test_what_a_request_says_reaches_the_registration_of_a_pair() -> None:
     features, poses = symmetric_room()
     blobs = MemoryBlobStore()

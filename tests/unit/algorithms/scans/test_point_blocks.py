@@ -48,6 +48,7 @@ def hall():
     return hall_scan(400, 800)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["grid", "cloud"])
 def test_features_are_the_same_to_the_last_bit_with_one_thread_and_with_two(hall, kind, monkeypatch):
     scan = hall if kind == "grid" else dataclasses.replace(hall, grid=None)
@@ -58,6 +59,7 @@ def test_features_are_the_same_to_the_last_bit_with_one_thread_and_with_two(hall
     assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
 
 
+@pytest.mark.slow
 def test_features_of_a_scan_on_disk_are_those_of_the_scan_in_memory(hall, tmp_path):
     points = np.lib.format.open_memmap(tmp_path / "points.npy", "w+", np.float64, hall.points.shape)
     points[:] = hall.points

@@ -42,6 +42,7 @@ def network() -> InstrumentNetwork:
     return instrument_network(np.random.default_rng(3), TrueErrors(range_offset_m=0.003), 3, patch_std_m=1e-4)
 
 
+@pytest.mark.slow
 def test_errors_are_said_in_the_units_of_data_sheets_and_change_nothing(network: InstrumentNetwork) -> None:
     result, document = registered(network, estimate="auto")
     offset = next(error for error in document.errors if error.error == "range_offset")
