@@ -40,6 +40,7 @@ def out_of_adjustment() -> tuple[InstrumentNetwork, InstrumentCalibration]:
     return network, calibrated(network)
 
 
+@pytest.mark.slow
 def test_an_index_error_and_a_range_offset_are_found_and_nothing_else(out_of_adjustment) -> None:
     _, result = out_of_adjustment
     assert {found.sought.error for found in result.errors if found.significant} == {
@@ -53,6 +54,7 @@ def test_an_index_error_and_a_range_offset_are_found_and_nothing_else(out_of_adj
     assert abs(offset.value - 0.002) < 3.0 * offset.std < 0.0003
 
 
+@pytest.mark.slow
 def test_poses_are_right_once_the_errors_are_taken_off_and_wrong_before(out_of_adjustment) -> None:
     network, result = out_of_adjustment
     for k in range(1, STATIONS):

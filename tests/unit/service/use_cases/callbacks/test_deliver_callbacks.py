@@ -176,6 +176,7 @@ def test_a_fault_of_the_service_holds_up_nothing_else_and_is_given_up_in_the_end
     assert [headers["webhook-id"] for _, headers, _ in scene.receivers.received] == ["other_success"]
 
 
+@pytest.mark.slow
 def test_a_receiver_that_does_not_answer_holds_up_only_its_own(scene: Scene) -> None:
     for number in range(MOST_PER_HOST + 2):
         scene.add(f"j{number}")
@@ -198,6 +199,7 @@ def test_a_receiver_that_does_not_answer_holds_up_only_its_own(scene: Scene) -> 
     assert asyncio.run(begin()) == MOST_PER_HOST + 1
 
 
+@pytest.mark.slow
 def test_what_is_under_way_is_left_when_told_to_stop(scene: Scene) -> None:
     scene.add()
     scene.jobs.succeed("j", NOW)
