@@ -86,15 +86,20 @@ def cell_distributions(points: Points, cell_m: float) -> CellDistributions:
 def _moments(points: Points, places: Array, counts: Array) -> tuple[Array, Array, Array]:
     """Give number, mean and covariance of the points of every cell that has enough."""
     keys = (places[:, 0] * counts[1] + places[:, 1]) * counts[2] + places[:, 2]
+    if not len(keys):
+        return keys, np.empty((0, 3)), np.empty((0, 3, 3))
     order = np.argsort(keys, kind="stable")
-    cells, firsts, numbers = np.unique(keys[order], return_index=True, return_counts=True)
-    if not len(cells):
-        return cells, np.empty((0, 3)), np.empty((0, 3, 3))
+    sorted_keys, ordered = keys[order], points[order]
+    firsts = np.flatnonzero(np.concatenate([[True], sorted_keys[1:] != sorted_keys[:-1]]))
+    numbers = np.diff(firsts, append=len(keys))
     enough = numbers >= LEAST_POINTS
-    centres = np.add.reduceat(points[order], firsts, axis=0) / numbers[:, None]
-    off = points[order] - np.repeat(centres, numbers, axis=0)
-    products = np.add.reduceat(off[:, :, None] * off[:, None, :], firsts, axis=0)
-    return cells[enough], centres[enough], products[enough] / (numbers[enough] - 1.0)[:, None, None]
+    centres = np.add.reduceat(ordered, firsts, axis=0) / numbers[:, None]
+    off = ordered - np.repeat(centres, numbers, axis=0)
+    rows, columns = np.triu_indices(3)
+    products = np.add.reduceat(off[:, rows] * off[:, columns], firsts, axis=0)[enough]
+    spreads = np.empty((len(products), 3, 3))
+    spreads[:, rows, columns] = spreads[:, columns, rows] = products / (numbers[enough] - 1.0)[:, None]
+    return sorted_keys[firsts[enough]], centres[enough], spreads
 
 
 def cell_score(
