@@ -62,6 +62,7 @@ def test_an_image_longer_than_its_file_is_refused_alone(whole: Mapping[str, byte
     assert "whole file" in (found.photos[0].refused or "")
 
 
+@pytest.mark.slow
 def test_empty_ptx_scans_cost_little_and_are_counted(whole: Mapping[str, bytes], tmp_path: Path) -> None:
     name, content = bombs(whole, "")["PTX of 20,000 empty scans"]()
     assert "more than 10000 scans" in refusal(tmp_path / "stored", name, content).reason

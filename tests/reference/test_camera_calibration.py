@@ -192,6 +192,7 @@ def chessboard(camera: str, unknown: tuple[str, ...]) -> TargetField:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", ["left", "right"])
 def test_the_chessboards_of_opencv_give_its_parameters_rms_and_standard_deviations(camera: str) -> None:
     field = chessboard(camera, ("f", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "b"))

@@ -76,6 +76,7 @@ def test_lines_of_a_wrong_mount_stay_in_use() -> None:
     assert (result.lines.states == CorrespondenceState.USED).all()
 
 
+@pytest.mark.slow
 def test_poses_with_a_wrong_mount_are_consistent_with_their_covariance() -> None:
     normalised = []
     for seed in range(20):

@@ -102,6 +102,7 @@ def test_a_camera_is_found_within_its_standard_deviations(tilted: Calibration) -
     assert tilted.names == ["f", "cx", "cy", "k1", "p1"]
 
 
+@pytest.mark.slow
 def test_photos_from_one_direction_are_refused_with_the_principal_distance_named() -> None:
     with pytest.raises(DegenerateGeometryError) as refused:
         calibrate(board_rig(0.0), PLAIN)

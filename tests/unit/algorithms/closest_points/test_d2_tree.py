@@ -54,6 +54,7 @@ def test_it_comes_to_the_minimum_of_a_search() -> None:
     assert looked_up.converged
 
 
+@pytest.mark.slow
 def test_it_comes_back_from_farther_than_point_to_plane() -> None:
     back = {kind: sum(_comes_back(kind, seed) for seed in range(16)) for kind in (ErrorKind.PLANE, ErrorKind.D2)}
     assert back[ErrorKind.D2] > back[ErrorKind.PLANE], back

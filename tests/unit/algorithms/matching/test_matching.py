@@ -158,6 +158,7 @@ def test_a_high_score_or_many_features_and_no_rival_save_the_search_of_all_shift
     assert convinces(features[0], features[1], ranked(score, rival_score)) == enough
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("violation", "searched"), [(0.005, False), (0.02, True)])
 def test_beside_a_high_score_all_shifts_of_a_repetition_are_searched_only_where_something_speaks_against_it(
     violation: float, searched: bool, monkeypatch: pytest.MonkeyPatch

@@ -57,6 +57,7 @@ def as_estimate(pose: RigidTransform) -> PoseEstimate:
     return PoseEstimate(pose, np.diag([1e-5**2] * 3 + [1e-3**2] * 3))
 
 
+@pytest.mark.slow
 def test_poses_drawn_around_the_approximate_ones_are_not_contradicted() -> None:
     rng = np.random.default_rng(5)
 

@@ -115,6 +115,7 @@ def evidence(shift_m: float) -> SurfaceEvidence:
     return found
 
 
+@pytest.mark.slow
 def test_nothing_speaks_against_the_true_pose() -> None:
     assert evidence(0.0).is_harmless
 

@@ -44,6 +44,7 @@ def moved(error: np.ndarray) -> RigidTransform:
     return RigidTransform.from_components(error[3:], Rotation.from_rotvec(error[:3]))
 
 
+@pytest.mark.slow
 def test_registrations_of_stations_that_see_the_same_surface_do_not_count_as_independent() -> None:
     rng, nees, last = np.random.default_rng(4), [], slice(6 * (STATIONS - 2), 6 * (STATIONS - 1))
     for _ in range(120):

@@ -226,6 +226,7 @@ def test_an_adjustment_that_runs_away_makes_the_pair_degenerate_where_features_a
     assert document(result).target_from_source is None
 
 
+@pytest.mark.slow
 def test_features_alone_are_judged_and_told_as_where_no_surface_serves(monkeypatch: pytest.MonkeyPatch) -> None:
     coarse = auto_registration.searched(None, None)  # type: ignore[arg-type]  # the fixture's, which asks for nothing
     monkeypatch.setattr(line_registration, "searched", lambda *_: coarse)
@@ -243,6 +244,7 @@ def test_features_alone_are_judged_and_told_as_where_no_surface_serves(monkeypat
         np.testing.assert_allclose(alone.final.reduced.covariance, usual.final.reduced.covariance, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_planes_alone_promise_no_more_than_with_the_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
     coarse = auto_registration.searched(None, None)  # type: ignore[arg-type]  # the fixture's, which asks for nothing
     monkeypatch.setattr(line_registration, "searched", lambda *_: coarse)

@@ -72,6 +72,7 @@ def test_two_scans_of_one_office_differ_by_a_motion_only() -> None:
     assert abs(found.scale.value) < 4.0 * found.scale.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
 def test_scans_whose_coordinates_are_rounded_differ_by_a_motion_only(axes: slice) -> None:
     # in the building's axes, so that every wall falls on one step
@@ -107,6 +108,7 @@ def one_end_laid_on_itself(factors: np.ndarray) -> RigidTransform:
     return RigidTransform.from_components(np.asarray(truth().translation) + shift, truth().rotation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.93, 1.06])
 def test_a_scale_of_per_cents_is_found_from_where_one_end_fits_once_something_is_doubtful(factor: float) -> None:
     distorted = source(lambda points: scaled(points, factor))
@@ -116,6 +118,7 @@ def test_a_scale_of_per_cents_is_found_from_where_one_end_fits_once_something_is
     assert found.scale.value == pytest.approx(factor - 1.0, abs=4.0 * found.scale.std + 1e-4)
 
 
+@pytest.mark.slow
 def test_a_stretch_of_per_cents_along_one_axis_is_found_once_something_is_doubtful() -> None:
     distorted = source(lambda points: stretched(points, 1.05, 2))
     start = one_end_laid_on_itself(np.array([1.0, 1.0, 1.05]))
@@ -135,6 +138,7 @@ def test_what_is_undone_lies_where_it_was_however_large_the_strain() -> None:
     np.testing.assert_allclose(fit.undone(fit.apply(points)), points, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_stretch_along_one_axis_is_found_with_its_axis() -> None:
     found = rigidity(target(), source(lambda points: stretched(points, 1.01, 0)), pose())
     assert found.kind is DeformationKind.STRAIN

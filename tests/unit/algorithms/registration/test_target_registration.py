@@ -122,6 +122,7 @@ def test_three_targets_that_surfaces_do_not_control_are_doubtful() -> None:
     assert any("would not show" in reason for reason in result.reasons)
 
 
+@pytest.mark.slow
 def test_swapping_the_scans_inverts_the_answer_of_targets() -> None:
     given = problem(moved=(2, 0.03))
     there = by_targets(given)
@@ -136,6 +137,7 @@ def test_swapping_the_scans_inverts_the_answer_of_targets() -> None:
     )
 
 
+@pytest.mark.slow
 def test_targets_join_planes_and_surfaces_and_make_the_pose_better() -> None:
     given = problem()
     alone = by_everything(replace(given, target_points=None, source_points=None))

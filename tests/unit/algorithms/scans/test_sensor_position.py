@@ -89,6 +89,7 @@ def test_a_candidate_next_to_the_best_position_is_taken_although_it_is_worse() -
     np.testing.assert_array_equal(estimate.position_m, candidate)
 
 
+@pytest.mark.slow
 def test_the_standard_deviation_tells_where_much_is_hidden_from_where_hardly_anything_is() -> None:
     """Columns in a room leave the instrument one place; before one bare wall it may have stood anywhere."""
     sensor = np.array([4.5, 3.8, 1.6])

@@ -54,6 +54,7 @@ def test_another_generator_draws_another_place() -> None:
     assert not np.array_equal(other.scene.vertices[:100], set_ups()["1"].scene.vertices[:100])
 
 
+@pytest.mark.slow
 def test_overlaps_fall_as_the_printed_ones() -> None:
     rng = np.random.default_rng(3)
     clouds = {}

@@ -270,6 +270,7 @@ def test_a_horizon_is_an_edge() -> None:
     np.testing.assert_allclose(edges.world[0, :, 1:], [(60.0, 0.0)] * 2, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_true_edges_of_a_house_are_where_its_photo_changes() -> None:
     scene, camera = (
         house_scene(),

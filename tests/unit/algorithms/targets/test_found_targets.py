@@ -90,6 +90,7 @@ def test_neither_tubes_nor_spheres_of_another_radius_are_taken_for_the_sphere() 
     assert targets.found == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("incidence_deg", [0.0, 60.0])
 def test_a_board_is_found_whatever_its_turn(incidence_deg: float) -> None:
     truth = np.array([[10.0, 0.2, 0.1], [9.8, -0.2, -0.1]])
@@ -103,6 +104,7 @@ def test_a_board_is_found_whatever_its_turn(incidence_deg: float) -> None:
     assert all(abs(np.degrees(each.incidence_rad) - incidence_deg) < 2.0 for each in targets.found)
 
 
+@pytest.mark.slow
 def test_boards_of_another_size_and_plates_are_no_boards() -> None:
     parts = [
         *checker_board(facing((10.0, 0.25, 0.1), (-1.0, 0.0, 0.0)), 2.0 * BOARD_M),
