@@ -142,17 +142,17 @@ def _found(
     if exhaustive or (options.all_shifts and _is_contradicted(ranked)):
         tell.report(0.6, "testing all shifts")
         # what repetitions alone show makes a pose doubtful and leads to the search of all, below; it proves none
-        ranked = _with_all_shifts(ranked, target, source, options, repetitions_only=not exhaustive)
+        ranked = with_all_shifts(ranked, target, source, options, repetitions_only=not exhaustive)
     if ranked.scores.support[0] < LEAST_SUPPORT:
         raise TooFewCorrespondencesError(0, 1, "surfaces")
     tell.report(0.7, "looking for symmetries")
-    ranked = _with_symmetries(ranked, target, source, options)
+    ranked = with_symmetries(ranked, target, source, options)
     result = _described(target, source, ranked, options, exhaustive=exhaustive)
     if result.ambiguous and options.all_shifts and not exhaustive:
         # refuting the others proves a pose only if the right one is among them
         tell.report(0.8, "testing all shifts")
-        exhaustive, ranked = True, _with_all_shifts(ranked, target, source, options)
-        ranked = _with_symmetries(ranked, target, source, options)
+        exhaustive, ranked = True, with_all_shifts(ranked, target, source, options)
+        ranked = with_symmetries(ranked, target, source, options)
         result = _described(target, source, ranked, options, exhaustive=exhaustive)
     if priors is not None:
         result = decided_with_priors(
@@ -197,7 +197,7 @@ def _is_contradicted(ranked: RankedPoses) -> bool:
     return Contradiction.of(support, violation).share > CONTRADICTED
 
 
-def _with_all_shifts(
+def with_all_shifts(
     ranked: RankedPoses,
     target: ScanFeatures,
     source: ScanFeatures,
@@ -226,7 +226,7 @@ def _with_all_shifts(
     return ranked.joined(found, source.index)
 
 
-def _with_symmetries(
+def with_symmetries(
     ranked: RankedPoses, target: ScanFeatures, source: ScanFeatures, options: MatchingOptions
 ) -> RankedPoses:
     """Add the poses that differ from the best one by a motion that lays a scan onto itself."""

@@ -115,14 +115,32 @@ class LineWitness:
             self._count(0, 1, there, (there, back), alike_views) + self._count(1, 0, other, (other, pose), alike_views)
         )
 
+    def seen_in(self, pose: RigidTransform) -> LineEvidence:
+        """Count the lines that the other scan should have seen in a pose, and of them those that it has.
+
+        Parameters
+        ----------
+        pose
+            Target from source, between the reduced frames.
+        """
+        laid = self._laid_on(0, 1, pose.inv()), self._laid_on(1, 0, pose)
+        return LineEvidence(
+            sum(int(np.count_nonzero(each.between)) for each in laid),
+            sum(int(np.count_nonzero(each.between & each.found)) for each in laid),
+        )
+
+    def _laid_on(self, own: int, partner: int, motion: RigidTransform) -> _Laid:
+        """Lay the lines of a scan on its partner."""
+        key = (own, partner, motion.as_matrix().tobytes())
+        if key not in self._laid:
+            self._laid[key] = self._scans[own].laid_on(self._scans[partner], motion, self._distance_m)
+        return self._laid[key]
+
     def _count(
         self, own: int, partner: int, motion: RigidTransform, apart: tuple[RigidTransform, RigidTransform], alike: bool
     ) -> LineEvidence:
         """Count the lines of a scan, laid on its partner by a motion, that lie elsewhere between two motions."""
-        scan, key = self._scans[own], (own, partner, motion.as_matrix().tobytes())
-        laid = self._laid.get(key)
-        if laid is None:
-            laid = self._laid[key] = scan.laid_on(self._scans[partner], motion, self._distance_m)
+        scan, laid = self._scans[own], self._laid_on(own, partner, motion)
         asked = moved_across(scan.features.lines, *apart) > SENSITIVE_FACTOR * self._distance_m
         if alike:
             asked &= laid.beside & scan.viewed_alike(self._scans[partner], *apart)

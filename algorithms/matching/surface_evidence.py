@@ -8,15 +8,15 @@ in the right one, for everything has its place there. Things that moved between 
 nothing here.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Flags
 from algorithms.scans.pose_scores import FINAL_POINTS, strict_limits
-from algorithms.scans.surface_index import SurfaceIndex, seen_through
-from algorithms.scans.surface_matches import corresponding, fitting
+from algorithms.scans.surface_index import SurfaceIndex
+from algorithms.scans.surface_outcomes import surface_outcomes
 
 LEAST_POINTS, PER_AGAINST, MOST_BACK = 8, 2.0, 0.1
 """Of at most `FINAL_POINTS` surface points of each scan so many must fit in the one pose and be impossible in the
@@ -24,12 +24,6 @@ other; and so many times as many as are impossible in the one, whatever they do 
 value times as many fit in the other pose and are impossible in the one. In 213 pairs of simulated buildings that look
 like themselves no wrong pose had more than one such point to show against the right one, of 308 compared, and half of
 3028 wrong ones had more than 85 against them beside the right one. Real scans hardly ever come to this comparison."""
-BESIDE_M = 0.5
-"""Surface beside parallel surface is looked at up to this far off it [m], and no farther than the raster of the nearest
-surface reaches, two cells (0.3 m where surface points stand 0.1 m apart); farther off, free space tells."""
-SIGHT_REACH = 1.0
-"""A line of sight runs through surface where points of it are so near on every side, in spacings. A place so far past
-the rim of an opening would count with points on one side alone, and what is seen through the opening would refute."""
 LEAST_M2 = 0.1
 """So much surface it must be: where points stand close together a few of them are a hand's breadth."""
 
@@ -98,36 +92,8 @@ class SurfaceWitness:
         return self._known[key]
 
     def _one(self, moved: SurfaceIndex, fixed: SurfaceIndex, motion: RigidTransform) -> _Laid:
-        points, normals = moved.points[:FINAL_POINTS], moved.normals[:FINAL_POINTS]
-        fits = fitting(motion, points, normals, fixed, self._limits)
-        impossible = seen_through(motion, points, normals, fixed, self._limits) | self._beside(moved, fixed, motion)
-        return _Laid(fits, impossible & ~fits)
-
-    def _beside(self, moved: SurfaceIndex, fixed: SurfaceIndex, motion: RigidTransform) -> Flags:
-        """Say which points stand beside parallel surface that would hide them, or that they would hide.
-
-        What stands before a surface hides it from the instrument that saw the surface, what stands behind it is hidden
-        from the instrument that saw the point: in either case a line of sight would run through surface. What is seen
-        through an opening, or past a rim, is not.
-        """
-        beside = np.zeros(min(FINAL_POINTS, len(moved.points)), dtype=bool)
-        if not (moved.knows_free_space and fixed.knows_free_space):
-            return beside
-        found, match = corresponding(motion, moved, fixed, replace(self._limits, max_distance_m=BESIDE_M), FINAL_POINTS)
-        points, normals, feet = motion.apply(moved.points[found]), fixed.normals[match], fixed.points[match]
-        depth = np.einsum("ij,ij->i", normals, points - feet)
-        eyes = np.where((depth > 0.0)[:, None], fixed.sensor_m, motion.apply(moved.sensor_m))
-        height = np.einsum("ij,ij->i", normals, eyes - feet)
-        facing = height > np.maximum(depth, 0.0)
-        crossed = eyes + (height / np.where(facing, height - depth, np.inf))[:, None] * (points - eyes)
-        across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
-        across *= SIGHT_REACH * fixed.spacing_m / np.linalg.norm(across, axis=1, keepdims=True)
-        upwards = np.cross(normals, across)
-        here, limits = RigidTransform.identity(), replace(self._limits, reach_m=SIGHT_REACH * fixed.spacing_m)
-        beside[found] = facing & np.logical_and.reduce(
-            [fitting(here, crossed + aside, normals, fixed, limits) for aside in (across, -across, upwards, -upwards)]
-        )
-        return beside
+        laid = surface_outcomes(motion, moved, fixed, self._limits, points=FINAL_POINTS)
+        return _Laid(laid.fits, laid.looked_through | laid.beside)
 
     def _area_m2(self, counts: list[int]) -> float:
         """Give the area that points of both scans stand for: a square of their spacing each, for all of the scan."""

@@ -174,7 +174,7 @@ def test_beside_a_high_score_all_shifts_of_a_repetition_are_searched_only_where_
 
     poses = ranked(0.5, 0.1, violation=violation)  # before anything is replaced: the hall itself is matched for it
     monkeypatch.setattr(coarse_registration, "rank_hypotheses", lambda *_, **__: poses)
-    monkeypatch.setattr(coarse_registration, "_with_all_shifts", all_shifts)
+    monkeypatch.setattr(coarse_registration, "with_all_shifts", all_shifts)
     match_features(features[0], features[1], OPTIONS)
     assert (True in only) == searched
 
