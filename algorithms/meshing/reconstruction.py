@@ -7,13 +7,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Indices, OtherPoints, Points, Scalars
+from algorithms.deviations.cylinders import core_normals
 from algorithms.deviations.triangles import Mesh
 from algorithms.errors import InvalidInputError
 from algorithms.meshing.options import SurfaceMethod
 from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.voxel_grid import voxel_cells
 
-MOST_NEIGHBOURS = 60
-"""A normal is fitted to no more points than this."""
+CELLS_PER_RADIUS = 3.0
+"""Points in a cube of the radius over this share a normal."""
 LEAST_POINTS = 10
 """Fewer points bound nothing."""
 DEEPEST, SHALLOWEST = 11, 4
@@ -30,7 +32,9 @@ OPPOSITE = -0.5
 def oriented_normals(points: Points, sensors_m: Points, radius_m: float) -> Points:
     """Fit unit normals (n, 3) and turn them to the side on which the instrument stood.
 
-    Where its place is not known, neighbours are turned alike (Hoppe et al. 1992), the highest point upward.
+    Planes are fitted about the mean of the points of each small cube, whose points share them; a cube without a plane
+    takes that of the nearest which has one. Where the instrument's place is not known, neighbours are turned alike
+    (Hoppe et al. 1992), the highest one upward.
 
     Parameters
     ----------
@@ -40,21 +44,38 @@ def oriented_normals(points: Points, sensors_m: Points, radius_m: float) -> Poin
         (n, 3) where the instrument of each point stood [m]; NaN where nobody knows.
     radius_m
         Radius of the spheres in which planes are fitted [m].
+
+    Raises
+    ------
+    InvalidInputError
+        No sphere holds a plane.
     """
-    open3d = import_open3d()
-    cloud = _cloud(points)
-    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius_m, MOST_NEIGHBOURS))
+    cells = voxel_cells(points, radius_m / CELLS_PER_RADIUS)
+    of_cells, _ = core_normals(points, cells.means, (radius_m,))
+    fitted = np.flatnonzero(of_cells.any(axis=1))
+    if not len(fitted):
+        raise InvalidInputError("points", f"no plane fits them within {radius_m:g} m", "a larger `normal_radius_m`")
     known = np.isfinite(sensors_m).all(axis=1)
     if not known.all():
-        cloud.orient_normals_consistent_tangent_plane(min(TANGENT_NEIGHBOURS, len(points) - 1))
-        turned = np.array(cloud.normals)
-        highest = int(np.argmax(points[:, 2]))
-        turned *= 1.0 if turned[highest, 2] >= 0.0 else -1.0
-    else:
-        turned = np.array(cloud.normals)
+        of_cells[fitted] = _turned_alike(cells.means[fitted], of_cells[fitted])
+    if len(fitted) < len(cells):
+        _, nearest = cKDTree(cells.means[fitted]).query(cells.means)
+        of_cells = of_cells[fitted[nearest]]
+    turned = of_cells[cells.cell_of_point]
     away = np.einsum("ij,ij->i", turned[known], points[known] - sensors_m[known]) > 0.0
     turned[np.flatnonzero(known)[away]] *= -1.0
     return turned
+
+
+def _turned_alike(places: Points, normals: Points) -> Points:
+    """Turn normals (n, 3) like their neighbours', the highest one upward."""
+    open3d = import_open3d()
+    cloud = _cloud(places)
+    cloud.normals = open3d.utility.Vector3dVector(normals)
+    if len(places) > 1:
+        cloud.orient_normals_consistent_tangent_plane(min(TANGENT_NEIGHBOURS, len(places) - 1))
+    turned = np.array(cloud.normals)
+    return turned if turned[np.argmax(places[:, 2]), 2] >= 0.0 else -turned
 
 
 def reconstructed(points: Points, normals: Points, method: SurfaceMethod, resolution_m: float) -> Mesh:

@@ -38,8 +38,8 @@ def test_a_sculpture_of_twelve_millimetres_noise_has_its_volume_and_distances_as
     points = (radii(directions) + rng.normal(0.0, NOISE_M, len(directions)))[:, None] * directions
     body = modelled_body(points, 5.0 * directions, MeshOptions(share=0.5), [], NoProgress())
     assert body.watertight
-    # uniting triangles folds one of a thousand over, and the list says so
-    assert {fault.kind for fault in body.faults} <= {"flipped"}
+    # uniting triangles folds one of a thousand over, which may pierce its neighbour, and the list says so
+    assert {fault.kind for fault in body.faults} <= {"flipped", "self-intersection"}
     assert sum(fault.count for fault in body.faults) <= 0.001 * len(body.mesh.triangles)
     assert body.volume_m3 == pytest.approx(volume_m3(), rel=0.005)
     found = deviation_statistics(body.deviations_m, 0.01)
