@@ -18,6 +18,8 @@ from algorithms.scans.open3d_loading import import_open3d
 
 SHAKE = 1e-9
 """Of the extent of a rim; moves nothing but which triangles are made."""
+TRIALS = 30
+"""Of shakes; where a rim crosses itself none will do."""
 LEAST_TRIANGLES = 4
 """A closed surface has no fewer."""
 
@@ -55,12 +57,26 @@ def filled(mesh: Mesh, largest_m: float) -> tuple[Mesh, int]:
 def cut_by_plane(mesh: Mesh, point_m: Vector3, normal: Vector3) -> Mesh:
     """Keep what lies before a plane, and close the cut with triangles in the plane.
 
+    Parameters and errors as `cut_open`; where the mesh is open at the plane, the cut stays open.
+    """
+    cut, loops = cut_open(mesh, point_m, normal)
+    flat = (cut.vertices - point_m) @ across(-normal)  # so seen the rims of the outside turn left, those of holes right
+    return used_vertices(Mesh(cut.vertices, np.concatenate([cut.triangles, *caps_of(loops, flat)])))
+
+
+def cut_open(mesh: Mesh, point_m: Vector3, normal: Vector3) -> tuple[Mesh, Sequence[Array]]:
+    """Keep what lies before a plane, and leave the cut open.
+
     Parameters
     ----------
     mesh
-        The mesh; where it is open at the plane, the cut stays open.
+        The mesh.
     point_m, normal
         A point of the plane [m], and the direction, of any length, to the side that is kept.
+
+    Returns
+    -------
+    The mesh, with vertices that nothing uses, and the rims in the plane as of `border_loops`.
 
     Raises
     ------
@@ -78,12 +94,13 @@ def cut_by_plane(mesh: Mesh, point_m: Vector3, normal: Vector3) -> Mesh:
     cut = Mesh(vertices, triangles)
     of_cut = np.zeros(len(vertices), dtype=np.bool_)
     of_cut[on_cut] = True
-    loops = [loop for loop in border_loops(cut) if of_cut[loop].all()]
-    # seen along -unit the rims of the outside turn left, those of holes right
-    basis = bases_of(unit[None])[0]
-    if np.linalg.det(np.column_stack([basis, -unit])) < 0.0:
-        basis = basis[:, ::-1]
-    return used_vertices(Mesh(vertices, np.concatenate([triangles, *_caps(loops, (vertices - point_m) @ basis)])))
+    return cut, [loop for loop in border_loops(cut) if of_cut[loop].all()]
+
+
+def across(normal: Vector3) -> Matrix:
+    """Give two directions (3, 2) across a normal of any length, which turn left as seen from its tip."""
+    basis = bases_of((normal / np.linalg.norm(normal))[None])[0]
+    return basis if np.linalg.det(np.column_stack([basis, normal])) > 0.0 else basis[:, ::-1]
 
 
 def _clipped(mesh: Mesh, heights: Array, before: Array) -> tuple[Array, Array, Array]:
@@ -115,8 +132,16 @@ def _clipped(mesh: Mesh, heights: Array, before: Array) -> tuple[Array, Array, A
     return vertices, triangles, np.arange(len(mesh.vertices), len(vertices))
 
 
-def _caps(loops: Sequence[Array], flat: Matrix) -> Sequence[Array]:
-    """Triangulate the rims of a plane cut: those within an odd number of others bound holes."""
+def caps_of(loops: Sequence[Array], flat: Matrix) -> Sequence[Array]:
+    """Triangulate rims in a plane, in the sense in which they run: those within an odd number of others bound holes.
+
+    Parameters
+    ----------
+    loops
+        Vertices of each rim.
+    flat
+        (v, 2) all vertices in the plane [m].
+    """
     inside = np.array(
         [[one is not two and bool(inside_polygon(flat[one[:1]], flat[two])[0]) for two in loops] for one in loops]
     ).reshape(len(loops), len(loops))
@@ -132,9 +157,16 @@ def _caps(loops: Sequence[Array], flat: Matrix) -> Sequence[Array]:
 def ears_of(places: Matrix, lengths: Sequence[int]) -> Int64[Array, "_ 3"]:
     """Triangulate a polygon with holes, in the sense in which its first ring runs."""
     ends = np.cumsum(lengths).astype(np.uint32)
-    # the library drops vertices on a straight line, which the triangles beside the rim have: none lies on one any more
-    shaken = places + np.random.default_rng(0).uniform(-SHAKE, SHAKE, places.shape) * np.ptp(places)
-    ears = mapbox_earcut.triangulate_float64(shaken, ends).astype(np.int64).reshape(-1, 3)
+    rng = np.random.default_rng(0)
+    wanted = len(places) + 2 * (len(lengths) - 1) - 2
+    ears = np.empty((0, 3), dtype=np.int64)
+    for _ in range(TRIALS):
+        # the library drops vertices on a straight line, which the triangles beside the rim have: none lies on one any
+        # more; where two slivers cross by rounding it gives up on one, and another shake lays them otherwise
+        shaken = places + rng.uniform(-SHAKE, SHAKE, places.shape) * np.ptp(places)
+        ears = mapbox_earcut.triangulate_float64(shaken, ends).astype(np.int64).reshape(-1, 3)
+        if len(ears) == wanted:
+            break
     outer = places[: lengths[0]]
     turn = _twice_area(outer[:, 0], outer[:, 1])
     x, y = places[ears, 0], places[ears, 1]

@@ -54,6 +54,28 @@ class MeshEdge(RequestModel):
         return self
 
 
+class PlinthPlane(MeshCut):
+    """A face of a plinth, as `model-planes` gives it; the normal looks outward."""
+
+
+class MeshPlinth(RequestModel):
+    """A convex body of planes on which the surface stands; both become one body."""
+
+    planes: list[PlinthPlane] = Field(min_length=4, max_length=60)
+    """Its faces, closed on all sides; also the one on the ground."""
+    top: int = Field(ge=0)
+    """Which of them, counted from 0, carries the surface."""
+    above_m: float | None = Field(default=None, gt=0.0, le=1000.0)
+    """Height above the top at which the surface is cut; from there walls go straight down to it [m]. Null: twice the
+    resolution, as far as the mesh rounds the corner between the two."""
+
+    @model_validator(mode="after")
+    def _has_top(self) -> "MeshPlinth":
+        if self.top >= len(self.planes):
+            raise PydanticCustomError("plinth_top", "there is no such plane among `planes`")
+        return self
+
+
 class MeshInputs(RequestModel):
     """Registered scans, and the mesh that is laid through them."""
 
@@ -69,6 +91,8 @@ class MeshInputs(RequestModel):
     accurate to a fraction of the resolution."""
     cuts: list[MeshCut] = Field(default=[], max_length=100)
     """Planes that cut the mesh, one after the other; each cut is closed by triangles in its plane."""
+    plinth: MeshPlinth | None = None
+    """What the surface stands on: mesh and planes become one watertight body without faces between them."""
     tolerance_m: float = Field(default=0.01, gt=0.0, le=1000.0)
     """For the share of points that lie within it of the mesh [m]."""
 

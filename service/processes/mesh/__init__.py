@@ -33,7 +33,7 @@ class MeshPlan:
                 }
                 for station in inputs["stations"]
             ],
-            **{name: inputs[name] for name in ("cleaning", "surface", "lines", "cuts", "tolerance_m")},
+            **{name: inputs[name] for name in ("cleaning", "surface", "lines", "cuts", "plinth", "tolerance_m")},
             "left_out": job.get("left_out", {}),
             "wanted": (job.get("wanted") or {}).get("mesh"),
         }

@@ -6,10 +6,11 @@ import numpy as np
 from pydantic import TypeAdapter
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Colors, Points
+from algorithms.arrays import Array, Colors, Points, Vector3
 from algorithms.meshing.body import ModelledBody, modelled_body
 from algorithms.meshing.constraint_lines import ConstraintLine
 from algorithms.meshing.options import MeshOptions
+from algorithms.meshing.plinth import Plinth
 from algorithms.progress import ProgressSection
 from schemas.results.mesh_result import MeshFaults, MeshingDocument, MeshStepFigures
 from schemas.results.registration_result import Artifact
@@ -43,7 +44,9 @@ def mesh(context: StepContext, arguments: Json) -> Json:
         for line in arguments["lines"]
     ]
     progress = ProgressSection(context.progress, CLEANED, MESHED)
-    body = modelled_body(points, _sensors(cleaned), options, cuts, progress, lines)
+    body = modelled_body(
+        points, _sensors(cleaned), options, cuts, progress, lines, _plinth(arguments["plinth"], origin)
+    )
     files: list[Artifact] | None = None
     if arguments["wanted"] is not None:
         context.progress.report(MESHED, "writing")
@@ -73,6 +76,16 @@ def mesh(context: StepContext, arguments: Json) -> Json:
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"triangles": document.triangles}
+
+
+def _plinth(wanted: Json | None, origin_m: Vector3) -> tuple[Plinth, float | None] | None:
+    """Give the body that the surface stands on, and where the surface is cut above it."""
+    if wanted is None:
+        return None
+    points = np.array([plane["point_m"] for plane in wanted["planes"]]) - origin_m
+    normals = np.array([plane["normal"] for plane in wanted["planes"]], dtype=np.float64)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return Plinth(points, normals, wanted["top"]), wanted["above_m"]
 
 
 def _sensors(cleaned: CleanedFrame) -> Points:

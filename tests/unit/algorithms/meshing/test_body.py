@@ -133,7 +133,10 @@ def test_two_cubes_in_each_other_intersect_and_a_splinter_is_small() -> None:
     assert kinds(splinter) == {"small-component": 1}
 
 
-@pytest.mark.parametrize("normal", [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.0, 0.0, -1.0]])
+@pytest.mark.parametrize(
+    "normal",
+    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 2.0, 3.0], [-1.0, -2.0, -3.0], [0.3, 2.0, -1.0], [0.0, 0.0, -1.0]],
+)
 def test_a_ring_cut_through_has_caps_with_their_holes(normal: list[float]) -> None:
     # a cube with a smaller cube taken out of its inside: the cut is a frame
     hollow = Mesh(
