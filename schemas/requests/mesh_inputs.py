@@ -1,6 +1,6 @@
 """Inputs of the process `mesh`."""
 
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -9,6 +9,7 @@ from algorithms.cleaning.options import CleaningOptions
 from algorithms.meshing.options import MeshOptions
 from schemas.requests.cleaning_steps import CleaningSteps
 from schemas.requests.execution import FileOutputRequest
+from schemas.requests.mesh_patches import MeshPatch, Position
 from schemas.requests.method_options import options_model
 from schemas.requests.posed_stations import PosedStations
 from schemas.values.base import RequestModel
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 else:
     MeshRequest = options_model(MeshOptions)
 
-Coordinate: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
-Position: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 LEAST_LENGTH = 1e-6
 """Shorter directions are none."""
 
@@ -93,6 +92,9 @@ class MeshInputs(RequestModel):
     """Planes that cut the mesh, one after the other; each cut is closed by triangles in its plane."""
     plinth: MeshPlinth | None = None
     """What the surface stands on: mesh and planes become one watertight body without faces between them."""
+    patches: list[MeshPatch] = Field(default=[], max_length=1000)
+    """Rectangles and parts of cylinders in which B-spline surfaces (NURBS of weights 1) are fitted to the cleaned
+    points; there is no automatic layout. Their names differ."""
     tolerance_m: float = Field(default=0.01, gt=0.0, le=1000.0)
     """For the share of points that lie within it of the mesh [m]."""
 

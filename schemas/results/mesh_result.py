@@ -32,6 +32,33 @@ class MeshFaults(Document):
     """Where the first ones are, world [m]."""
 
 
+class PatchFigures(Document):
+    """A B-spline surface in figures."""
+
+    name: str
+    """As in the request."""
+    points: int
+    """Points that lie in it."""
+    spans: tuple[int, int]
+    """Intervals between knots along both sides."""
+    control_points: int
+    """Of the surface."""
+    rms_m: float
+    """Root mean square of the distances of the points from it [m]."""
+    largest_m: float
+    """Largest of these [m]."""
+    std_m: float
+    """Standard deviation of a point, from these distances and the redundancy [m]."""
+    surface_std_m: float
+    """Standard deviation of the surface where points are, root mean square [m]; of points that err independently."""
+    misfit_m: float
+    """What is missed beyond the noise: root mean square of mean distances in thirds of the spans, less what noise
+    explains [m]."""
+    missed_spans: int
+    """Strips between knots in which the misfit is significant and above the tolerance: more knots were not to be had,
+    by `most_spans` or by the number of points."""
+
+
 class MeshingDocument(Document):
     """A mesh in figures, with its faults."""
 
@@ -59,9 +86,13 @@ class MeshingDocument(Document):
     """By kind; those without any are not listed."""
     deviations: DeviationFigures
     """Signed distances of the points from the mesh, positive outside."""
+    patches: list[PatchFigures] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """B-spline surfaces, where they were wanted."""
     left_out: dict[str, str]
     """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What a reader of the figures must know."""
     mesh: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)
     """The file, where it was wanted."""
+    patch_file: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """B-spline surfaces as a file, where it was wanted."""

@@ -1,17 +1,21 @@
 """Process `mesh`: a triangle mesh of registered scans."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from schemas.requests.mesh_inputs import MeshInputs, MeshOutput
+from schemas.requests.mesh_patches import PatchesOutput
 from schemas.requests.posed_stations import StationsOfJob
 from schemas.results.mesh_result import MeshingDocument
-from service.errors import InvalidRequestError
+from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
 from service.use_cases.steps.posed_plan import PosesFirst
 from service.use_cases.steps.station_calls import scan_of
+
+PASSED = ("cleaning", "surface", "lines", "cuts", "plinth", "patches", "tolerance_m")
+"""Inputs that the step is told as they are."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +37,9 @@ class MeshPlan:
                 }
                 for station in inputs["stations"]
             ],
-            **{name: inputs[name] for name in ("cleaning", "surface", "lines", "cuts", "plinth", "tolerance_m")},
+            **{name: inputs[name] for name in PASSED},
             "left_out": job.get("left_out", {}),
-            "wanted": (job.get("wanted") or {}).get("mesh"),
+            **{f"wanted_{name}": (job.get("wanted") or {}).get(name) for name in ("mesh", "patch_file")},
         }
         return [StepCall("mesh-stations", arguments, "laying the mesh", weight=self.total_weight(job))]
 
@@ -45,23 +49,31 @@ class MeshPlan:
 
 
 def _check(inputs: MeshInputs, stored: Stored) -> None:
-    if isinstance(inputs.stations, StationsOfJob):
-        return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(_name_faults(inputs))
+    if not isinstance(inputs.stations, StationsOfJob):
+        faults += posed_station_faults(inputs.stations, stored.files, "stations")
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+def _name_faults(inputs: MeshInputs) -> Iterator[FieldFault]:
+    names = [patch.name for patch in inputs.patches]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            yield FieldFault(f"/inputs/patches/{k}/name", f"the name '{name}' is used twice")
 
 
 MESH = Process(
     id="mesh",
     title="Lay a mesh through registered scans",
     description="Lays a triangle mesh through registered scans (Poisson, or a rolling ball), leaves out small parts, "
-    "closes holes, smooths, cuts by planes, keeps a share of the triangles, lists what is wrong with it, and tells "
-    "surface, volume and the distances of the points.",
+    "closes holes, smooths, cuts by planes, keeps a share of the triangles, joins it with the plinth it stands on, "
+    "lists what is wrong with it, and tells surface, volume and the distances of the points. Fits B-spline surfaces "
+    "over rectangles and cylinders.",
     inputs=MeshInputs,
     outputs=MeshingDocument,
     plan=PosesFirst(MeshPlan()),
     steps={"mesh-stations": "service.processes.mesh.meshing:mesh"},
     check=_check,
-    file_outputs={"mesh": MeshOutput},
+    file_outputs={"mesh": MeshOutput, "patch_file": PatchesOutput},
 )

@@ -16,6 +16,7 @@ from schemas.results.mesh_result import MeshFaults, MeshingDocument, MeshStepFig
 from schemas.results.registration_result import Artifact
 from service.formats.mesh_writers import MESH_WRITERS
 from service.ports import Json, StepContext
+from service.processes.mesh.patching import fitted_patches, patch_figures, write_patches
 from service.use_cases.documents.deviation_documents import deviation_figures
 from service.use_cases.steps.cleaned_clouds import CLEANED, CleanedFrame, cleaned_frame
 from service.use_cases.steps.output_files import artifact, output_file
@@ -47,10 +48,14 @@ def mesh(context: StepContext, arguments: Json) -> Json:
     body = modelled_body(
         points, _sensors(cleaned), options, cuts, progress, lines, _plinth(arguments["plinth"], origin)
     )
-    files: list[Artifact] | None = None
-    if arguments["wanted"] is not None:
-        context.progress.report(MESHED, "writing")
-        files = [_write(context, job_id, arguments["wanted"]["format"], body, cleaned, points)]
+    patches = fitted_patches(points, arguments["patches"], origin)
+    files: dict[str, list[Artifact] | None] = dict.fromkeys(("mesh", "patch_file"))
+    context.progress.report(MESHED, "writing")
+    if arguments["wanted_mesh"] is not None:
+        files["mesh"] = [_write(context, job_id, arguments["wanted_mesh"]["format"], body, cleaned, points)]
+    if arguments["wanted_patch_file"] is not None and patches:
+        name = arguments["wanted_patch_file"]["format"]
+        files["patch_file"] = [write_patches(context, job_id, name, arguments["patches"], patches, origin)]
     document = MeshingDocument(
         points=len(points),
         vertices=len(body.mesh.vertices),
@@ -70,9 +75,10 @@ def mesh(context: StepContext, arguments: Json) -> Json:
             for fault in body.faults
         ],
         deviations=deviation_figures(body.deviations_m, points + origin, arguments["tolerance_m"]),
+        patches=patch_figures(arguments["patches"], patches) if patches else None,
         left_out=arguments["left_out"],
         remarks=[*cleaned.cleaned.remarks, *_remarks(cleaned)],
-        mesh=files,
+        **files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"triangles": document.triangles}
