@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 
 from algorithms.arrays import Array, Colors, Flags, Indices, Points, Scalars
-from algorithms.colouring.balance import Balance, balance_of
+from algorithms.colouring.balance import Balance, balance_of, no_balance
 from algorithms.colouring.options import ColouringOptions
 from algorithms.colouring.photo_turns import PhotoTurn, Sights
 from algorithms.colouring.photo_views import PlacedPhoto, View, sampled, view_of
@@ -92,7 +92,7 @@ def coloured_cloud(
         drawn_radii.append(view.radius[drawn])
         seen.append(colors)
         radii.append(radius)
-    balance = balance_of(seen, radii) if options.balance else _no_balance(count)
+    balance = balance_of(seen, radii) if options.balance else no_balance(count)
     sums, weights, times = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points), dtype=np.int64)
     for number, (photo, view) in enumerate(zip(photos, views, strict=True)):
         progress.report(0.5 + 0.3 * number / max(count, 1), f"blending {photo.name}")
@@ -114,10 +114,6 @@ def coloured_cloud(
         balance=balance,
         turns=turns,
     )
-
-
-def _no_balance(count: int) -> Balance:
-    return Balance(np.zeros((count, 3)), np.zeros(3), np.zeros(3), 0)
 
 
 def _eight_bits(colors: Float64[Array, "n 3"]) -> UInt8[Array, "n 3"]:

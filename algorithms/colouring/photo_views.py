@@ -75,18 +75,45 @@ def view_of(photo: PlacedPhoto, points: Points, normals: Points, options: Colour
         np.ascontiguousarray(seen), np.ascontiguousarray(turned), pixels, cell, camera.width, camera.height,
         options.margin_m, RELATIVE_MARGIN, shown,
     )  # fmt: skip
-    distances = np.linalg.norm(seen, axis=1)
+    weights = weights_of(camera, seen, turned, pixels, options)
+    shown &= weights > 0.0
+    return View(numbers[shown], pixels[shown], weights[shown], radius_of(camera, pixels[shown]))
+
+
+def weights_of(
+    camera: Camera, in_camera: Points, turned: Points, pixels: Vectors2, options: ColouringOptions
+) -> Scalars:
+    """Give the say (n,) of a photo in the colours of what it shows: 0 where it looks too flatly.
+
+    Parameters
+    ----------
+    camera
+        Of the photo.
+    in_camera, turned
+        (n, 3) places and their normals, zero where there is none, in the camera's frame [m].
+    pixels
+        (n, 2) where they are in the photo.
+    options
+        Of the weights.
+    """
+    distances = np.linalg.norm(in_camera, axis=1)
     with_normal = np.einsum("ij,ij->i", turned, turned) > 0.5
-    cosines = -np.einsum("ij,ij->i", turned, seen) / np.maximum(distances, 1e-9)
+    cosines = -np.einsum("ij,ij->i", turned, in_camera) / np.maximum(distances, 1e-9)
     least = float(np.cos(np.radians(options.steepest_deg)))
     cosines = np.where(with_normal, cosines, least)
-    shown &= cosines >= least
-    weights = cosines**options.angle_power * (camera.fx / np.maximum(distances, 1e-9)) ** options.distance_power
+    weights = (
+        np.maximum(cosines, 0.0) ** options.angle_power
+        * (camera.fx / np.maximum(distances, 1e-9)) ** options.distance_power
+    )
     weights *= _off_border(pixels, camera, options.border)
-    shown &= weights > 0.0
+    return np.where(cosines >= least, weights, 0.0)
+
+
+def radius_of(camera: Camera, pixels: Vectors2) -> Scalars:
+    """Give the distance (n,) of pixels from the principal point over that of the farthest corner."""
     corner = np.array([[max(camera.cx, camera.width - camera.cx), max(camera.cy, camera.height - camera.cy)]])
-    radius = np.linalg.norm(pixels - np.array([camera.cx, camera.cy]), axis=1) / float(np.linalg.norm(corner))
-    return View(numbers[shown], pixels[shown], weights[shown], radius[shown])
+    off = np.linalg.norm(pixels - np.array([camera.cx, camera.cy]), axis=1)
+    return np.asarray(off / float(np.linalg.norm(corner)))
 
 
 def sampled(image: UInt8[Array, "h w 3"] | Float64[Array, "h w 3"], pixels: Vectors2) -> Float64[Array, "m 3"]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Indices, OtherPoints, Points, Scalars
+from algorithms.arrays import Array, Indices, OtherPoints, Points, Scalars
 from algorithms.deviations.cylinders import core_normals
 from algorithms.deviations.triangles import Mesh
 from algorithms.errors import InvalidInputError
@@ -74,7 +74,7 @@ def _turned_alike(places: Points, normals: Points) -> Points:
     cloud.normals = open3d.utility.Vector3dVector(normals)
     if len(places) > 1:
         cloud.orient_normals_consistent_tangent_plane(min(TANGENT_NEIGHBOURS, len(places) - 1))
-    turned = np.array(cloud.normals)
+    turned: Array = np.array(cloud.normals)
     return turned if turned[np.argmax(places[:, 2]), 2] >= 0.0 else -turned
 
 

@@ -100,7 +100,7 @@ def cut_open(mesh: Mesh, point_m: Vector3, normal: Vector3) -> tuple[Mesh, Seque
 def across(normal: Vector3) -> Matrix:
     """Give two directions (3, 2) across a normal of any length, which turn left as seen from its tip."""
     basis = bases_of((normal / np.linalg.norm(normal))[None])[0]
-    return basis if np.linalg.det(np.column_stack([basis, normal])) > 0.0 else basis[:, ::-1]
+    return np.asarray(basis if np.linalg.det(np.column_stack([basis, normal])) > 0.0 else basis[:, ::-1])
 
 
 def _clipped(mesh: Mesh, heights: Array, before: Array) -> tuple[Array, Array, Array]:

@@ -6,10 +6,11 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from algorithms.cleaning.options import CleaningOptions
+from algorithms.colouring.options import ColouringOptions
 from algorithms.meshing.options import MeshOptions
 from schemas.requests.cleaning_steps import CleaningSteps
 from schemas.requests.execution import FileOutputRequest
-from schemas.requests.mesh_patches import MeshPatch, Position
+from schemas.requests.mesh_patches import Coordinate, MeshPatch, Position
 from schemas.requests.method_options import options_model
 from schemas.requests.posed_stations import PosedStations
 from schemas.values.base import RequestModel
@@ -75,6 +76,29 @@ class MeshPlinth(RequestModel):
         return self
 
 
+class MeshTexture(RequestModel):
+    """How photos are laid on the mesh."""
+
+    size_px: int = Field(default=4096, ge=64, le=8192)
+    """Largest side of the image that holds them all."""
+    blending: ColouringOptions = Field(default=ColouringOptions())
+    """How photos are chosen, by angle and distance, and balanced. Each triangle takes one; what hides it is the mesh
+    itself, so that `margin_m` has no meaning here."""
+
+
+class MeshContour(RequestModel):
+    """The outline of something before what is behind it, measured in one photo of a station."""
+
+    station: str = Field(min_length=1, max_length=200)
+    """Name of the station."""
+    photo: int = Field(default=0, ge=0)
+    """Which of its photos, counted from 0."""
+    pixels: list[tuple[Coordinate, Coordinate]] = Field(min_length=1, max_length=100_000)
+    """Columns and rows of its points, 0, 0 the middle of the first pixel."""
+    largest_gap_px: float = Field(default=20.0, gt=0.0, le=1000.0)
+    """Points farther from the outline of the mesh in the photo are not laid on it [px]."""
+
+
 class MeshInputs(RequestModel):
     """Registered scans, and the mesh that is laid through them."""
 
@@ -95,6 +119,11 @@ class MeshInputs(RequestModel):
     patches: list[MeshPatch] = Field(default=[], max_length=1000)
     """Rectangles and parts of cylinders in which B-spline surfaces (NURBS of weights 1) are fitted to the cleaned
     points; there is no automatic layout. Their names differ."""
+    texture: MeshTexture | None = None
+    """Lay the stations' photos, listed or of their files (E57), with camera and pose on the mesh; for `obj` (with its
+    material and image) and `glb`."""
+    contours: list[MeshContour] = Field(default=[], max_length=1000)
+    """Contours in photos; the cone of each is intersected with the mesh, which gives edges that scans miss."""
     tolerance_m: float = Field(default=0.01, gt=0.0, le=1000.0)
     """For the share of points that lie within it of the mesh [m]."""
 

@@ -1,5 +1,6 @@
 """Where patches of splines are fitted to the points of a mesh."""
 
+import math
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, model_validator
@@ -18,7 +19,7 @@ SKEWEST = 0.01
 
 
 def _length(way: Position) -> float:
-    return sum(part * part for part in way) ** 0.5
+    return math.hypot(*way)
 
 
 class PatchRequest(RequestModel):

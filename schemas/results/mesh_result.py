@@ -59,6 +59,40 @@ class PatchFigures(Document):
     by `most_spans` or by the number of points."""
 
 
+class TextureFigures(Document):
+    """What the photos gave to the mesh."""
+
+    textured_triangles: int
+    """Triangles that a photo shows whole; the others are grey."""
+    textured_share: float
+    """Their share of the surface."""
+    pieces: int
+    """Pieces of neighbours that take one photo."""
+    texels_per_pixel: float
+    """Scale of the photos in the image; below 1 the image was too small for all."""
+    size_px: tuple[int, int]
+    """Width and height of the image."""
+    photos: dict[str, int]
+    """Triangles by photo: file and number."""
+
+
+class ContourFigures(Document):
+    """The contour of a photo on the mesh."""
+
+    station: str
+    """As in the request."""
+    photo: int
+    """As in the request."""
+    points_m: list[tuple[float, float, float] | None]
+    """Its points on the cone, at the depth of the outline of the mesh, world [m]; null: no outline was near."""
+    found: int
+    """How many of them have one."""
+    rms_px: float | None
+    """Root mean square of their distances from the outline in the photo [px]; null: there are none."""
+    mean_m: float | None
+    """Mean of these distances across the rays, positive where the mesh is too small [m]; null: there are none."""
+
+
 class MeshingDocument(Document):
     """A mesh in figures, with its faults."""
 
@@ -88,6 +122,10 @@ class MeshingDocument(Document):
     """Signed distances of the points from the mesh, positive outside."""
     patches: list[PatchFigures] | None = Field(default=None, exclude_if=lambda value: value is None)
     """B-spline surfaces, where they were wanted."""
+    texture: TextureFigures | None = Field(default=None, exclude_if=lambda value: value is None)
+    """What the photos gave, where they were wanted."""
+    contours: list[ContourFigures] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """Contours of photos on the mesh, where they were wanted."""
     left_out: dict[str, str]
     """Stations without a pose, by name, and why they have none."""
     remarks: list[str]

@@ -1,6 +1,8 @@
 """Write triangle meshes as PLY, OBJ and glTF."""
 
-from collections.abc import Callable, Mapping
+import json
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,9 +10,12 @@ import numpy as np
 
 from algorithms.arrays import Array, Colors, Vector3
 from algorithms.deviations.triangles import Mesh
+from algorithms.meshing.texture import Texture
 
 OBJ_DIGITS = 5
 """Hundredths of a millimetre."""
+JPEG_QUALITY = 95
+"""Of textures."""
 Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """glTF's axes from those of the world: x to the right, y upward, z backward."""
 
@@ -78,6 +83,93 @@ def write_glb(path: Path, mesh: Mesh, origin_m: Vector3, colors: Colors | None) 
     scene = trimesh.Scene()
     scene.add_geometry(made, node_name="mesh", geom_name="mesh", transform=place)
     scene.export(path, file_type="glb")  # type: ignore[no-untyped-call]
+
+
+def write_textured_obj(folder: Path, mesh: Mesh, origin_m: Vector3, texture: Texture) -> Sequence[str]:
+    """Write `mesh.obj` in full coordinates, its material `mesh.mtl` and the image `mesh.jpg`; give their names."""
+    vertices, places, triangles = _split(mesh, texture)
+    height, width = texture.image.shape[:2]
+    shares = np.column_stack([(places[:, 0] + 0.5) / width, 1.0 - (places[:, 1] + 0.5) / height])
+    with (folder / "mesh.obj").open("w", encoding="ascii", newline="\n") as stream:
+        stream.write("# metres, world, z up\nmtllib mesh.mtl\nusemtl photos\n")
+        np.savetxt(stream, mesh.vertices + origin_m, fmt="v" + 3 * f" %.{OBJ_DIGITS}f")
+        np.savetxt(stream, shares, fmt="vt %.7f %.7f")
+        corners = np.stack([vertices[triangles] + 1, triangles + 1], axis=-1).reshape(-1, 6)
+        np.savetxt(stream, corners, fmt="f %d/%d %d/%d %d/%d")
+    material = "newmtl photos\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd mesh.jpg\n"
+    (folder / "mesh.mtl").write_text(material, encoding="ascii")
+    (folder / "mesh.jpg").write_bytes(_jpeg(texture.image))
+    return ["mesh.obj", "mesh.mtl", "mesh.jpg"]
+
+
+def write_textured_glb(folder: Path, mesh: Mesh, origin_m: Vector3, texture: Texture) -> Sequence[str]:
+    """Write binary glTF 2.0 as `write_glb` does, with the image inside; give its name."""
+    vertices, places, triangles = _split(mesh, texture)
+    height, width = texture.image.shape[:2]
+    points = mesh.vertices[vertices].astype("<f4")
+    shares = ((places + 0.5) / np.array([width, height])).astype("<f4")
+    parts = [points.tobytes(), shares.tobytes(), triangles.astype("<u4").tobytes(), _jpeg(texture.image)]
+    place = Y_UP.copy()
+    place[:3, 3] = Y_UP[:3, :3] @ origin_m
+    starts = np.cumsum([0, *(len(part) + -len(part) % 4 for part in parts)]).tolist()
+    document = {
+        "asset": {"version": "2.0", "generator": "Tieline"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "mesh", "mesh": 0, "matrix": place.T.ravel().tolist()}],
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}
+        ],
+        # photos hold their light already
+        "materials": [{
+            "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0},
+            "doubleSided": True,
+        }],
+        "textures": [{"source": 0, "sampler": 0}],
+        "samplers": [{"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}],
+        "images": [{"bufferView": 3, "mimeType": "image/jpeg"}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3",
+             "min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()},
+            {"bufferView": 1, "componentType": 5126, "count": len(shares), "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5125, "count": triangles.size, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": len(part), **({"target": target} if target else {})}
+            for start, part, target in zip(starts, parts, (34962, 34962, 34963, None), strict=False)
+        ],
+        "buffers": [{"byteLength": starts[-1]}],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    with (folder / "mesh.glb").open("wb") as stream:
+        stream.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + starts[-1]))
+        stream.write(struct.pack("<I4s", len(text), b"JSON") + text)
+        stream.write(struct.pack("<I4s", starts[-1], b"BIN\0"))
+        for part in parts:
+            stream.write(part + b"\0" * (-len(part) % 4))
+    return ["mesh.glb"]
+
+
+def _split(mesh: Mesh, texture: Texture) -> tuple[Array, Array, Array]:
+    """Give corners that have one place in the image: their vertex, that place, and the triangles of such corners."""
+    keys = np.column_stack([mesh.triangles.ravel(), texture.corners.reshape(-1, 2)])
+    united, numbers = np.unique(keys, axis=0, return_inverse=True)
+    return united[:, 0].astype(np.int64), united[:, 1:], numbers.reshape(-1, 3)
+
+
+def _jpeg(image: Array) -> bytes:
+    import cv2
+
+    _, encoded = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return bytes(encoded.tobytes())
+
+
+TEXTURED_WRITERS: Mapping[str, Callable[[Path, Mesh, Vector3, Texture], Sequence[str]]] = {
+    "obj": write_textured_obj,
+    "glb": write_textured_glb,
+}
+MEDIA_TYPES = {".obj": "model/obj", ".mtl": "model/mtl", ".jpg": "image/jpeg", ".glb": "model/gltf-binary"}
 
 
 MESH_WRITERS: Mapping[str, MeshWriter] = {

@@ -1,11 +1,9 @@
 """Colour the stations of a job, and write the result of `colour`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import UInt8
 from pydantic import TypeAdapter
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array
 from algorithms.cleaning.best_view import point_normals
@@ -17,16 +15,11 @@ from algorithms.errors import InvalidInputError
 from algorithms.progress import ProgressSection
 from schemas.results.colouring_result import ColouringDocument, PhotoFigures, PhotoTurnFigures
 from schemas.results.registration_result import Artifact
-from service.errors import UnreadableFileError
-from service.formats import inspect_upload, read_photo
 from service.formats.writers import writer_of
-from service.names.content_keys import content_key
 from service.ports import Json, StepContext
-from service.use_cases.inputs.check_photos import camera_of
-from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.output_files import artifact, output_file
-from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, pose_of, read_stations
-from service.use_cases.steps.station_photos import pose_of_camera
+from service.use_cases.steps.placed_photos import placed_photos
+from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, read_stations
 
 
 def colour(context: StepContext, arguments: Json) -> Json:
@@ -40,7 +33,7 @@ def colour(context: StepContext, arguments: Json) -> Json:
     job_id, stations = arguments["job_id"], arguments["stations"]
     options = TypeAdapter(ColouringOptions).validate_python(arguments["options"])
     frame = read_stations(context, stations)
-    photos = [photo for station in stations for photo in _photos(context, station, frame)]
+    photos = [photo for station in stations for photo in placed_photos(context, station, frame)]
     if not photos:
         raise InvalidInputError("photos", "no station has a photo with camera and pose")
     points = np.concatenate([station.points() for station in frame.stations])
@@ -64,49 +57,6 @@ def colour(context: StepContext, arguments: Json) -> Json:
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"coloured": document.coloured}
-
-
-def _photos(context: StepContext, station: Json, frame: CommonFrame) -> list[PlacedPhoto]:
-    """Give the photos of a station: those of the request, else those that its file holds."""
-    common_from_world = RigidTransform.from_translation(-frame.origin_m)
-    place = common_from_world * pose_of(station)
-    requested = station["photos"] or _stored_photos(context, station["scan"])
-    return [_placed(context, photo, station["name"], place) for photo in requested]
-
-
-def _stored_photos(context: StepContext, scan: Json) -> list[Json]:
-    """List the images of the scan's own file that have camera and pose."""
-    path = context.blobs.local_path(content_key(scan["sha256"]))
-    found = inspect_upload(path, scan["filename"], read_limits(context), scan.get("columns") or "")
-    return [
-        {"index": photo.index, "sha256": scan["sha256"], "filename": scan["filename"]}
-        for photo in found.photos
-        if photo.camera is not None and photo.scan_from_camera is not None and photo.scan == scan["index"]
-    ]
-
-
-def _placed(context: StepContext, photo: Json, station: str, place: RigidTransform) -> PlacedPhoto:
-    """Place a photo; raises UnreadableFileError where neither request nor file has its camera or pose."""
-    path = context.blobs.local_path(content_key(photo["sha256"]))
-    found = read_photo(path, photo["filename"], photo["index"], read_limits(context))
-    camera = found.info.camera if photo.get("camera") is None else camera_of(photo["camera"])
-    pose = pose_of_camera(photo, found.info)
-    if camera is None or pose is None:
-        raise UnreadableFileError(photo["filename"], "camera or pose is not known", f"photo {photo['index']}")
-    return PlacedPhoto(f"{photo['filename']} {photo['index']}", station, camera, place * pose, _reader(context, photo))
-
-
-def _reader(context: StepContext, photo: Json) -> Callable[[], UInt8[Array, "h w 3"]]:
-    """Give a function that reads the pixels of a photo: not all are kept in memory at once."""
-
-    def read() -> UInt8[Array, "h w 3"]:
-        path = context.blobs.local_path(content_key(photo["sha256"]))
-        image = read_photo(path, photo["filename"], photo["index"], read_limits(context)).image
-        if image is None:  # pragma: no cover - such a photo is refused by `read_photo`
-            raise AssertionError
-        return image
-
-    return read
 
 
 def _normals(station: PlacedScan) -> Array:

@@ -12,9 +12,9 @@ from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
 from service.use_cases.steps.posed_plan import PosesFirst
-from service.use_cases.steps.station_calls import scan_of
+from service.use_cases.steps.station_calls import photos_of, scan_of
 
-PASSED = ("cleaning", "surface", "lines", "cuts", "plinth", "patches", "tolerance_m")
+PASSED = ("cleaning", "surface", "lines", "cuts", "plinth", "patches", "texture", "contours", "tolerance_m")
 """Inputs that the step is told as they are."""
 
 
@@ -34,6 +34,7 @@ class MeshPlan:
                     "name": station["name"],
                     "scan": scan_of(job, station),
                     "world_from_scan": station.get("world_from_scan"),
+                    "photos": photos_of(job, station),
                 }
                 for station in inputs["stations"]
             ],
@@ -68,8 +69,8 @@ MESH = Process(
     title="Lay a mesh through registered scans",
     description="Lays a triangle mesh through registered scans (Poisson, or a rolling ball), leaves out small parts, "
     "closes holes, smooths, cuts by planes, keeps a share of the triangles, joins it with the plinth it stands on, "
-    "lists what is wrong with it, and tells surface, volume and the distances of the points. Fits B-spline surfaces "
-    "over rectangles and cylinders.",
+    "lists what is wrong with it, and tells surface, volume and the distances of the points. Lays photos on "
+    "it, and contours measured in them; fits B-spline surfaces over rectangles and cylinders.",
     inputs=MeshInputs,
     outputs=MeshingDocument,
     plan=PosesFirst(MeshPlan()),

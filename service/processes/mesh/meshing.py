@@ -7,21 +7,26 @@ from pydantic import TypeAdapter
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Colors, Points, Vector3
+from algorithms.colouring.photo_views import PlacedPhoto
 from algorithms.meshing.body import ModelledBody, modelled_body
 from algorithms.meshing.constraint_lines import ConstraintLine
 from algorithms.meshing.options import MeshOptions
 from algorithms.meshing.plinth import Plinth
+from algorithms.meshing.texture import Texture
 from algorithms.progress import ProgressSection
 from schemas.results.mesh_result import MeshFaults, MeshingDocument, MeshStepFigures
 from schemas.results.registration_result import Artifact
-from service.formats.mesh_writers import MESH_WRITERS
+from service.formats.mesh_writers import MESH_WRITERS, TEXTURED_WRITERS
 from service.ports import Json, StepContext
+from service.processes.mesh.contouring import contours_on
 from service.processes.mesh.patching import fitted_patches, patch_figures, write_patches
+from service.processes.mesh.texturing import texture_figures, texture_of, write_textured
 from service.use_cases.documents.deviation_documents import deviation_figures
 from service.use_cases.steps.cleaned_clouds import CLEANED, CleanedFrame, cleaned_frame
 from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.placed_photos import placed_photos
 
-MESHED = 0.95
+MESHED, WRITING = 0.9, 0.97
 COLOUR_POINTS = 3
 """A vertex has the mean colour of so many points next to it."""
 
@@ -49,10 +54,19 @@ def mesh(context: StepContext, arguments: Json) -> Json:
         points, _sensors(cleaned), options, cuts, progress, lines, _plinth(arguments["plinth"], origin)
     )
     patches = fitted_patches(points, arguments["patches"], origin)
+    photos = _photos(context, arguments, cleaned)
+    texture: Texture | None = None
+    if arguments["texture"] is not None:
+        progress = ProgressSection(context.progress, MESHED, WRITING)
+        texture = texture_of(body.mesh, photos, arguments["texture"], progress)
     files: dict[str, list[Artifact] | None] = dict.fromkeys(("mesh", "patch_file"))
-    context.progress.report(MESHED, "writing")
+    context.progress.report(WRITING, "writing")
     if arguments["wanted_mesh"] is not None:
-        files["mesh"] = [_write(context, job_id, arguments["wanted_mesh"]["format"], body, cleaned, points)]
+        name = arguments["wanted_mesh"]["format"]
+        if texture is not None and name in TEXTURED_WRITERS:
+            files["mesh"] = write_textured(context, job_id, name, body.mesh, origin, texture)
+        else:
+            files["mesh"] = [_write(context, job_id, name, body, cleaned, points)]
     if arguments["wanted_patch_file"] is not None and patches:
         name = arguments["wanted_patch_file"]["format"]
         files["patch_file"] = [write_patches(context, job_id, name, arguments["patches"], patches, origin)]
@@ -76,12 +90,21 @@ def mesh(context: StepContext, arguments: Json) -> Json:
         ],
         deviations=deviation_figures(body.deviations_m, points + origin, arguments["tolerance_m"]),
         patches=patch_figures(arguments["patches"], patches) if patches else None,
+        texture=None if texture is None else texture_figures(body.mesh, photos, texture),
+        contours=contours_on(body.mesh, photos, arguments["contours"], origin),
         left_out=arguments["left_out"],
-        remarks=[*cleaned.cleaned.remarks, *_remarks(cleaned)],
+        remarks=[*cleaned.cleaned.remarks, *_remarks(cleaned), *_untextured(arguments)],
         **files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"triangles": document.triangles}
+
+
+def _photos(context: StepContext, arguments: Json, cleaned: CleanedFrame) -> Sequence[PlacedPhoto]:
+    """Give the photos of all stations, where something is wanted of them."""
+    if arguments["texture"] is None and not arguments["contours"]:
+        return []
+    return [photo for station in arguments["stations"] for photo in placed_photos(context, station, cleaned.frame)]
 
 
 def _plinth(wanted: Json | None, origin_m: Vector3) -> tuple[Plinth, float | None] | None:
@@ -110,6 +133,13 @@ def _remarks(cleaned: CleanedFrame) -> Sequence[str]:
         for station, _ in cleaned.stations()
         if station.scan.sensor_m is None
     ]
+
+
+def _untextured(arguments: Json) -> Sequence[str]:
+    wanted = arguments["wanted_mesh"]
+    if arguments["texture"] is None or wanted is None or wanted["format"] in TEXTURED_WRITERS:
+        return []
+    return [f"'{wanted['format']}' is written without the texture: ask for 'obj' or 'glb'"]
 
 
 def _places(points: Points) -> list[tuple[float, float, float]]:

@@ -132,6 +132,19 @@ def test_points_get_the_colours_of_the_photos_of_all_stations(
     assert all(photo["shown"] > 1000 for photo in result["photos"])
     scan = downloaded(service, result["coloured_cloud"][0], tmp_path)
     assert int((scan.color > 0).any(axis=1).sum()) >= 0.99 * result["coloured"]
+    low, high = SHIFT_M - np.array([6.0, 6.0, 1.0]), SHIFT_M + np.array([6.0, 6.0, 4.0])
+    inputs = {
+        "stations": with_photos,
+        "cleaning": {"box": {"lowest_m": low.tolist(), "highest_m": high.tolist()}},
+        "surface": {"resolution_m": 0.15, "max_gap_m": 0.2},
+        "texture": {"size_px": 512},
+        "contours": [{"station": "S1", "pixels": [[20.0, 20.0], [40.0, 30.0]]}],
+    }
+    meshed = run(service, "mesh", inputs, {"mesh": {"format": "obj"}, "texture": {}, "contours": {}})
+    assert [file["name"] for file in meshed["mesh"]] == ["mesh.obj", "mesh.mtl", "mesh.jpg"]
+    assert sum(meshed["texture"]["photos"].values()) == meshed["texture"]["textured_triangles"] > 100
+    assert len(meshed["contours"][0]["points_m"]) == 2
+    assert service.get(meshed["mesh"][2]["href"]).content[:2] == b"\xff\xd8"
 
 
 def test_scans_without_photos_cannot_be_coloured(service: RunningService, stations: list[Document]) -> None:
