@@ -64,7 +64,7 @@ def oriented_normals(points: Points, sensors_m: Points, radius_m: float) -> Poin
     turned = of_cells[cells.cell_of_point]
     away = np.einsum("ij,ij->i", turned[known], points[known] - sensors_m[known]) > 0.0
     turned[np.flatnonzero(known)[away]] *= -1.0
-    return turned
+    return np.asarray(turned)
 
 
 def _turned_alike(places: Points, normals: Points) -> Points:
