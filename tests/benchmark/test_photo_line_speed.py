@@ -12,8 +12,9 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
-from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.features.photo_lines.photo_lines import add_photo_lines
 from algorithms.geometry.cameras import Camera
+from algorithms.photos.station_photo import StationPhoto, mount_covariance
 from algorithms.progress import NoProgress
 from algorithms.simulation.rendering import station_photos
 from algorithms.simulation.scanner import VirtualScanner

@@ -1,13 +1,10 @@
 """Lines of a station's photos beside those of its scan: from pixels to one set of features."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import UInt8
-from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Matrix6
 from algorithms.features.photo_lines.merged_lines import merge_lines
 from algorithms.features.photo_lines.misstated_mounts import better_reading
 from algorithms.features.photo_lines.mount_contradictions import check_mounts
@@ -15,33 +12,14 @@ from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines.projected_edges import ProjectedEdges, project_edges
 from algorithms.features.photo_lines.projection_options import EdgeRejection, MergeOptions
 from algorithms.features.scan_features import PhotoEdges, ScanFeatures
-from algorithms.geometry.cameras import Camera
 from algorithms.geometry.lines import concatenated_lines
 from algorithms.photos.detector import detect_edges
+from algorithms.photos.station_photo import StationPhoto
 from algorithms.progress import Progress, ProgressSection
 from algorithms.scans.scan import Scan
 
 MERGING = MergeOptions()
 """Duplicates of scan and photos become one line that has the information of both."""
-
-
-@dataclass(frozen=True, eq=False)
-class StationPhoto:
-    """A photo taken from the scanner's station."""
-
-    image: UInt8[Array, "h w"] | UInt8[Array, "h w 3"]
-    """(h, w) grey or (h, w, 3) RGB."""
-    camera: Camera
-    """Interior orientation."""
-    scan_from_camera: RigidTransform
-    """Pose of the camera in the scan's frame, full coordinates."""
-    mount_covariance: Matrix6
-    """Of that pose: rotation vector on the left of the scan axes [rad], translation [m]."""
-
-
-def mount_covariance(rotation_std_rad: float, translation_std_m: float) -> Matrix6:
-    """Give the covariance (6, 6) of a mount known equally well about and along all axes (MATH 2.5)."""
-    return np.diag([rotation_std_rad**2] * 3 + [translation_std_m**2] * 3)
 
 
 def add_photo_lines(

@@ -175,7 +175,8 @@ def practise_on_edges() -> None:
 def practise_on_photos() -> None:
     """Add the lines of a photo to those of its scan; starts threads."""
     from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
-    from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+    from algorithms.features.photo_lines.photo_lines import add_photo_lines
+    from algorithms.photos.station_photo import StationPhoto, mount_covariance
     from algorithms.progress import NoProgress
 
     photos = [StationPhoto(tiny_photo(), CAMERA, CORNER, mount_covariance(1e-4, 1e-3))]

@@ -8,9 +8,10 @@ from pydantic import TypeAdapter
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
-from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.features.photo_lines.photo_lines import add_photo_lines
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.camera_mounts import CameraAxes, scan_from_camera_with_axes, scan_from_mounted_camera
+from algorithms.photos.station_photo import StationPhoto, mount_covariance
 from algorithms.progress import Progress
 from algorithms.scans.scan import Scan
 from service.errors import UnreadableFileError

@@ -12,8 +12,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
-from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.features.photo_lines.photo_lines import add_photo_lines
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.photos.station_photo import StationPhoto, mount_covariance
 from algorithms.progress import NoProgress
 from algorithms.registration.base import PairResult, RegistrationProblem
 from algorithms.registration.lines import LinesMethod

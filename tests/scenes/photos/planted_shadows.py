@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from algorithms.adjustment.snooping import CorrespondenceState
-from algorithms.features.photo_lines.photo_lines import StationPhoto
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
+from algorithms.photos.station_photo import StationPhoto
 from algorithms.simulation.rendering_truth import EdgeKind, visible_edges
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.sun import MORNING, Daylight

@@ -10,11 +10,12 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.errors import InvalidInputError
 from algorithms.features.photo_lines.photo_counts import photos_without_lines
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
-from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.features.photo_lines.photo_lines import add_photo_lines
 from algorithms.features.photo_lines.projection_options import SpaceEdgeKind
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.camera_mounts import CameraAxes, camera_from_axes
 from algorithms.geometry.lines import LineSource, lines_from_arrays
+from algorithms.photos.station_photo import StationPhoto, mount_covariance
 from algorithms.progress import NoProgress
 from service.use_cases.steps.feature_store import load_features, save_features
 from tests.scenes.photos.photo_scenes import line_errors, looking, normalised_errors

@@ -10,9 +10,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
-from algorithms.features.photo_lines.photo_lines import StationPhoto, add_photo_lines, mount_covariance
+from algorithms.features.photo_lines.photo_lines import add_photo_lines
 from algorithms.geometry.camera_mounts import CameraAxes
 from algorithms.geometry.lines import LineSource
+from algorithms.photos.station_photo import StationPhoto, mount_covariance
 from algorithms.progress import NoProgress
 from schemas.requests.extract_lines_inputs import ExtractLinesInputs
 from schemas.values.photos import AxesName
