@@ -181,6 +181,8 @@ def tested_board(cloud: SeenCloud, start_m: Array, size_m: float) -> Candidate |
         coverage,
         float(contrast),
         max(0.0, min(coverage, fit.agreement)),
+        size_m,
+        plane.normal,
     )
 
 

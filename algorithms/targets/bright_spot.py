@@ -55,6 +55,8 @@ class SpotFit:
     contrast: float
     tail: float
     """Height of the tail relative to the spot; 0 where there is none."""
+    normal: Vector3 | None
+    """(3,) unit normal of a square whose pixels tell it; None of others."""
 
 
 def fit_spot(
@@ -141,6 +143,7 @@ def fit_spot(
         rms=rms,
         contrast=height / max(abs(2.0 * level + height), 1e-300),
         tail=tail,
+        normal=plane.normal if plane.told else None,
     )
 
 
@@ -218,7 +221,7 @@ def _upright(place: Vector3, std_m: float) -> TangentPlane:
     """Give the vertical plane through a place that faces the instrument."""
     normal = -np.array([place[0], place[1], 0.0]) / float(np.hypot(place[0], place[1]))
     across = np.array([-normal[1], normal[0], 0.0])
-    return TangentPlane(place, normal, np.column_stack([across, np.array([0.0, 0.0, 1.0])]), std_m, std_m)
+    return TangentPlane(place, normal, np.column_stack([across, np.array([0.0, 0.0, 1.0])]), std_m, std_m, told=False)
 
 
 def _through_axis(

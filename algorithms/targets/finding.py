@@ -7,7 +7,7 @@ from algorithms.errors import InvalidInputError
 from algorithms.progress import NoProgress, Progress, ProgressSection
 from algorithms.scans.scan import Scan
 from algorithms.targets.boards import find_boards
-from algorithms.targets.found import Candidate, FoundTarget, RejectedCandidate, distinct
+from algorithms.targets.found import Candidate, FoundTarget, RejectedCandidate, distinct, one_of_both
 from algorithms.targets.options import BoardKind, SoughtKind, SphereKind
 from algorithms.targets.retro import find_retro_targets
 from algorithms.targets.seen_cloud import SeenCloud, seen_cloud
@@ -54,7 +54,7 @@ def find_targets(scan: Scan, kinds: Sequence[SoughtKind], *, progress: Progress 
         good, bad = distinct(candidates, apart_m)
         found += good
         rejected += bad
-    return TargetsOfScan(tuple(found), tuple(rejected))
+    return TargetsOfScan(tuple(one_of_both(found)), tuple(rejected))
 
 
 def _of_kind(cloud: SeenCloud, kind: SoughtKind, progress: Progress) -> tuple[list[Candidate], float]:

@@ -1,6 +1,9 @@
 """Targets that were found, and candidates that were not taken for one."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from algorithms.arrays import Matrix3, Vector3
 from algorithms.targets.options import TargetKind
@@ -27,6 +30,14 @@ class FoundTarget:
     """(bright - dark) / (bright + dark) of the intensities; 0 for spheres."""
     score: float
     """How much speaks for it, 0..1: the smaller of coverage and agreement with the template."""
+    size_m: float
+    """Diameter of a sphere, side of a board or square, diameter and height of a cylinder [m]."""
+    normal: Vector3 | None = None
+    """(3,) unit normal of a flat target towards the instrument; None where too few points tell it."""
+    range_misfit_m: float = 0.0
+    """Median difference of the ranges of a retro-reflective target's pixels from its surface [m]."""
+    alternative: TargetKind | None = None
+    """What the same place was found as too, but less well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +52,35 @@ class RejectedCandidate:
 
 
 Candidate = FoundTarget | RejectedCandidate
+RETRO = frozenset({TargetKind.RETRO_SQUARE, TargetKind.RETRO_CYLINDER})
+CLEARLY = 0.8
+"""A surface whose ranges are missed by less than so much of what another misses them by is the better one."""
+
+
+def one_of_both(found: Sequence[FoundTarget]) -> list[FoundTarget]:
+    """Report a bright spot that was found as a square and as a cylinder once, as what its ranges show or, where these
+    do not tell, its intensities.
+    """
+    kept: list[FoundTarget] = []
+    for each in found:
+        same = next((k for k, other in enumerate(kept) if _is_same_spot(each, other)), None)
+        if same is None:
+            kept.append(each)
+            continue
+        better, other = (each, kept[same]) if _is_better(each, kept[same]) else (kept[same], each)
+        alternative = better.alternative if better.kind is other.kind else other.kind
+        kept[same] = replace(better, alternative=alternative)
+    return kept
+
+
+def _is_same_spot(one: FoundTarget, other: FoundTarget) -> bool:
+    apart = float(np.linalg.norm(one.centre_m - other.centre_m))
+    return {one.kind, other.kind} <= RETRO and apart < 0.75 * max(one.size_m, other.size_m)
+
+
+def _is_better(one: FoundTarget, other: FoundTarget) -> bool:
+    low, high = sorted((one.range_misfit_m, other.range_misfit_m))
+    return one.range_misfit_m == low if low < CLEARLY * high else one.rms < other.rms
 
 
 def distinct(candidates: list[Candidate], apart_m: float) -> tuple[list[FoundTarget], list[RejectedCandidate]]:

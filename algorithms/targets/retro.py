@@ -188,7 +188,23 @@ def _tested(cloud: SeenCloud, spot: _Spot, size_m: float, kind: TargetKind) -> C
         coverage,
         fit.contrast,
         min(coverage, fit.agreement),
+        size_m,
+        fit.normal,
+        _range_misfit(points, ranges, fit, size_m, kind),
     )
+
+
+def _range_misfit(points: Array, ranges: Array, fit: SpotFit, size_m: float, kind: TargetKind) -> float:
+    """Give the median difference of ranges (n,) from those to a square or to an upright cylinder at the centre [m]."""
+    beams = points / ranges[:, None]
+    if kind is TargetKind.RETRO_SQUARE:
+        normal = fit.centre_m if fit.normal is None else fit.normal
+        return float(np.median(np.abs(ranges - (normal @ fit.centre_m) / (beams @ normal))))
+    across, centre = np.einsum("ij,ij->i", beams[:, :2], beams[:, :2]), fit.centre_m[:2]
+    along = beams[:, :2] @ centre
+    # beside the cylinder the beam is nearest to it where it passes its axis
+    hidden = np.maximum(along**2 - across * (centre @ centre - 0.25 * size_m**2), 0.0)
+    return float(np.median(np.abs(ranges - (along - np.sqrt(hidden)) / across)))
 
 
 def _wrong_coverage(pixels: int, expected: tuple[float, float], size_m: float) -> str | None:

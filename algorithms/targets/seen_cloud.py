@@ -12,6 +12,12 @@ from algorithms.scans.scan import Scan
 
 SAMPLED_DIRECTIONS = 4000
 """Directions whose neighbours tell the angular step of an unstructured scan."""
+REPEATED_TURN, LEAST_COLUMNS = 0.4, 64
+"""A raster that goes all around goes on for so much [rad]: no target looks wider."""
+ADJOINING = 0.75
+"""Columns adjoin that are one step apart to so much of it."""
+ONE_WAY = 0.9
+"""A column whose mean direction is shorter than this looks to the front and to the back."""
 LEAST_POINTS = 10
 """Fewer points show no target."""
 
@@ -27,7 +33,8 @@ class SeenCloud:
     intensity: Scalars | None
     """(n,) as in the file."""
     index: Array
-    """(rows, columns) number of the point seen in each cell of a raster of directions, -1 for none."""
+    """(rows, columns) number of the point seen in each cell of a raster of directions, -1 for none; where it goes all
+    around, its first columns follow once more after the last, so that nothing is cut off at the seam."""
     row_step_rad: float
     """Angle between rows."""
     column_step_rad: float
@@ -83,9 +90,52 @@ def seen_cloud(scan: Scan) -> SeenCloud:
     intensity = None if scan.intensity is None else scan.intensity.astype(np.float64)
     if scan.grid is not None:
         rows, columns = _steps_of_grid(points, scan.grid.index)
-        return SeenCloud(points, sensor, intensity, scan.grid.index, rows, columns, structured=True)
+        return SeenCloud(
+            points, sensor, intensity, closed_raster(points, scan.grid.index), rows, columns, structured=True
+        )
     step = _angular_spacing(points)
-    return SeenCloud(points, sensor, intensity, _raster(points, step), step, step, structured=False)
+    index = closed_raster(points, _raster(points, step))
+    return SeenCloud(points, sensor, intensity, index, step, step, structured=False)
+
+
+def closed_raster(points: Points, index: Array) -> Array:
+    """Repeat the first columns (rows, columns + k) of a raster behind its last, if they adjoin; else leave it.
+
+    Where a scanner turns on past its start, the columns follow that come after its last one.
+    """
+    columns = index.shape[1]
+    repeated = int(columns * REPEATED_TURN / (2.0 * np.pi))
+    if repeated < 1 or columns < LEAST_COLUMNS:
+        return index
+    first = _azimuths(points, index[:, :repeated])
+    last = _azimuths(points, index[:, -repeated:])
+    steps = np.concatenate([_turned(np.diff(first)), _turned(np.diff(last))])
+    steps = steps[np.isfinite(steps)]
+    if len(steps) == 0 or not np.any(np.isfinite(last)):
+        return index
+    step = float(np.median(steps))
+    end = int(np.flatnonzero(np.isfinite(last))[-1])
+    behind = step * (len(last) - 1 - end)
+    off = np.abs(_turned(first - last[end] - behind - step))
+    if not np.any(off < ADJOINING * abs(step)):
+        return index
+    start = int(np.nanargmin(off))
+    return np.hstack([index, index[:, start : start + repeated]])
+
+
+def _azimuths(points: Points, index: Array) -> Array:
+    """Give the mean azimuth (k,) of each column [rad], NaN where it has no points or looks both ways."""
+    rows, columns = np.nonzero(index >= 0)
+    level = points[index[rows, columns], :2]
+    level = level / np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
+    sums = [np.bincount(columns, level[:, k], index.shape[1]) for k in (0, 1)]
+    count = np.maximum(np.bincount(columns, minlength=index.shape[1]), 1)
+    return np.where(np.hypot(*sums) > ONE_WAY * count, np.arctan2(sums[1], sums[0]), np.nan)
+
+
+def _turned(angles: Array) -> Array:
+    """Give angles between -π and π."""
+    return np.asarray((angles + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _steps_of_grid(points: Points, index: Array) -> tuple[float, float]:

@@ -248,7 +248,8 @@ def tested_sphere(cloud: SeenCloud, start_m: Vector3, radius_m: float) -> Candid
     if reason is not None:
         return RejectedCandidate(TargetKind.SPHERE, centre, reason)
     score = min(coverage, 1.0 - rms / (WORST_RMS * radius_m))
-    return FoundTarget(TargetKind.SPHERE, centre, fit.covariance_m2, used, 0.0, rms, coverage, 0.0, score)
+    covariance = fit.covariance_m2
+    return FoundTarget(TargetKind.SPHERE, centre, covariance, used, 0.0, rms, coverage, 0.0, score, 2.0 * radius_m)
 
 
 def cap_coverage(points: Points, centre_m: Vector3, step_rad: float, radius_m: float) -> float:

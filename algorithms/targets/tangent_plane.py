@@ -25,6 +25,8 @@ class TangentPlane:
     """Standard deviation of its distance from the origin at the centre [m]."""
     noise_m: float
     """Standard deviation of single points across it [m]."""
+    told: bool = True
+    """Whether points tell its normal."""
 
     @property
     def incidence_rad(self) -> float:
@@ -61,7 +63,7 @@ class TangentPlane:
 def plane_across(centre_m: Vector3, offset_std_m: float) -> TangentPlane:
     """Give the plane through a place, across the beam to it."""
     normal = -centre_m / np.linalg.norm(centre_m)
-    return TangentPlane(centre_m, normal, _basis(normal), offset_std_m, offset_std_m)
+    return TangentPlane(centre_m, normal, plane_basis(normal), offset_std_m, offset_std_m, told=False)
 
 
 def plane_through(points: Points) -> TangentPlane | None:
@@ -84,10 +86,10 @@ def plane_through(points: Points) -> TangentPlane | None:
             break
         kept = points[near]
     normal = -normal if normal @ centre > 0.0 else normal
-    return TangentPlane(centre, normal, _basis(normal), noise / float(np.sqrt(len(kept))), noise)
+    return TangentPlane(centre, normal, plane_basis(normal), noise / float(np.sqrt(len(kept))), noise)
 
 
-def _basis(normal: Vector3) -> Array:
+def plane_basis(normal: Vector3) -> Array:
     """Give two unit directions (3, 2) across a normal, the first horizontal where that is one direction."""
     horizontal = np.array([-normal[1], normal[0], 0.0])
     length = float(np.linalg.norm(horizontal))

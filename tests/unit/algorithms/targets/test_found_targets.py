@@ -20,6 +20,7 @@ from algorithms.simulation.target_parts import BOARD_WHITE, checker_board, facin
 from algorithms.targets.bright_spot import SpotModel, SpotShape
 from algorithms.targets.finding import TargetsOfScan, find_targets
 from algorithms.targets.options import BoardKind, RetroKind, SoughtKind, SphereKind, TargetKind
+from algorithms.targets.seen_cloud import closed_raster
 
 RADIUS_M, BOARD_M, RETRO_M = 0.0725, 0.15, 0.05
 FINE = VirtualScanner(
@@ -170,6 +171,51 @@ def test_what_cannot_be_seen_is_refused() -> None:
         find_targets(replace(scan, grid=None), [RetroKind(RETRO_M)])
     with pytest.raises(InvalidInputError, match="there are none"):
         find_targets(scan, [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first_column", [0, 3000])
+def test_targets_on_the_seam_of_a_panorama_are_found(first_column: int) -> None:
+    # a square, a sphere and a board at the azimuth where the columns begin and end
+    truth = np.array([[-3.0, 0.0, 0.0], [-2.7, 0.02, 0.18], [-2.9, 0.01, -0.2]])
+    parts = [
+        box((-5.2, -3.0, -3.0), (-5.0, 3.0, 3.0), PLASTER),
+        plate(facing(truth[0].tolist(), (1.0, 0.0, 0.0), 0.3), RETRO_M, RETRO_M),
+        sphere(truth[1].tolist(), RADIUS_M),
+        *checker_board(facing(truth[2].tolist(), (1.0, 0.0, 0.0), 0.2), BOARD_M),
+    ]
+    scanner = VirtualScanner(rows=140, columns=4000, lowest_rad=-0.11, highest_rad=0.11, mixed_intensities=True)
+    scan = _scan(parts, scanner)
+    assert scan.grid is not None
+    turned = replace(scan, grid=replace(scan.grid, index=np.roll(scan.grid.index, first_column, axis=1)))
+    targets = find_targets(turned, [RetroKind(RETRO_M), SphereKind(RADIUS_M), BoardKind(BOARD_M)])
+    _assert_found(targets, truth, 0.002)
+
+
+def test_a_raster_that_does_not_close_or_goes_on_after_a_turn_is_told() -> None:
+    def raster(turn_rad: float) -> tuple[Array, Array]:
+        azimuths = np.linspace(0.0, turn_rad, 200, endpoint=False)
+        points = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(200)])
+        return points, np.arange(200)[None, :]
+
+    open_points, open_index = raster(6.0)
+    assert closed_raster(open_points, open_index) is open_index
+    points, index = raster(2.0 * np.pi)
+    np.testing.assert_array_equal(closed_raster(points, index)[0, 200:], np.arange(12))
+    # four columns are measured twice
+    points, index = raster(2.0 * np.pi * 200.0 / 196.0)
+    np.testing.assert_array_equal(closed_raster(points, index)[0, 200:], np.arange(4, 16))
+
+
+@pytest.mark.parametrize("made_as", [TargetKind.RETRO_SQUARE, TargetKind.RETRO_CYLINDER])
+def test_a_spot_is_one_kind_and_the_other_is_its_alternative(made_as: TargetKind) -> None:
+    truth = np.array([[10.0, 0.2, 0.1]])
+    square = [plate(facing(truth[0].tolist(), (-1.0, 0.0, 0.0)), RETRO_M, RETRO_M)]
+    scan = _scan(square if made_as is TargetKind.RETRO_SQUARE else retro_cylinder(truth[0], RETRO_M))
+    other = ({TargetKind.RETRO_SQUARE, TargetKind.RETRO_CYLINDER} - {made_as}).pop()
+    assert len(find_targets(scan, [RetroKind(RETRO_M, other)]).found) == 1
+    found = find_targets(scan, [RetroKind(RETRO_M, other), RetroKind(RETRO_M, made_as)]).found
+    assert [(each.kind, each.alternative) for each in found] == [(made_as, other)]
 
 
 @pytest.mark.slow
