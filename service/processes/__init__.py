@@ -12,6 +12,7 @@ from service.errors import NoSuchProcessError
 from service.ports import Json, Plan, Process, StepContext
 from service.processes.adjust import ADJUST
 from service.processes.calibrate_camera import CALIBRATE_CAMERA
+from service.processes.calibrate_mount import CALIBRATE_MOUNT
 from service.processes.clean import CLEAN
 from service.processes.colour import COLOUR
 from service.processes.compare import COMPARE
@@ -49,6 +50,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     ORIENT,
     ADJUST,
     CALIBRATE_CAMERA,
+    CALIBRATE_MOUNT,
     ECHO,
 )
 

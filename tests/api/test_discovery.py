@@ -57,6 +57,7 @@ def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:
         "drainage": ["async-execute", "dismiss"],
         "adjust": ["async-execute", "dismiss"],
         "calibrate-camera": ["async-execute", "dismiss"],
+        "calibrate-mount": ["async-execute", "dismiss"],
         "orient": ["async-execute", "dismiss"],
         "simulate": ["async-execute", "dismiss"],
         "echo": ["sync-execute", "async-execute", "dismiss"],

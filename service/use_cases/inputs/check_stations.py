@@ -59,7 +59,9 @@ def check_station(station: Station, files: FileStore) -> None:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 
 
-def posed_station_faults(stations: Sequence[PosedStation], files: FileStore, name: str) -> Iterable[FieldFault]:
+def posed_station_faults(
+    stations: Sequence[Station | PosedStation], files: FileStore, name: str
+) -> Iterable[FieldFault]:
     """Name what is wrong with names and files of stations with poses; `name` is that of the input."""
     yield from _name_faults(stations, name)
     for number, station in enumerate(stations):

@@ -8,6 +8,7 @@ from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
 NETWORK_STEPS = {"adjust", "calibrate-camera"}
 CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-planes", "model-roofs"}
+EDGE_STEPS = {EDGES, "calibrate-mount"}
 TERRAIN_STEPS = {"terrain", "drainage"}
 PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
@@ -45,7 +46,7 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
         yield kernels.NETWORKS
     elif step in TERRAIN_STEPS:
         yield kernels.TERRAIN
-    elif step == EDGES:
+    elif step in EDGE_STEPS:
         yield kernels.EDGES_OF_PHOTOS
     else:
         yield kernels.SCANS

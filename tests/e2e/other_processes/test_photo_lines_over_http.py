@@ -111,3 +111,16 @@ def test_a_photo_without_what_it_needs_is_pointed_at(
     answer = service.post("/processes/extract-lines/execution", json={"inputs": {"station": wrong}})
     assert answer.status_code == 400
     assert [fault["pointer"] for fault in answer.json()["errors"]] == [f"/inputs/station/photos/0/{pointer}"]
+
+
+def test_a_wall_without_edges_of_planes_leaves_the_mount_undetermined_and_says_what_to_add(
+    service: RunningService, station: dict[str, Any]
+) -> None:
+    job = service.execute("calibrate-mount", {"stations": [station]})
+    found = service.result(job)
+    (mount,) = found["mounts"]
+    assert mount["status"] == "undetermined"
+    assert "photograph edges" in mount["text"]
+    assert found["remarks"] == ["yard: the scan has no edge where two planes meet"]
+    (listed,) = service.get(found["artifacts"][0]["href"]).json()["stations"]
+    assert listed["photos"][0]["file"] == "wall.png"

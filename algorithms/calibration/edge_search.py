@@ -1,0 +1,142 @@
+"""Which edges of photos show which lines of scans, whatever the stated mount says (MATH 2.10).
+
+Lines have many edges beside them, of which one or none is the right one. Rotations are therefore tried on a lattice,
+and from the best of them the mount is improved while the reach of each pair shrinks from the lattice's step to its own
+uncertainty. What counts is how many edges of the photos then have a line.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.stats import chi2
+
+from algorithms.arrays import Array, Flags, Matrix6
+
+OUTLIER = float(chi2.ppf(0.999, 2))
+"""Pairs that fit worse show different things."""
+STEPS = 8
+"""Rotations tried on each side of the stated one, about each axis."""
+KEPT = 8
+"""Rotations from which the mount is improved."""
+ROUNDS = 25
+LAST_ROUNDS = 5
+"""Rounds in which nothing but the pairs' own uncertainty counts."""
+CHUNK = 2_000_000
+"""Gaps held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPlace:
+    """The best place of a mount, and how good others are.
+
+    Support is the sum over the edges of 1 - T / limit, T of the best partner, where that is positive.
+    """
+
+    error: Float64[Array, "6"]
+    """(6,) correction of the mount [rad, m]."""
+    support: float
+    other_support: float
+    """Of the best rotation elsewhere."""
+    chance: float
+    """Mean over all rotations within reach: what edges give that are everywhere."""
+
+    @property
+    def rivalry(self) -> float:
+        """Give how good the other place is, 0 by chance, 1 as good as this one."""
+        return max(self.other_support - self.chance, 0.0) / max(self.support - self.chance, 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSearch:
+    """Pairs of one mount, linearised about the stated one."""
+
+    values: Float64[Array, "n 2"]
+    """(n, 2) gaps [px]."""
+    by_mount: Float64[Array, "n 2 6"]
+    """(n, 2, 6) their derivatives."""
+    noise: Float64[Array, "n 2 2"]
+    """(n, 2, 2) covariance of each pair's gaps."""
+    edges: Int64[Array, "n"]
+    """(n,) number of the photo's edge, from 0; each has one line at most."""
+    reach: Float64[Array, "6"]
+    """(6,) largest errors of the mount [rad, m]."""
+
+    def best(self) -> FoundPlace:
+        """Give the correction of the mount that most edges support."""
+        nodes = self._lattice()
+        scores = self._scores(nodes, 1.0)
+        loose = np.diag((0.5 * self.reach) ** -2.0)
+        starts: list[int] = []
+        for k in np.argsort(-scores, kind="stable").tolist():
+            if all(np.abs(nodes[k] - nodes[j]).max() > 1.5 * self._step for j in starts):
+                starts.append(k)
+            if len(starts) == KEPT:
+                break
+        found = [self._improved(np.concatenate([nodes[k], np.zeros(3)]), loose) for k in starts]
+        found.append(self._improved(np.zeros(6), loose))
+        supports = [self.support(error) for error in found]
+        first = int(np.argmax(supports))
+        apart = [np.abs(error[:3] - found[first][:3]).max() > 0.5 * self._step for error in found]
+        other = max((support for support, far in zip(supports, apart, strict=True) if far), default=0.0)
+        return FoundPlace(found[first], supports[first], other, float(self._scores(nodes, 0.0).mean()))
+
+    def misfits(self, error: Array, weights: Array) -> Float64[Array, "n"]:
+        """Give T of each pair with the mount corrected by an error."""
+        left = self.values + self.by_mount @ error
+        return np.asarray(np.einsum("ni,nij,nj->n", left, weights, left))
+
+    def support(self, error: Array) -> float:
+        """Give how many edges have a line with the mount corrected by an error."""
+        return float(self._per_edge(self.misfits(error, np.linalg.inv(self.noise))[:, None])[0])
+
+    @property
+    def _step(self) -> float:
+        return float(self.reach[:3].max()) / STEPS
+
+    def _lattice(self) -> Float64[Array, "nodes 3"]:
+        steps = np.linspace(-1.0, 1.0, 2 * STEPS + 1)
+        return np.stack(np.meshgrid(*(steps * each for each in self.reach[:3]), indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def _inflated(self, share: float) -> Float64[Array, "n 2 2"]:
+        """Give the weights with what a share of the lattice's step and of unknown shifts may move."""
+        spread = np.concatenate([np.full(3, 0.5 * self._step), 0.3 * self.reach[3:]]) * share
+        moved = self.by_mount * spread
+        return np.asarray(np.linalg.inv(self.noise + moved @ np.swapaxes(moved, 1, 2)))
+
+    def _scores(self, nodes: Float64[Array, "nodes 3"], share: float) -> Float64[Array, "nodes"]:
+        whitening = np.swapaxes(np.linalg.cholesky(self._inflated(share)), 1, 2)
+        values = np.einsum("nij,nj->ni", whitening, self.values)
+        turns = whitening @ self.by_mount[:, :, :3]
+        scores = np.zeros(len(nodes))
+        size = max(CHUNK // max(len(values), 1), 1)
+        for first in range(0, len(nodes), size):
+            some = nodes[first : first + size].T
+            squares = sum((values[:, i, None] + turns[:, i] @ some) ** 2 for i in range(2))
+            scores[first : first + size] = self._per_edge(np.asarray(squares))
+        return scores
+
+    def _per_edge(self, squares: Float64[Array, "n g"]) -> Float64[Array, "g"]:
+        order = np.argsort(self.edges, kind="stable")
+        first = np.unique(self.edges[order], return_index=True)[1]
+        least = np.minimum.reduceat(squares[order], first, axis=0)
+        return np.asarray(np.maximum(1.0 - least / OUTLIER, 0.0).sum(axis=0))
+
+    def _improved(self, error: Array, loose: Matrix6) -> Float64[Array, "6"]:
+        for number in range(ROUNDS):
+            share = max(1.0 - number / (ROUNDS - LAST_ROUNDS), 0.0)
+            weights = self._inflated(share)
+            squares = self.misfits(error, weights)
+            shares = np.where(is_best(self.edges, squares), 1.0 / (1.0 + squares / OUTLIER) ** 2, 0.0)
+            weighted = shares[:, None, None] * np.swapaxes(self.by_mount, 1, 2) @ weights
+            normal = (weighted @ self.by_mount).sum(axis=0) + loose
+            error = -np.linalg.solve(normal, np.einsum("nij,nj->i", weighted, self.values))
+        return np.asarray(error)
+
+
+def is_best(edges: Int64[Array, "n"], squares: Float64[Array, "n"]) -> Flags:
+    """Tell which pairs fit best of all pairs of their edge."""
+    order = np.lexsort((squares, edges))
+    best = np.zeros(len(squares), dtype=np.bool_)
+    best[order[np.unique(edges[order], return_index=True)[1]]] = True
+    return best
