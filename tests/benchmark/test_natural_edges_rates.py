@@ -74,8 +74,9 @@ def test_two_mrad_and_five_mm_are_found_and_recovered(name: str, numbers: tuple[
             squares.append(left @ np.linalg.solve(mount.covariance, left))
         stds = clean.stds
         print(
-            f"{name}: {clean.pair_counts.sum()} edges, std {1e3 * stds[:3].max():.2f} mrad, {1e3 * stds[3:].max():.1f} "
-            f"mm, alone detectable {1e3 * clean.detectable[:3].max():.2f} mrad, {1e3 * clean.detectable[3:].max():.1f} mm"
+            f"{name}: {clean.pair_counts.sum()} edges, "
+            f"std {1e3 * stds[:3].max():.2f} mrad, {1e3 * stds[3:].max():.1f} mm, "
+            f"alone detectable {1e3 * clean.detectable[:3].max():.2f} mrad, {1e3 * clean.detectable[3:].max():.1f} mm"
         )
     print(f"{name}, together {together}: found {found}, within 3 std {within} of {total}, NEES {np.mean(squares):.1f}")
     assert false == 0

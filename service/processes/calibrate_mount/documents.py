@@ -10,9 +10,9 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Matrix6
 from algorithms.calibration.edge_images import moved_mounts
 from algorithms.calibration.natural_edges import PARAMETERS, EdgeCalibration, FoundMount
-from algorithms.features.photo_lines.photo_lines import mount_covariance
 from algorithms.geometry.camera_mounts import CameraAxes, camera_from_axes
 from algorithms.geometry.rotations import cross_matrix
+from algorithms.photos.station_photo import mount_covariance
 from schemas.results.mounts_result import (
     FoundMountDocument,
     Matrix4,

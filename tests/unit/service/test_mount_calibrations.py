@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.calibration.edge_options import EdgeCalibrationOptions
 from algorithms.calibration.natural_edges import mounts_from_edges
-from algorithms.features.photo_lines.photo_lines import mount_covariance
+from algorithms.photos.station_photo import mount_covariance
 from schemas.requests.calibrate_mount_inputs import CalibrateMountInputs
 from schemas.results.mounts_result import MountsDocument
 from service.processes.calibrate_mount import CALIBRATE_MOUNT
