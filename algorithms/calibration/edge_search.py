@@ -1,8 +1,8 @@
 """Which edges of photos show which lines of scans, whatever the stated mount says (MATH 2.10).
 
-Lines have many edges beside them, of which one or none is the right one. Rotations are therefore tried on a lattice,
-and from the best of them the mount is improved while the reach of each pair shrinks from the lattice's step to its own
-uncertainty. What counts is how many edges of the photos then have a line.
+Lines have many edges beside them, of which one or none is the right one. Rotations are therefore tried on a lattice;
+about the best of them three pairs each, which determine a mount, are tried, and what most edges and lines support is
+improved by all that fit it.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,14 @@ STEPS = 8
 """Rotations tried on each side of the stated one, about each axis."""
 KEPT = 8
 """Rotations from which the mount is improved."""
-ROUNDS = 25
-LAST_ROUNDS = 5
-"""Rounds in which nothing but the pairs' own uncertainty counts."""
+TRIPLES = 400
+"""Mounts tried from three pairs each about a rotation."""
+ROUNDS = 8
+"""Of reweighting; it has settled before."""
+BETTER = 5
+"""Of these, so many are improved."""
+FAR = 10.0
+"""Pairs whose T is so many times beyond the limit have no weight at all."""
 CHUNK = 2_000_000
 """Gaps held at once."""
 
@@ -30,7 +35,8 @@ CHUNK = 2_000_000
 class FoundPlace:
     """The best place of a mount, and how good others are.
 
-    Support is the sum over the edges of 1 - T / limit, T of the best partner, where that is positive.
+    Support is the sum of 1 - T / limit, T of the best partner, where that is positive, over the edges and over the
+    lines, halved: neither many edges along one line nor many lines at one edge count as often as there are.
     """
 
     error: Float64[Array, "6"]
@@ -59,6 +65,8 @@ class EdgeSearch:
     """(n, 2, 2) covariance of each pair's gaps."""
     edges: Int64[Array, "n"]
     """(n,) number of the photo's edge, from 0; each has one line at most."""
+    lines: Int64[Array, "n"]
+    """(n,) number of the line as one photo shows it, from 0."""
     reach: Float64[Array, "6"]
     """(6,) largest errors of the mount [rad, m]."""
 
@@ -66,15 +74,14 @@ class EdgeSearch:
         """Give the correction of the mount that most edges support."""
         nodes = self._lattice()
         scores = self._scores(nodes, 1.0)
-        loose = np.diag((0.5 * self.reach) ** -2.0)
         starts: list[int] = []
         for k in np.argsort(-scores, kind="stable").tolist():
             if all(np.abs(nodes[k] - nodes[j]).max() > 1.5 * self._step for j in starts):
                 starts.append(k)
             if len(starts) == KEPT:
                 break
-        found = [self._improved(np.concatenate([nodes[k], np.zeros(3)]), loose) for k in starts]
-        found.append(self._improved(np.zeros(6), loose))
+        rotations = [np.zeros(3), *(nodes[k] for k in starts)]
+        found = [self._about(np.concatenate([rotation, np.zeros(3)])) for rotation in rotations]
         supports = [self.support(error) for error in found]
         first = int(np.argmax(supports))
         apart = [np.abs(error[:3] - found[first][:3]).max() > 0.5 * self._step for error in found]
@@ -88,7 +95,7 @@ class EdgeSearch:
 
     def support(self, error: Array) -> float:
         """Give how many edges have a line with the mount corrected by an error."""
-        return float(self._per_edge(self.misfits(error, np.linalg.inv(self.noise))[:, None])[0])
+        return float(self._supports(self.misfits(error, np.linalg.inv(self.noise))[:, None])[0])
 
     @property
     def _step(self) -> float:
@@ -113,25 +120,60 @@ class EdgeSearch:
         for first in range(0, len(nodes), size):
             some = nodes[first : first + size].T
             squares = sum((values[:, i, None] + turns[:, i] @ some) ** 2 for i in range(2))
-            scores[first : first + size] = self._per_edge(np.asarray(squares))
+            scores[first : first + size] = self._supports(np.asarray(squares))
         return scores
 
-    def _per_edge(self, squares: Float64[Array, "n g"]) -> Float64[Array, "g"]:
-        order = np.argsort(self.edges, kind="stable")
-        first = np.unique(self.edges[order], return_index=True)[1]
-        least = np.minimum.reduceat(squares[order], first, axis=0)
-        return np.asarray(np.maximum(1.0 - least / OUTLIER, 0.0).sum(axis=0))
+    def _supports(self, squares: Float64[Array, "n g"]) -> Float64[Array, "g"]:
+        return 0.5 * sum(
+            (
+                np.maximum(1.0 - np.minimum.reduceat(squares[order], first, axis=0) / OUTLIER, 0.0).sum(axis=0)
+                for order, first in (_runs(self.edges), _runs(self.lines))
+            ),
+            start=np.zeros(squares.shape[1]),
+        )
 
-    def _improved(self, error: Array, loose: Matrix6) -> Float64[Array, "6"]:
-        for number in range(ROUNDS):
-            share = max(1.0 - number / (ROUNDS - LAST_ROUNDS), 0.0)
-            weights = self._inflated(share)
-            squares = self.misfits(error, weights)
+    @property
+    def _loose(self) -> Matrix6:
+        return np.diag((0.5 * self.reach) ** -2.0)
+
+    def _about(self, error: Float64[Array, "6"]) -> Float64[Array, "6"]:
+        """Give the most supported mount of those that three pairs near one determine."""
+        near = np.flatnonzero(self.misfits(error, self._inflated(1.0)) < OUTLIER)
+        if len(near) == 0:
+            return error
+        draw = np.random.default_rng(len(near))
+        chosen = near[draw.integers(len(near), size=(TRIPLES, 3))]
+        weights = np.linalg.inv(self.noise)
+        weighted = np.swapaxes(self.by_mount, 1, 2) @ weights
+        normals = (weighted @ self.by_mount)[chosen].sum(axis=1) + self._loose
+        rights = np.einsum("nij,nj->ni", weighted, self.values)[chosen].sum(axis=1)
+        tried = np.concatenate([error[None], -np.linalg.solve(normals, rights[..., None])[..., 0]])
+        left = self.values[:, None] + np.einsum("nij,gj->ngi", self.by_mount, tried)
+        supports = self._supports(np.einsum("ngi,nij,ngj->ng", left, weights, left))
+        order = np.argsort(-supports, kind="stable")[:BETTER]
+        improved = [self._improved(tried[k], weights) for k in order.tolist()]
+        return max(improved, key=self.support)
+
+    def _improved(self, error: Array, weights: Float64[Array, "n 2 2"]) -> Float64[Array, "6"]:
+        best, support = error, self.support(error)
+        for _ in range(ROUNDS):
+            squares = self.misfits(best, weights)
             shares = np.where(is_best(self.edges, squares), 1.0 / (1.0 + squares / OUTLIER) ** 2, 0.0)
+            shares[squares > FAR * OUTLIER] = 0.0
             weighted = shares[:, None, None] * np.swapaxes(self.by_mount, 1, 2) @ weights
-            normal = (weighted @ self.by_mount).sum(axis=0) + loose
+            normal = (weighted @ self.by_mount).sum(axis=0) + self._loose
             error = -np.linalg.solve(normal, np.einsum("nij,nj->i", weighted, self.values))
-        return np.asarray(error)
+            improved = self.support(error)
+            if improved <= support:
+                break
+            best, support = error, improved
+        return np.asarray(best)
+
+
+def _runs(numbers: Int64[Array, "n"]) -> tuple[Array, Array]:
+    """Give an order in which equal numbers stand together, and where each run begins."""
+    order = np.argsort(numbers, kind="stable")
+    return order, np.unique(numbers[order], return_index=True)[1]
 
 
 def is_best(edges: Int64[Array, "n"], squares: Float64[Array, "n"]) -> Flags:

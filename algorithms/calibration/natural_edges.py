@@ -178,11 +178,11 @@ def mounts_from_edges(
     stated = edge_gaps(network.stations, network.photos, candidates, errors)
     alone = network.alone(candidates, stated)
     mounts, edges = network.mounts_of(candidates), network.edges_of(candidates)
+    shown = network.shown_lines(candidates)
     for k in range(count):
         own = mounts == k
         if own.any():
-            numbers = np.unique(edges[own], return_inverse=True)[1]
-            search = EdgeSearch(stated.values[own], stated.by_mount[own], alone[own], numbers, reach)
+            search = EdgeSearch(stated.values[own], stated.by_mount[own], alone[own], edges[own], shown[own], reach)
             places[k] = found = search.best()
             errors[k] = found.error
     return network.solved(candidates, errors, places)
@@ -231,6 +231,11 @@ class _Edges:
         """Give the numbers of the photos' edges, all photos together."""
         first = np.cumsum([0, *(len(photo.segments) for photo in self.photos)])
         return np.asarray(first[pairs.photos] + pairs.segments, dtype=np.int64)
+
+    def shown_lines(self, pairs: EdgePairs) -> Int64[Array, "n"]:
+        """Give the numbers of the lines as each photo shows them."""
+        first = np.cumsum([0, *(len(self.stations[photo.station].lines) for photo in self.photos)])
+        return np.asarray(first[pairs.photos] + pairs.lines, dtype=np.int64)
 
     def own_noise(self, pairs: EdgePairs) -> Float64[Array, "n 2 2"]:
         """Give the covariance of the photos' edges at their ends [px²]."""

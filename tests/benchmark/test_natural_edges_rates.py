@@ -5,6 +5,7 @@
 
 import os
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ SHARP = EdgeCalibrationOptions(rounding_std_m=0.0005)
 """Edges of virtual scenes are sharp."""
 
 
+@cache
 def photographed(name: str, number: int) -> tuple[StationEdges, list[EdgePhoto]]:
     """Scan a scene and take four photos around, with their true poses."""
     scene, rng = SCENES[name](), np.random.default_rng([7, number])
@@ -72,11 +74,10 @@ def test_two_mrad_and_five_mm_are_found_and_recovered(name: str, numbers: tuple[
             found += mount.wrong
             within += bool((np.abs(left) < 3.0 * mount.stds).all())
             squares.append(left @ np.linalg.solve(mount.covariance, left))
-        stds = clean.stds
+        stds, sizes = 1e3 * clean.stds, 1e3 * clean.detectable
         print(
-            f"{name}: {clean.pair_counts.sum()} edges, "
-            f"std {1e3 * stds[:3].max():.2f} mrad, {1e3 * stds[3:].max():.1f} mm, "
-            f"alone detectable {1e3 * clean.detectable[:3].max():.2f} mrad, {1e3 * clean.detectable[3:].max():.1f} mm"
+            f"{name}: {clean.pair_counts.sum()} edges, std {stds[:3].max():.2f} mrad, {stds[3:].max():.1f} mm, "
+            f"detectable alone {sizes[:3].max():.2f} mrad, {sizes[3:].max():.1f} mm"
         )
     print(f"{name}, together {together}: found {found}, within 3 std {within} of {total}, NEES {np.mean(squares):.1f}")
     assert false == 0
