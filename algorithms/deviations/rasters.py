@@ -1,6 +1,7 @@
 """Surfaces as heights on a grid, with what the points in and around a cell say of them."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +64,7 @@ def viewed_along(points: Points, normal: Vector3) -> Points:
     return np.asarray(points @ np.column_stack([right, np.cross(n, right), n]))
 
 
-def grid_over(clouds: list[Points], cell_m: float, *, overlap: bool) -> Grid:
+def grid_over(clouds: Sequence[Array], cell_m: float, *, overlap: bool) -> Grid:
     """Lay a grid over clouds, its lines at multiples of the cell; over what all have in common, or over all.
 
     Raises

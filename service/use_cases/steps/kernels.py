@@ -23,13 +23,15 @@ from service.use_cases.steps.practice import (
     practise_on_methods,
     practise_on_networks,
     practise_on_photos,
+    practise_on_strips,
     practise_on_terrain,
 )
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
 LOOK_S = 0.5
 KERNELS = Path(__file__).parents[3] / "algorithms"
-SCANS, METHODS, CLOUDS, NETWORKS, TERRAIN = "scans", "methods", "clouds", "networks", "terrain"
+SCANS, METHODS, CLOUDS, NETWORKS = "scans", "methods", "clouds", "networks"
+TERRAIN, STRIPS = "terrain", "strips"
 EDGES_OF_PHOTOS, LINES_OF_PHOTOS = "edges", "photos"
 PRACTICES = {
     SCANS: practise,
@@ -39,6 +41,7 @@ PRACTICES = {
     LINES_OF_PHOTOS: practise_on_photos,
     NETWORKS: practise_on_networks,
     TERRAIN: practise_on_terrain,
+    STRIPS: practise_on_strips,
 }
 
 

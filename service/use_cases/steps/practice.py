@@ -5,6 +5,7 @@ here with all kernels that there are.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -157,6 +158,23 @@ def practise_on_terrain() -> None:
     grounds = [ground_of(points, chosen(), 1.0, NoProgress()).ground for chosen in EVERY_FILTER.values()]
     models = terrain_models(points, grounds[0], 1.0, Covariance(5.0, 1.0, 0.1), NoProgress())
     runoff_of_rounds(rain_on(models.dtm_m), 1)
+
+
+def practise_on_strips() -> None:
+    """Tie two tiny strips of level ground, whatever comes of it."""
+    from algorithms.errors import AlgorithmError
+    from algorithms.progress import NoProgress
+    from algorithms.strips.options import StripOptions
+    from algorithms.strips.strip import Strip
+    from algorithms.strips.strip_block import adjust_strips
+
+    rng = np.random.default_rng(0)
+    times = np.linspace(0.0, 1.0, 4000)
+    points = np.column_stack([40.0 * times, 20.0 * (np.linspace(0.0, 40.0, 4000) % 1.0), rng.normal(0.0, 0.01, 4000)])
+    swinging = (np.arange(4000) // 100 % 2).astype(np.int8)
+    strips = [Strip("first", points, times), Strip("second", points, times, None, swinging)]
+    with suppress(AlgorithmError):
+        adjust_strips(strips, [], StripOptions(), NoProgress())
 
 
 def practise_on_edges() -> None:

@@ -10,6 +10,7 @@ NETWORK_STEPS = {"adjust", "calibrate-camera"}
 CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-planes", "model-roofs"}
 EDGE_STEPS = {EDGES, "calibrate-mount"}
 TERRAIN_STEPS = {"terrain", "drainage"}
+STRIP_STEPS = {"adjust-strips"}
 PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 
@@ -46,6 +47,8 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
         yield kernels.NETWORKS
     elif step in TERRAIN_STEPS:
         yield kernels.TERRAIN
+    elif step in STRIP_STEPS:
+        yield kernels.STRIPS
     elif step in EDGE_STEPS:
         yield kernels.EDGES_OF_PHOTOS
     else:
