@@ -76,6 +76,51 @@ class PlannedPhotos(RequestModel):
     """How far the camera looks below the horizon [gon]."""
 
 
+Milligon: TypeAlias = Annotated[float, Field(ge=-5000.0, le=5000.0)]
+Millimetres: TypeAlias = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+
+
+class TripodDrift(RequestModel):
+    """A steady turn of a tripod from the first column of its scan to the last; the true pose is that of the middle."""
+
+    station: StationName
+    """Whose tripod."""
+    tilt_x_mgon: Milligon = 0.0
+    """About the scanner's x axis [mgon]."""
+    tilt_y_mgon: Milligon = 0.0
+    """About the scanner's y axis [mgon]."""
+    heading_mgon: Milligon = 0.0
+    """About its vertical axis [mgon]."""
+
+
+class SimulatedErrors(RequestModel):
+    """What is out of adjustment, recorded minus true: to see whether `scanner` and `calibrate-mount` find it."""
+
+    vertical_index_mgon: Milligon = 0.0
+    """Of every elevation [mgon]."""
+    range_offset_mm: Millimetres = 0.0
+    """Of every range [mm]."""
+    range_scale_ppm: float = Field(default=0.0, ge=-10000.0, le=10000.0)
+    """Of every range, in proportion to it [ppm]."""
+    collimation_mgon: Milligon = 0.0
+    """Between the line of sight and the normal of the trunnion axis [mgon]."""
+    trunnion_mgon: Milligon = 0.0
+    """Tilt of the trunnion axis [mgon]."""
+    incidence_offset_mm: Millimetres = 0.0
+    """Of ranges measured at 70 degrees from the normal; it grows with the tangent of that angle [mm]."""
+    tripods: list[TripodDrift] = Field(default=[], max_length=1000)
+    """Tripods that turn while they are scanned from."""
+    mount_rotation_mgon: tuple[Milligon, Milligon, Milligon] = (0.0, 0.0, 0.0)
+    """Turn of the camera against its stated mount, about its own axes right, down, forward [mgon]."""
+    mount_shift_mm: tuple[Millimetres, Millimetres, Millimetres] = (0.0, 0.0, 0.0)
+    """Shift of its projection centre along these axes [mm]."""
+
+    @property
+    def moves_camera(self) -> bool:
+        """Whether the camera does not sit where it is said to sit."""
+        return any((*self.mount_rotation_mgon, *self.mount_shift_mm))
+
+
 class SimulateInputs(RequestModel):
     """What is to be scanned, from where and with what."""
 
@@ -100,6 +145,8 @@ class SimulateInputs(RequestModel):
     """The set-ups; null: those that a built-in scene recommends."""
     photos: PlannedPhotos | None = Field(default=None, title="Photos")
     """Photos from every station; null: none."""
+    errors: SimulatedErrors | None = Field(default=None, title="Errors")
+    """Of instrument, tripods and camera; null: all are in adjustment."""
     expect: bool = Field(default=True, title="What to expect")
     """Whether the scans are also registered without a first guess, to learn which overlaps, links and standard
     deviations a network of these set-ups would have."""
@@ -117,4 +164,11 @@ class SimulateInputs(RequestModel):
             raise PydanticCustomError("one_scene", "give one of scene, mesh and planes")
         if self.scene is None and self.stations is None:
             raise PydanticCustomError("planned_stations", "say in `stations` where the scanner stands")
+        if self.errors is not None and self.stations is not None:
+            names = {each.station for each in self.errors.tripods} - {each.name for each in self.stations}
+            if names:
+                named = {"names": ", ".join(sorted(names))}
+                raise PydanticCustomError("tripod_station", "`errors.tripods`: there is no station {names}", named)
+        if self.errors is not None and self.photos is None and self.errors.moves_camera:
+            raise PydanticCustomError("mount_photos", "`errors` moves a camera, but no `photos` are taken")
         return self

@@ -34,6 +34,8 @@ class SimulatedPhoto(Document):
     """Name of the download."""
     scan_from_camera: tuple[Row4, Row4, Row4, Row4]
     """Its true pose, 4×4 row by row."""
+    stated_scan_from_camera: tuple[Row4, Row4, Row4, Row4]
+    """Where the camera is said to sit; the true pose unless `errors` moves it."""
 
 
 class SimulatedStation(Document):

@@ -158,7 +158,11 @@ def _station(station: Json, pose: RigidTransform, found: _Found | None) -> Simul
         lines=station["lines"],
         planes=station["planes"],
         photos=[
-            SimulatedPhoto(name=photo["file"], scan_from_camera=photo["scan_from_camera"])
+            SimulatedPhoto(
+                name=photo["file"],
+                scan_from_camera=photo["scan_from_camera"],
+                stated_scan_from_camera=photo["stated_scan_from_camera"],
+            )
             for photo in station["photos"]
         ],
         expected_status=None if found is None else found.status,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
@@ -23,6 +23,7 @@ from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scene import Scene
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
+from algorithms.simulation.systematic_errors import IN_ADJUSTMENT, SystematicErrors
 from algorithms.simulation.virtual_camera import VirtualCamera, scanner_camera, top_mount
 from service.errors import FieldFault, InvalidRequestError
 from service.formats.meshes import read_mesh
@@ -38,6 +39,7 @@ from service.use_cases.steps.output_files import artifact, output_file
 RAD_PER_GON = np.pi / 200.0
 SAMPLE = 60_000
 """Points of each scan by which overlaps are told."""
+RAD_PER_MGON = 1e-3 * RAD_PER_GON
 FEW_POINTS = 100
 """A scan of fewer is no scan."""
 
@@ -117,8 +119,8 @@ def scene_of(context: StepContext, arguments: Json) -> Scene:
     )
 
 
-def scanner_of(inputs: Json) -> VirtualScanner:
-    """Give the scanner of a job: an instrument with the step and the air of the request.
+def scanner_of(inputs: Json, station: str | None = None) -> VirtualScanner:
+    """Give the scanner of a job: an instrument with step, air and errors of the request, on the tripod of a station.
 
     Raises
     ------
@@ -132,6 +134,36 @@ def scanner_of(inputs: Json) -> VirtualScanner:
         scanner,
         attenuation_db_per_km=inputs["attenuation_db_per_km"],
         intensity_reference_m=inputs["intensity_reference_m"],
+        systematic=_errors_of(inputs["errors"], station),
+    )
+
+
+def _errors_of(errors: Json | None, station: str | None) -> SystematicErrors:
+    if errors is None:
+        return IN_ADJUSTMENT
+    drift: Json = next((each for each in errors["tripods"] if each["station"] == station), {})
+    return SystematicErrors(
+        range_offset_m=1e-3 * errors["range_offset_mm"],
+        range_scale_error=1e-6 * errors["range_scale_ppm"],
+        incidence_offset_m=1e-3 * errors["incidence_offset_mm"],
+        vertical_index_error_rad=RAD_PER_MGON * errors["vertical_index_mgon"],
+        collimation_error_rad=RAD_PER_MGON * errors["collimation_mgon"],
+        trunnion_error_rad=RAD_PER_MGON * errors["trunnion_mgon"],
+        drift_rad=(
+            RAD_PER_MGON * drift.get("tilt_x_mgon", 0.0),
+            RAD_PER_MGON * drift.get("tilt_y_mgon", 0.0),
+            RAD_PER_MGON * drift.get("heading_mgon", 0.0),
+        ),
+    )
+
+
+def mount_error_of(errors: Json | None) -> RigidTransform:
+    """Give where a camera really sits, as seen from where it is said to sit."""
+    if errors is None:
+        return RigidTransform.identity()
+    return RigidTransform.from_components(
+        1e-3 * np.array(errors["mount_shift_mm"]),
+        Rotation.from_rotvec(RAD_PER_MGON * np.array(errors["mount_rotation_mgon"])),
     )
 
 
@@ -149,7 +181,7 @@ def simulate_station(context: StepContext, arguments: Json) -> Json:
     scene = scene_of(context, arguments)
     # one generator for each set-up: what one returns does not depend on the others
     rng = np.random.default_rng([inputs["seed"], number])
-    scan = replace(scan_scene(scene, pose, scanner_of(inputs), rng), name=setup["name"])
+    scan = replace(scan_scene(scene, pose, scanner_of(inputs, setup["name"]), rng), name=setup["name"])
     if len(scan) < FEW_POINTS:
         raise InvalidRequestError(
             f"from the set-up '{setup['name']}' only {len(scan)} points come back: it stands away from the scene, "
@@ -157,7 +189,7 @@ def simulate_station(context: StepContext, arguments: Json) -> Json:
         )
     context.progress.report(0.3, "writing")
     output: Json = {"name": setup["name"], "points": len(scan), **_written(context, job_id, inputs, scan, pose)}
-    output["photos"] = _photos(context, job_id, inputs["photos"], scene, pose, setup["name"], rng)
+    output["photos"] = _photos(context, job_id, inputs, scene, pose, setup["name"], rng)
     # the step that lists them sees none of these files
     photos = [artifact(context, job_id, photo["file"], "image/png").model_dump() for photo in output["photos"]]
     output["artifacts"] += photos
@@ -200,20 +232,22 @@ def _written(context: StepContext, job_id: str, inputs: Json, scan: Scan, pose: 
 def _photos(
     context: StepContext,
     job_id: str,
-    wanted: Json | None,
+    inputs: Json,
     scene: Scene,
     pose: RigidTransform,
     name: str,
     rng: np.random.Generator,
 ) -> list[Json]:
     """Take the photos of a station, and describe them as a request of `register` may repeat it."""
+    wanted = inputs["photos"]
     if wanted is None:
         return []
     import cv2
 
     mount = top_mount(down_rad=wanted["down_gon"] * RAD_PER_GON)
     camera = VirtualCamera(camera=scanner_camera(wanted["scale"]), mount=mount)
-    poses = [camera.scan_from_camera(turn) for turn in _headings(wanted["count"])]
+    stated = [camera.scan_from_camera(turn) for turn in _headings(wanted["count"])]
+    poses = [each * mount_error_of(inputs["errors"]) for each in stated]
     described = []
     for number, photo in enumerate(station_photos(scene, pose, camera, poses, rng), start=1):
         filename = f"{name}-photo-{number}.png"
@@ -227,6 +261,7 @@ def _photos(
                 "file": filename,
                 "camera": camera_document(photo.camera),
                 "scan_from_camera": matrix_rows(photo.scan_from_camera),
+                "stated_scan_from_camera": matrix_rows(stated[number - 1]),
             }
         )
     # as JSON, which the output of a step is

@@ -6,6 +6,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.simulation.instruments import INSTRUMENTS
@@ -21,6 +22,7 @@ from service.formats.base import ReadLimits
 from service.ports import Json, StepContext
 from service.processes import OFFERED_PROCESSES, STEPS
 from service.processes.simulate import pairs_to_try
+from service.processes.simulate.scanning import scanner_of
 from service.use_cases.inputs.validate_request import validated
 
 
@@ -173,3 +175,52 @@ def test_a_network_to_be_is_registered_and_its_standard_deviations_hold(context:
         spread = np.linalg.norm([each for each in (std.tx_m, std.ty_m, std.tz_m) if each is not None])
         assert station.error_m < 5.0 * spread
     assert 0.3 < document.pairs[0].overlap_0_5m <= 1.0
+
+
+def test_errors_are_those_that_the_request_names() -> None:
+    said = {
+        "vertical_index_mgon": 10.0, "range_offset_mm": 2.0, "range_scale_ppm": 30.0, "collimation_mgon": 4.0,
+        "trunnion_mgon": -5.0, "tripods": [{"station": "B", "tilt_y_mgon": 5.0}],
+    }  # fmt: skip
+    still, turning = (scanner_of(inputs(errors=said), name).systematic for name in ("A", "B"))
+    mgon = np.pi / 200.0 * 1e-3
+    assert (still.range_offset_m, still.drift_rad) == (0.002, (0.0, 0.0, 0.0))
+    assert still.vertical_index_error_rad == pytest.approx(10.0 * mgon)
+    assert still.trunnion_error_rad == pytest.approx(-5.0 * mgon)
+    assert still.range_scale_error == pytest.approx(30e-6)
+    assert turning.drift_rad == pytest.approx((0.0, 5.0 * mgon, 0.0))
+
+
+def test_a_range_offset_lengthens_the_ranges_of_a_simulated_scan(context: StepContext) -> None:
+    limits, found = ReadLimits(max_points=10**6), []
+    for errors in (None, {"range_offset_mm": 500.0}):
+        document, _ = ran(context, job(stations=STATIONS[:1], errors=errors))
+        file = document.stations[0].file
+        found.append(read_scan(context.blobs.local_path(f"jobs/j/artifacts/{file}"), file, 0, limits))
+    plain, longer = (float(np.median(np.linalg.norm(scan.points + scan.origin_m, axis=1))) for scan in found)
+    assert longer - plain == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.slow
+def test_photos_of_a_wrong_mount_have_a_stated_pose_besides_the_true_one(context: StepContext) -> None:
+    errors = {"mount_rotation_mgon": [127.0, 0.0, 0.0], "mount_shift_mm": [0.0, 5.0, 0.0]}
+    photos = {"count": 1, "scale": 0.05}
+    document, _ = ran(context, job(stations=STATIONS[:1], photos=photos, errors=errors))
+    (photo,) = document.stations[0].photos
+    true, stated = (
+        RigidTransform.from_matrix(np.array(rows)) for rows in (photo.scan_from_camera, photo.stated_scan_from_camera)
+    )
+    np.testing.assert_allclose((stated.inv() * true).rotation.as_rotvec(), [1.995e-3, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose((stated.inv() * true).translation, [0.0, 0.005, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ({"tripods": [{"station": "C"}]}, "no station C"),
+        ({"mount_shift_mm": [1.0, 0.0, 0.0]}, "no `photos` are taken"),
+    ],
+)
+def test_errors_of_what_is_not_there_are_refused(errors: Json, words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        inputs(errors=errors)
