@@ -126,8 +126,8 @@ class ScanFeatures:
     """What makes one doubt that the coordinates are metres (`scans.scale_plausibility`)."""
     rounding: Rounding | None = None
     """What its coordinates are rounded to; None: not known."""
-    plane_responses: Float64[Array, "p 3 8"] | None = None
-    """(p, 3, 8) how each plane's (a1, a2, b) answer to errors of the instrument, `INSTRUMENT_ERRORS`, and to drifts,
+    plane_responses: Float64[Array, "p 3 11"] | None = None
+    """(p, 3, 11) how each plane's (a1, a2, b) answer to errors of the instrument, `INSTRUMENT_ERRORS`, and to drifts,
     `DRIFT_ERRORS`, zero where the time of points is not known; None: the file does not tell where the scanner stood."""
 
     @property

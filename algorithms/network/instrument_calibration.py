@@ -118,7 +118,7 @@ class InstrumentCalibration:
         return tuple(found for found in self.errors if found.estimated)
 
     def values(self, station: int) -> Scalars:
-        """Give the estimated errors (8,) of a station in the order of `ALL_ERRORS`, zero where there is none."""
+        """Give the estimated errors (11,) of a station in the order of `ALL_ERRORS`, zero where there is none."""
         return _values_of(station, [found.sought for found in self.errors], [
             found.value if found.estimated else 0.0 for found in self.errors
         ])  # fmt: skip

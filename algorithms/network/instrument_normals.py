@@ -35,7 +35,7 @@ class InstrumentNormals:
 
 
 def instrument_normals(
-    features: Mapping[int, StationFeatures], joint: JointAdjustment, columns: Int64[Array, "stations 8"], count: int
+    features: Mapping[int, StationFeatures], joint: JointAdjustment, columns: Int64[Array, "stations 11"], count: int
 ) -> InstrumentNormals:
     """Derive all contradictions of an adjustment by the errors of its instruments, and eliminate the poses.
 
@@ -49,7 +49,7 @@ def instrument_normals(
     joint
         The adjustment; it has no mounts of photos.
     columns
-        (stations, 8) number of the error that stands for each of `ALL_ERRORS` at each station, in the order of
+        (stations, 11) number of the error that stands for each of `ALL_ERRORS` at each station, in the order of
         `joint.stations`; -1 where there is none.
     count
         c, how many errors there are.
@@ -84,7 +84,7 @@ def _whitened(
     features: Mapping[int, StationFeatures],
     joint: JointAdjustment,
     group: TrackGroup,
-    columns: Int64[Array, "stations 8"],
+    columns: Int64[Array, "stations 11"],
     unknowns: Unknowns,
     count: int,
 ) -> tuple[Scalars, sparse.csr_array]:
@@ -124,8 +124,8 @@ def _whitened(
     return np.einsum("nij,nj->ni", whitening, equations.residuals).ravel(), jacobian
 
 
-def columns_of(stations: Sequence[int], shared: Sequence[tuple[str, Sequence[int]]]) -> Int64[Array, "stations 8"]:
-    """Give (stations, 8) which of the given errors stands for each of `ALL_ERRORS` at each station, -1 for none.
+def columns_of(stations: Sequence[int], shared: Sequence[tuple[str, Sequence[int]]]) -> Int64[Array, "stations 11"]:
+    """Give (stations, 11) which of the given errors stands for each of `ALL_ERRORS` at each station, -1 for none.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from algorithms.scans.instrument_errors import DRIFT_ERRORS, INSTRUMENT_ERRORS, 
 ALL_ERRORS = (*INSTRUMENT_ERRORS, *DRIFT_ERRORS)
 
 
-def axis_responses(lines: Lines, sensor_m: Vector3) -> Float64[Array, "n 4 8"]:
+def axis_responses(lines: Lines, sensor_m: Vector3) -> Float64[Array, "n 4 11"]:
     """Give how lines' (a1, a2, b1, b2) answer: an axis is displaced as the surface about it, drifts have no effect.
 
     Parameters
@@ -41,7 +41,7 @@ def axis_responses(lines: Lines, sensor_m: Vector3) -> Float64[Array, "n 4 8"]:
 
 
 def responses_of(features: StationFeatures, kind: TrackKind) -> Array:
-    """Give (n, 3 or 4, 8) responses of a station's planes or lines; zero where its instrument's place is not known."""
+    """Give (n, 3 or 4, 11) responses of a station's planes or lines; zero where its instrument's place is not known."""
     if kind is TrackKind.PLANE:
         if features.plane_responses is None:
             return np.zeros((len(features.planes), 3, len(ALL_ERRORS)))
@@ -79,7 +79,7 @@ def without_instrument_errors(features: StationFeatures, values: Scalars) -> Sta
     features
         As measured.
     values
-        (8,) errors in the order of `ALL_ERRORS`, recorded minus true.
+        (11,) errors in the order of `ALL_ERRORS`, recorded minus true.
     """
     planes, lines = features.planes, features.lines
     if not values.any() or features.plane_responses is None:

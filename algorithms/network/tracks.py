@@ -29,8 +29,8 @@ class StationFeatures:
     lines: Lines
     photo_covariances: Float64[Array, "photos 6 6"] = field(default_factory=lambda: np.zeros((0, 6, 6)))
     """(q, 6, 6) of the mount of each photo that `Lines.photos` counts (MATH 2.5)."""
-    plane_responses: Float64[Array, "p 3 8"] | None = None
-    """(p, 3, 8) how planes answer to errors of the instrument and of the tripod (MATH 6.8); None: not known."""
+    plane_responses: Float64[Array, "p 3 11"] | None = None
+    """(p, 3, 11) how planes answer to errors of the instrument and of the tripod (MATH 6.8); None: not known."""
     sensor_m: Vector3 | None = None
     """Where the instrument stood; None: not known."""
 

@@ -53,7 +53,11 @@ UNITS = {
 
 
 class DriftError(StrEnum):
-    """How a set-up turns while it scans: the coefficient of a polynomial in time, its change over the scan [rad]."""
+    """How a set-up turns while it scans: coefficients of a polynomial in time (Kager 2004, G-07, G-08) [rad].
+
+    A steady turn is its change from start to end; the bend of a turn is by how much it is larger at start and end than
+    in the middle. Over a scan both have the mean zero and do not depend on each other.
+    """
 
     TILT_X = "tilt_x"
     """Steady turn about the scan's x axis."""
@@ -61,9 +65,17 @@ class DriftError(StrEnum):
     """Steady turn about the scan's y axis."""
     HEADING = "heading"
     """Steady turn about the vertical axis."""
+    TILT_X_BEND = "tilt_x_bend"
+    """Bend of the turn about the scan's x axis."""
+    TILT_Y_BEND = "tilt_y_bend"
+    """Bend of the turn about the scan's y axis."""
+    HEADING_BEND = "heading_bend"
+    """Bend of the turn about the vertical axis."""
 
 
 DRIFT_ERRORS = tuple(DriftError)
+STEADY_DRIFTS = DRIFT_ERRORS[:3]
+"""Those of first order."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +159,9 @@ def instrument_displacements(arms: Points) -> Float64[Array, "n 3 errors"]:
 
 
 def drift_displacements(arms: Points, times: Scalars) -> Float64[Array, "n 3 drifts"]:
-    """Give how a unit of each drift displaces recorded points: -(t - 1/2) e × x, e the axis of the turn (MATH 6.8).
+    """Give how a unit of each drift displaces recorded points: -f(t) e × x, e the axis of the turn (MATH 6.8).
+
+    f is t - 1/2 of a steady turn, 4 (t - 1/2)² - 1/3 of its bend.
 
     Parameters
     ----------
@@ -158,7 +172,7 @@ def drift_displacements(arms: Points, times: Scalars) -> Float64[Array, "n 3 dri
 
     Returns
     -------
-    (n, 3, 3) recorded minus true [m for each rad] in the order of `DRIFT_ERRORS`.
+    (n, 3, 6) recorded minus true [m for each rad] in the order of `DRIFT_ERRORS`.
     """
     x, y, z = arms.T
     nothing = np.zeros_like(x)
@@ -170,7 +184,12 @@ def drift_displacements(arms: Points, times: Scalars) -> Float64[Array, "n 3 dri
         ],
         axis=2,
     )
-    return np.asarray(turned * (times - 0.5)[:, None, None])
+    return np.concatenate([turned * part[:, None, None] for part in drift_polynomials(times)], axis=2)
+
+
+def drift_polynomials(times: Scalars) -> tuple[Scalars, Scalars]:
+    """Give how far a steady turn and its bend have come at times (n,), 0 to 1 (MATH 6.8)."""
+    return np.asarray(times - 0.5), np.asarray(4.0 * np.square(times - 0.5) - 1.0 / 3.0)
 
 
 def without_errors(points: Points, sensor_m: Vector3, errors: Float64[Array, "errors"]) -> Points:

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from algorithms.arrays import Points, Scalars
 from algorithms.errors import InvalidInputError
+from algorithms.scans.instrument_errors import drift_polynomials
 
 REFERENCE_INCIDENCE_RAD = float(np.deg2rad(70.0))
 """Angle of incidence for which the offset by incidence is stated."""
@@ -37,6 +38,8 @@ class SystematicErrors:
     drift_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Turn of the tripod about the scanner's x, y, z axes from the first column to the last, steady; half of it before
     and half after the stated pose."""
+    drift_bend_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """By how much more the tripod is turned at the first and the last column than in the middle; its mean is zero."""
 
     def __post_init__(self) -> None:
         """Refuse errors that are no numbers or that turn ranges round."""
@@ -64,8 +67,10 @@ class SystematicErrors:
         directions = np.stack(
             [horizontal * np.cos(azimuths), horizontal * np.sin(azimuths), np.sin(elevations)], axis=1
         )
-        if any(self.drift_rad):
-            directions = Rotation.from_rotvec((times - 0.5)[:, None] * np.array(self.drift_rad)).apply(directions)
+        if any((*self.drift_rad, *self.drift_bend_rad)):
+            steady, bend = drift_polynomials(times)
+            turns = steady[:, None] * np.array(self.drift_rad) + bend[:, None] * np.array(self.drift_bend_rad)
+            directions = Rotation.from_rotvec(turns).apply(directions)
         return np.asarray(directions)
 
     def range_errors_m(self, ranges_m: Scalars, cosines: Scalars) -> Scalars:

@@ -38,6 +38,9 @@ class ScannerOptions(RequestModel):
     tripod: Literal["auto", "none"] = "none"
     """`auto`: a steady turn of each set-up during its scan is looked for, about three axes; the time of points is that
     of their columns, so only scans with rows and columns can tell."""
+    tripod_order: Literal[1, 2] = 1
+    """Order of the polynomials in time: 1 a steady turn, 2 with a bend as well (a tripod that settles). Every further
+    coefficient makes the others less certain, and the limit of all tests higher."""
     apply: bool = False
     """Whether the poses are those with the estimated errors taken off; they rest on planes and pipes alone then, as the
     surfaces of pairs were compared as measured. Otherwise the errors are reported and nothing is changed."""

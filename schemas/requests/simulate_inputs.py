@@ -81,7 +81,7 @@ Millimetres: TypeAlias = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 
 
 class TripodDrift(RequestModel):
-    """A steady turn of a tripod from the first column of its scan to the last; the true pose is that of the middle."""
+    """A turn of a tripod from the first column of its scan to the last; the true pose is that of the mean."""
 
     station: StationName
     """Whose tripod."""
@@ -91,6 +91,8 @@ class TripodDrift(RequestModel):
     """About the scanner's y axis [mgon]."""
     heading_mgon: Milligon = 0.0
     """About its vertical axis [mgon]."""
+    bend_mgon: tuple[Milligon, Milligon, Milligon] = (0.0, 0.0, 0.0)
+    """By how much more it is turned about these axes at start and end than in the middle [mgon]."""
 
 
 class SimulatedErrors(RequestModel):

@@ -59,8 +59,8 @@ class FittedPlanes:
     """(k, 3, 3) of (a1, a2, b)."""
     rounding_covariances: Float64[Array, "k 3 3"]
     """(k, 3, 3) the same by rounded coordinates alone, of the surface as such, near and far parts of it alike."""
-    responses: Float64[Array, "k 3 8"]
-    """(k, 3, 8) derivatives of (a1, a2, b) by instrument errors and drifts; zero where no position is known."""
+    responses: Float64[Array, "k 3 11"]
+    """(k, 3, 11) derivatives of (a1, a2, b) by instrument errors and drifts; zero where no position is known."""
     noise_std_m: Float64[Array, "k"]
     point_counts: Int64[Array, "k"]
     extents: Float64[Array, "k 4"]
@@ -276,7 +276,7 @@ def _adjust_patches(
     sensor_m: Vector3 | None,
     rounding: PatchRounding,
     sweep: Sweep | None,
-) -> tuple[Points, Points, Bases, Matrices3, Matrices3, Float64[Array, "k 3 8"]]:
+) -> tuple[Points, Points, Bases, Matrices3, Matrices3, Float64[Array, "k 3 11"]]:
     """Refine every plane from its patch means; give its covariance, and that by rounding with all patches alike.
 
     Last come the responses to errors of the instrument.
@@ -301,7 +301,7 @@ def _adjust_patches(
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     owners = np.repeat(np.arange(k), np.diff(splits))
     weights = 1.0 / (variances + rounding.variances + waviness[owners])
-    responses = np.zeros((k, 3, 8))
+    responses = np.zeros((k, 3, 11))
     if sensor_m is not None:
         means = centroids[owners] - np.einsum("pi,pij->pj", jacobian[:, :2], axes[owners]) - sensor_m
         responses = plane_responses(means, normals, jacobian, weights, splits, sweep)

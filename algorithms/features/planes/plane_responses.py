@@ -22,7 +22,7 @@ def plane_responses(
     weights: Float64[Array, "p"],
     splits: Int64[Array, "starts"],
     sweep: Sweep | None,
-) -> Float64[Array, "k 3 8"]:
+) -> Float64[Array, "k 3 11"]:
     """Carry displacements of the patches through the fit of their planes: the least squares fit is linear in them.
 
     Parameters
@@ -42,11 +42,11 @@ def plane_responses(
 
     Returns
     -------
-    (k, 3, 8) derivatives of (a1, a2, b), `INSTRUMENT_ERRORS` before `DRIFT_ERRORS`.
+    (k, 3, 11) derivatives of (a1, a2, b), `INSTRUMENT_ERRORS` before `DRIFT_ERRORS`.
     """
     k = len(normals)
     if k == 0:
-        return np.zeros((0, 3, 8))
+        return np.zeros((0, 3, 11))
     fields = instrument_displacements(arms)
     drifts = (
         np.zeros((len(arms), 3, len(DRIFT_ERRORS))) if sweep is None else drift_displacements(arms, sweep.times(arms))

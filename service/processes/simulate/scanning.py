@@ -154,6 +154,7 @@ def _errors_of(errors: Json | None, station: str | None) -> SystematicErrors:
             RAD_PER_MGON * drift.get("tilt_y_mgon", 0.0),
             RAD_PER_MGON * drift.get("heading_mgon", 0.0),
         ),
+        drift_bend_rad=tuple(RAD_PER_MGON * each for each in drift.get("bend_mgon", (0.0, 0.0, 0.0))),
     )
 
 

@@ -12,7 +12,14 @@ from algorithms.network.instrument_calibration import (
     SoughtError,
 )
 from algorithms.network.network_registration import NetworkRegistration
-from algorithms.scans.instrument_errors import DRIFT_ERRORS, INSTRUMENT_ERRORS, UNITS, DriftError, InstrumentError
+from algorithms.scans.instrument_errors import (
+    DRIFT_ERRORS,
+    INSTRUMENT_ERRORS,
+    STEADY_DRIFTS,
+    UNITS,
+    DriftError,
+    InstrumentError,
+)
 from schemas.requests.scanner_options import ScannerOptions
 from schemas.results.instruments import InstrumentErrorFigures, Instruments, PoseWithInstrument
 
@@ -28,6 +35,9 @@ NAMES = {
     DriftError.TILT_X: "tilt about x",
     DriftError.TILT_Y: "tilt about y",
     DriftError.HEADING: "heading",
+    DriftError.TILT_X_BEND: "bend of the tilt about x",
+    DriftError.TILT_Y_BEND: "bend of the tilt about y",
+    DriftError.HEADING_BEND: "bend of the heading",
 }
 TO_ADD = {
     InstrumentError.VERTICAL_INDEX: "add stations at other distances from the same walls and ceilings, on both sides",
@@ -38,6 +48,9 @@ TO_ADD = {
     DriftError.TILT_X: "add planes in all directions around the set-up that other stations see as well",
     DriftError.TILT_Y: "add planes in all directions around the set-up that other stations see as well",
     DriftError.HEADING: "add upright planes in all directions around the set-up that other stations see as well",
+    DriftError.TILT_X_BEND: "add planes in all directions around the set-up that other stations see as well",
+    DriftError.TILT_Y_BEND: "add planes in all directions around the set-up that other stations see as well",
+    DriftError.HEADING_BEND: "add upright planes in all directions around the set-up that other stations see as well",
 }
 BEYOND = 3.0
 """An error larger than so many tolerances is beyond what the maker promises."""
@@ -75,7 +88,8 @@ def instrument_search(options: ScannerOptions, names: Sequence[str]) -> Instrume
     ]
     if options.tripod == "auto":
         drift = tolerances.drift_mgon / MGON_PER_RAD
-        sought += [SoughtError(error, (k,), drift) for k in range(len(names)) for error in DRIFT_ERRORS]
+        drifts = DRIFT_ERRORS if options.tripod_order == 2 else STEADY_DRIFTS
+        sought += [SoughtError(error, (k,), drift) for k in range(len(names)) for error in drifts]
     return InstrumentSearch(tuple(sought), apply=options.apply)
 
 

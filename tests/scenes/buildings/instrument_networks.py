@@ -9,7 +9,7 @@ from algorithms.features.planes.plane_responses import plane_responses
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
 from algorithms.network.tracks import StationFeatures, Tracks
-from algorithms.scans.instrument_errors import Sweep
+from algorithms.scans.instrument_errors import Sweep, drift_polynomials
 
 PATCHES_A_SIDE = 6
 PATCH_STD_M = 0.0005
@@ -28,8 +28,8 @@ class TrueErrors:
     range_scale: float = 0.0
     collimation_rad: float = 0.0
     trunnion_rad: float = 0.0
-    drifts_rad: tuple[tuple[float, float, float], ...] = ()
-    """Of each station: tilt about x, about y, heading; change over the scan."""
+    drifts_rad: tuple[tuple[float, ...], ...] = ()
+    """Of each station: tilt about x, about y, heading, change over the scan; then the bends of the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +47,13 @@ class InstrumentNetwork:
         return {k: self.poses[0].inv() * pose for k, pose in enumerate(self.poses)}
 
 
-def recorded(arms: np.ndarray, errors: TrueErrors, drift: tuple[float, float, float]) -> np.ndarray:
+def recorded(arms: np.ndarray, errors: TrueErrors, drift: tuple[float, ...]) -> np.ndarray:
     """Give what an instrument with these errors records of true points about it."""
     times = SWEEP.times(arms)
-    arms = Rotation.from_rotvec(-(times - 0.5)[:, None] * np.array(drift)).apply(arms)
+    steady, bend = drift_polynomials(times)
+    turns = np.zeros((2, 3))
+    turns.flat[: len(drift)] = drift
+    arms = Rotation.from_rotvec(-steady[:, None] * turns[0] - bend[:, None] * turns[1]).apply(arms)
     elevations = np.arctan2(arms[:, 2], np.hypot(arms[:, 0], arms[:, 1]))
     azimuths = np.arctan2(arms[:, 1], arms[:, 0])
     azimuths += errors.collimation_rad / np.cos(elevations) + errors.trunnion_rad * np.tan(elevations)

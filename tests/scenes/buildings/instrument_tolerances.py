@@ -15,9 +15,9 @@ TOLERANCES = {
 }
 
 
-def sought_in(stations: int, *, drifts: bool = False) -> list[SoughtError]:
+def sought_in(stations: int, *, drifts: bool = False, order: int = 1) -> list[SoughtError]:
     """Look for all errors of one instrument, and for the drift of each set-up."""
     found = [SoughtError(error, tuple(range(stations)), TOLERANCES[error]) for error in INSTRUMENT_ERRORS]
     if drifts:
-        found += [SoughtError(error, (k,), 10.0 * MGON) for k in range(stations) for error in DRIFT_ERRORS]
+        found += [SoughtError(error, (k,), 10.0 * MGON) for k in range(stations) for error in DRIFT_ERRORS[: 3 * order]]
     return found

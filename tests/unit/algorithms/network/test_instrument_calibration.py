@@ -111,6 +111,16 @@ def test_a_tripod_that_turns_during_its_scan_is_found_and_named() -> None:
 
 
 @pytest.mark.slow
+def test_a_tripod_that_settles_is_told_from_one_that_turns_steadily() -> None:
+    drifts = ((0.0,) * 6, (0.0, 0.0, 0.0, 0.0, 0.0, 12.0 * MGON), (0.0,) * 6, (0.0,) * 6)
+    result = calibrated(network_of(TrueErrors(drifts_rad=drifts), patch_std_m=5e-5), drifts=True, order=2)
+    found = found_in(result, DriftError.HEADING_BEND, 1)
+    assert found.significant
+    assert abs(found.value - 12.0 * MGON) < 3.5 * found.std
+    assert [f for f in result.errors if f.significant] == [found]
+
+
+@pytest.mark.slow
 def test_stations_of_another_instrument_have_their_own_errors() -> None:
     network, good = network_of(TRUE), network_of(TrueErrors())
     features = {k: (network if k < 2 else good).features[k] for k in range(STATIONS)}
@@ -130,7 +140,7 @@ def test_contradictions_answer_to_errors_as_their_derivatives_say() -> None:
     network = network_of(TrueErrors(), patch_std_m=0.001)
     stations = list(network.stations)
     joint = adjust_jointly(network.features, network.tracks, stations, network.start, KEEP_ALL)
-    shared = [(str(each.error), each.stations) for each in sought_in(STATIONS, drifts=True)]
+    shared = [(str(each.error), each.stations) for each in sought_in(STATIONS, drifts=True, order=2)]
     columns = columns_of(stations, shared)
     normals = instrument_normals(network.features, joint, columns, len(shared))
     scales = np.sqrt(normals.alone)

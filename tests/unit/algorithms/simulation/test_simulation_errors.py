@@ -94,13 +94,13 @@ def test_the_errors_of_axes_and_of_the_tripod_are_those_that_calibration_takes_o
 
 
 def test_a_tripod_that_turns_tilts_the_first_columns_against_the_last() -> None:
-    drift = (2e-4, -1e-4, 3e-4)
-    points, _ = points_and_ranges(out_of_adjustment(drift_rad=drift))
-    scan = scan_scene(GROUND, ABOVE, out_of_adjustment(drift_rad=drift), RNG(5))
+    drift, bend = (2e-4, -1e-4, 3e-4), (-1e-4, 2e-4, 1e-4)
+    points, _ = points_and_ranges(out_of_adjustment(drift_rad=drift, drift_bend_rad=bend))
+    scan = scan_scene(GROUND, ABOVE, out_of_adjustment(drift_rad=drift, drift_bend_rad=bend), RNG(5))
     sweep = sweep_of(scan)
     assert sweep is not None
     assert sweep.turn_rad == pytest.approx(2.0 * np.pi, abs=1e-6)
-    displaced = points - drift_displacements(points, sweep.times(points)) @ np.array(drift)
+    displaced = points - drift_displacements(points, sweep.times(points)) @ np.array([*drift, *bend])
     np.testing.assert_allclose(displaced[:, 2], -HEIGHT_M, atol=1e-5)
     assert np.abs(points[:, 2] + HEIGHT_M).max() > 5e-4
 
