@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.calibration.edge_images import EdgePhoto, StationEdges
+from algorithms.calibration.edge_options import EdgeCalibrationOptions
+from algorithms.calibration.natural_edges import mounts_from_edges
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.photo_lines.projected_edges import project_edges
@@ -44,14 +47,14 @@ def courtyard():
     return scan, features
 
 
-def photo(name):
+def photo(name, which="refined"):
     """Image, camera and scan_from_camera."""
     entry = json.loads((DATA / "cameras.json").read_text())[name]
     K, (k1, k2, p1, p2, k3) = np.array(entry["K"]), entry["dist"]
     camera = Camera(
         entry["width"], entry["height"], K[0, 0], K[1, 1], K[0, 2], K[1, 2], k1=k1, k2=k2, k3=k3, p1=p1, p2=p2
     )
-    camera_from_world = RigidTransform.from_matrix(np.array(entry["T_cam_world_refined"]))
+    camera_from_world = RigidTransform.from_matrix(np.array(entry[f"T_cam_world_{which}"]))
     world_from_scan = RigidTransform.from_matrix(
         np.array(json.loads((DATA / "poses.json").read_text())["L1_station10"])
     )
@@ -122,3 +125,18 @@ def test_edges_of_the_photos_become_lines_near_the_points_of_the_scan(courtyard)
         assert apart.max() < 0.5
     # points with a noise of five centimetres leave few edges that certain: 13, 11, 17 and 9 of 800 to 900 in each photo
     assert sum(found) >= 40
+
+
+def test_eight_lines_of_a_noisy_scan_are_not_taken_for_a_proof_of_any_mount(courtyard):
+    """The published mounts are wrong by 0.4 degrees; too few lines show it, and other places explain them as well."""
+    _, features = courtyard
+    between = np.flatnonzero((features.lines.parents >= 0).all(axis=1))
+    stations = [StationEdges(features.lines[between], features.planes.covariances)]
+    photos = []
+    for k, name in enumerate(NAMES[:2]):
+        image, camera, pose = photo(name, "published")
+        segments = detect_edges(image, camera, EdgeOptions(), progress=NoProgress())
+        photos.append(EdgePhoto(0, k, segments, camera, pose))
+    found = mounts_from_edges(stations, photos, EdgeCalibrationOptions(max_rotation_gon=0.9)).mounts
+    assert len(between) < 15
+    assert not any(mount.wrong for mount in found)
