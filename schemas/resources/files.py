@@ -66,6 +66,8 @@ class ScanDocument(BaseModel):
     their numbers show."""
     instrument: InstrumentDocument | None = None
     """What the file says of instrument, serial number and time of measurement; null: nothing."""
+    gps_time_s: tuple[float, float] | None = None
+    """First and last GPS time of a point, as the file counts it [s]; null: the file has no times."""
 
 
 class PhotoDocument(BaseModel):

@@ -82,6 +82,8 @@ class ScanRecords:
     """What looks wrong, for people."""
     instrument: Instrument | None = None
     """What the file says of instrument and time; None: nothing."""
+    gps_time_s: tuple[float, float] | None = None
+    """Least and largest time of a point; None: the file has no times."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,8 @@ class ScanInfo:
     """What the columns of a text table were taken for."""
     instrument: Instrument | None = None
     """What the file says of instrument and time; None: nothing."""
+    gps_time_s: tuple[float, float] | None = None
+    """Least and largest time of a point; None: the file has no times."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -150,6 +154,7 @@ class ScanInfo:
             "open_unit": self.open_unit,
             "text_columns": self.text_columns,
             "instrument": None if self.instrument is None else self.instrument.to_json(),
+            "gps_time_s": None if self.gps_time_s is None else list(self.gps_time_s),
         }
 
 

@@ -104,6 +104,7 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
         open_unit=records.open_unit or None,
         text_columns=records.text_columns,
         instrument=records.instrument,
+        gps_time_s=records.gps_time_s,
     )
 
 

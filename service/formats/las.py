@@ -42,16 +42,16 @@ class LasReader:
         """Yield the one cloud of a file."""
         if wanted not in {None, 0}:
             return
-        opened = _Opened(file, limits)
-        pieces = list(opened.pieces())
+        opened = OpenedLas(file, limits)
+        pieces = [_Piece.of(chunk) for chunk in opened.chunks()]
         if pieces:
             joined = _joined(pieces, opened.count, opened.scales, opened.offsets)
             yield _with_unit(file, replace(joined, instrument=opened.instrument), opened.unit)
 
     def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file piece by piece."""
-        opened, largest = _Opened(file, limits), 0.0
-        for piece in opened.pieces() if index == 0 else ():
+        opened, largest = OpenedLas(file, limits), 0.0
+        for piece in (_Piece.of(chunk) for chunk in opened.chunks()) if index == 0 else ():
             if not largest and piece.color is not None and piece.color.any():
                 largest = _largest_color(piece.color)  # of the first points that are not black
             points = piece.raw * opened.scales
@@ -60,18 +60,19 @@ class LasReader:
             yield _with_unit(file, records, opened.unit)
 
 
-class _Opened:
-    """A file whose header is checked when the first piece is asked for."""
+class OpenedLas:
+    """A file whose header is checked when the first points are asked for."""
 
     def __init__(self, file: ScanFile, limits: ReadLimits) -> None:
         self._file, self._limits = file, limits
+        self.header: Any = None
         self.count = 0
         self.scales, self.offsets = np.ones(3), np.zeros(3)
         self.unit: DeclaredUnit | UnknownUnit | None = None
         self.instrument: Instrument | None = None
 
-    def pieces(self) -> Iterator["_Piece"]:
-        """Read the points some at a time.
+    def chunks(self) -> Iterator[Any]:
+        """Read the points some at a time, as laspy gives them.
 
         Raises
         ------
@@ -91,7 +92,7 @@ class _Opened:
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE) if self.count else ():
                     found += len(chunk)
                     place = f"point {found}"
-                    yield _Piece.of(chunk)
+                    yield chunk
         except (laspy.LaspyException, struct.error) as fault:
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
         except (
@@ -110,7 +111,7 @@ class _Opened:
             raise file.unreadable(f"the points end after {found} of {self.count}", f"point {found}")
 
     def _look_at(self, header: Any) -> None:
-        file, self.count = self._file, int(header.point_count)
+        file, self.count, self.header = self._file, int(header.point_count), header
         if self.count == 0:
             return
         self.scales, self.offsets = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
@@ -151,6 +152,8 @@ class _Piece:
     """(n, 3) int32 as stored: the offset is added once, in float64, after the origin is known."""
     intensity: Array
     color: Array | None
+    gps_time_s: tuple[float, float] | None
+    """Least and largest; None: the point format has no times, or they are not finite."""
 
     @staticmethod
     def of(chunk: Any) -> "_Piece":
@@ -159,7 +162,13 @@ class _Piece:
             raw=np.column_stack([np.asarray(chunk[axis]) for axis in "XYZ"]),
             intensity=np.asarray(chunk["intensity"], dtype=np.float32),
             color=np.column_stack([chunk["red"], chunk["green"], chunk["blue"]]) if "red" in names else None,
+            gps_time_s=_span(np.asarray(chunk["gps_time"])) if "gps_time" in names else None,
         )
+
+
+def _span(times: Array) -> tuple[float, float] | None:
+    low, high = float(times.min()), float(times.max())
+    return (low, high) if np.isfinite([low, high]).all() else None
 
 
 def _laszip_record(file: ScanFile, header: Any) -> bytes:
@@ -204,7 +213,13 @@ def _joined(pieces: list[_Piece], count: int, scales: Array, offsets: Array) -> 
         base_m=offsets,
         intensity=np.concatenate([piece.intensity for piece in pieces]),
         color=color,
+        gps_time_s=_whole_span([piece.gps_time_s for piece in pieces]),
     )
+
+
+def _whole_span(spans: list[tuple[float, float] | None]) -> tuple[float, float] | None:
+    known = [span for span in spans if span is not None]
+    return (min(low for low, _ in known), max(high for _, high in known)) if len(known) == len(spans) else None
 
 
 def _largest_color(channels: Array) -> float:
