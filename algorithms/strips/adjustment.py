@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy import linalg
+from scipy import linalg, stats
 
-from algorithms.adjustment.critical_values import b_method_limit
 from algorithms.adjustment.robust_weights import LAST_HALF_WIDTHS, weight_factor
 from algorithms.adjustment.snooping import robust_variance_factor
 from algorithms.adjustment.testing import (
@@ -35,7 +34,6 @@ SETTLED_SHARE = 0.9
 """The usual misfit has settled where a round lowers it by less than a tenth."""
 MOST_ROBUST_ROUNDS, MOST_ROUNDS = 60, 40
 GLOBAL_ALPHA = 0.05
-POWER = 0.8
 KNOWN_BY_DATA = 0.5
 """An observation of zero is given up only where the data alone tell more than it does."""
 LEAST_TIES = 4
@@ -225,7 +223,7 @@ class _Search:
 
     def snooped(self, alpha: float) -> tuple[_Tests, float]:
         """Leave out the worst tie of each patch that fails, bring back what passes, until nothing changes."""
-        limit, single = b_method_limit(3, alpha, POWER).critical, normal_critical_value(alpha) ** 2
+        limit, single = tie_limit(alpha), normal_critical_value(alpha) ** 2
         back = np.zeros(len(self.used), dtype=bool)
         control_back = np.zeros(len(self.control_used), dtype=bool)
         for _ in range(MOST_ROUNDS):
@@ -339,13 +337,18 @@ class _Search:
             control_before_m=before.control,
             statistics=tests.statistics,
             control_statistics=tests.control,
-            critical=b_method_limit(3, alpha, POWER).critical * factor,
+            critical=tie_limit(alpha) * factor,
             control_critical=normal_critical_value(alpha) ** 2 * factor,
             test_variance_factor=factor,
             variance_factor=self.factor,
             test=global_test(self.omega(at), self.redundancy(), GLOBAL_ALPHA),
             iterations=self.iterations,
         )
+
+
+def tie_limit(alpha: float) -> float:
+    """Give the limit of T of a tie, which a good one exceeds with the probability alpha: of its three observations."""
+    return float(stats.chi2.isf(alpha, 3))
 
 
 def _first_of(patches: Array, flags: Flags) -> Flags:

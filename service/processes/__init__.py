@@ -11,6 +11,7 @@ from typing import Any
 from service.errors import NoSuchProcessError
 from service.ports import Json, Plan, Process, StepContext
 from service.processes.adjust import ADJUST
+from service.processes.adjust_strips import ADJUST_STRIPS
 from service.processes.calibrate_camera import CALIBRATE_CAMERA
 from service.processes.calibrate_mount import CALIBRATE_MOUNT
 from service.processes.clean import CLEAN
@@ -46,6 +47,7 @@ PROCESSES: tuple[Process[Any], ...] = (
     ROOFS,
     TERRAIN,
     DRAINAGE,
+    ADJUST_STRIPS,
     SIMULATE,
     ORIENT,
     ADJUST,

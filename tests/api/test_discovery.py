@@ -55,6 +55,7 @@ def test_processes_are_listed_with_how_they_may_run(client: Client) -> None:
         "roofs": ["async-execute", "dismiss"],
         "terrain": ["async-execute", "dismiss"],
         "drainage": ["async-execute", "dismiss"],
+        "adjust-strips": ["async-execute", "dismiss"],
         "adjust": ["async-execute", "dismiss"],
         "calibrate-camera": ["async-execute", "dismiss"],
         "calibrate-mount": ["async-execute", "dismiss"],

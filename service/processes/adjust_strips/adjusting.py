@@ -1,0 +1,181 @@
+"""The step of `adjust-strips`: read, tie, adjust, compare, describe, write."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from algorithms.arrays import Points, Scalars, Vector3
+from algorithms.errors import InvalidInputError
+from algorithms.progress import ProgressSection
+from algorithms.strips.control import ControlPatch
+from algorithms.strips.corrections import Correction
+from algorithms.strips.determination import determination_of
+from algorithms.strips.discrepancies import Discrepancies, cell_for, discrepancies
+from algorithms.strips.options import CorrectionOptions, PatchOptions, StripOptions
+from algorithms.strips.strip import Strip, Trajectory
+from algorithms.strips.strip_block import adjust_strips
+from schemas.results.registration_result import Artifact
+from service.formats.base import ReadLimits, ScanFile
+from service.formats.strips import read_strip, read_trajectory, write_corrected
+from service.names.content_keys import content_key
+from service.ports import Json, StepContext
+from service.processes.adjust_strips.documents import Told, document_of, tables_of
+from service.processes.adjust_strips.pictures import pictures_of
+from service.use_cases.limits.read_limits import read_limits
+from service.use_cases.steps.output_files import artifact, output_file
+
+READ, ADJUSTED, COMPARED = 0.2, 0.65, 0.8
+LAZ = "application/vnd.laszip"
+
+
+@dataclass(frozen=True, eq=False)
+class ReadStrips:
+    """Strips in one reduced frame, and what was subtracted."""
+
+    strips: Sequence[Strip]
+    trajectories: Sequence[str | None]
+    """Name of the file of each strip's trajectory."""
+    origin_m: Vector3
+    origin_s: float
+
+
+def adjust_strips_of_job(context: StepContext, arguments: Json) -> Json:
+    """Adjust strips, and store document, pictures and corrected strips.
+
+    Raises
+    ------
+    InvalidInputError
+        A strip that is none, a trajectory of another time, or one strip without control.
+    TooFewCorrespondencesError
+        Too few patches in common.
+    NotConvergedError
+        The adjustment does not settle.
+    """
+    job_id, inputs = arguments["job_id"], arguments["inputs"]
+    given = read_strips(context, arguments)
+    options = StripOptions(
+        TypeAdapter(PatchOptions).validate_python(inputs["patches"]),
+        TypeAdapter(CorrectionOptions).validate_python(inputs["corrections"]),
+        inputs["alpha"],
+        inputs["passes"],
+    )
+    control = control_of(inputs["control"], given.origin_m)
+    block = adjust_strips(given.strips, control, options, ProgressSection(context.progress, READ, ADJUSTED))
+    corrections = [block.adjusted.block.correction(block.adjusted.state, k) for k in range(len(given.strips))]
+    before, after = _compared(context, given, corrections, inputs["picture_cell_m"])
+    told = Told(
+        strips=given.strips,
+        trajectories=given.trajectories,
+        origin_m=given.origin_m,
+        origin_s=given.origin_s,
+        control=control,
+        block=block,
+        determination=determination_of(block.adjusted, given.strips),
+        before=before,
+        after=after,
+    )
+    files = tables_of(told) | pictures_of(before, after, inputs["picture_limit_m"])
+    for name, (_, data) in files.items():
+        context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
+    artifacts = [
+        Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
+        for name, (media, data) in files.items()
+    ]
+    document = document_of(told, artifacts, _corrected(context, arguments, given, corrections))
+    context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
+    return {"patches": document.patches.tied}
+
+
+def read_strips(context: StepContext, arguments: Json) -> ReadStrips:
+    """Read all strips and give each the trajectory that covers it.
+
+    Raises
+    ------
+    InvalidInputError
+        A strip that is none, or that no trajectory covers.
+    """
+    limits, files = read_limits(context), arguments["strips"]
+    records = []
+    for number, file in enumerate(files):
+        context.progress.report(READ * number / len(files), f"reading {file['name']}")
+        records.append(read_strip(context.blobs.local_path(content_key(file["sha256"])), file["filename"], limits))
+    first = records[0]
+    origin_m = np.rint(first.base_m + first.points.mean(axis=0))
+    origin_s = float(np.floor(min(each.gps_time_s[0] for each in records)))
+    paths: list[tuple[str, Trajectory]] = []
+    for file in arguments["trajectories"]:
+        where = context.blobs.local_path(content_key(file["sha256"]))
+        unit = arguments["inputs"]["angle_unit"]
+        paths.append(
+            (file["filename"], read_trajectory(where, file["filename"], file["columns"], unit, origin_m, origin_s))
+        )
+    strips, names = [], []
+    for file, record in zip(files, records, strict=True):
+        times = record.gps_time_s - origin_s
+        name, path = _covering(paths, times, file["name"])
+        strips.append(Strip(file["name"], record.points + (record.base_m - origin_m), times, path, record.directions))
+        names.append(name)
+    return ReadStrips(strips, names, origin_m, origin_s)
+
+
+def _covering(
+    paths: Sequence[tuple[str, Trajectory]], times: Scalars, name: str
+) -> tuple[str, Trajectory] | tuple[None, None]:
+    if not paths:
+        return None, None
+    for filename, path in paths:
+        if path.covers(float(times[0]), float(times[-1])):
+            return filename, path
+    raise InvalidInputError(
+        "trajectories", f"none covers the times of strip {name} without gaps",
+        "see that both count the same GPS time, and give the trajectory of its flight",
+    )  # fmt: skip
+
+
+def control_of(points: Sequence[Json], origin_m: Vector3) -> list[ControlPatch]:
+    """Join known points of one name to planes."""
+    names = list(dict.fromkeys(point["name"] for point in points))
+    found = []
+    for name in names:
+        own = [point for point in points if point["name"] == name]
+        places = np.array([[point["x"], point["y"], point["z"]] for point in own], dtype=np.float64) - origin_m
+        stds = np.array([np.broadcast_to(point["std_m"], 3) for point in own], dtype=np.float64)
+        found.append(ControlPatch(name, places, stds))
+    return found
+
+
+def _compared(
+    context: StepContext, given: ReadStrips, corrections: Sequence[Correction], cell_m: float
+) -> tuple[Discrepancies, Discrepancies]:
+    """Compare the strips with each other as they came, and corrected."""
+    context.progress.report(ADJUSTED, "discrepancies before")
+    points = [strip.points for strip in given.strips]
+    cell = cell_for(points, cell_m)
+    before = discrepancies(points, cell)
+    context.progress.report(0.5 * (ADJUSTED + COMPARED), "discrepancies after")
+    moved = [each.applied(strip.points, strip.times_s) for each, strip in zip(corrections, given.strips, strict=True)]
+    return before, discrepancies(moved, cell)
+
+
+def _corrected(
+    context: StepContext, arguments: Json, given: ReadStrips, corrections: Sequence[Correction]
+) -> list[Artifact] | None:
+    """Write the corrected strips, where they are wanted."""
+    if arguments["wanted"] is None:
+        return None
+    files: list[Artifact] = []
+    limits: ReadLimits = read_limits(context)
+    for number, (file, correction) in enumerate(zip(arguments["strips"], corrections, strict=True)):
+        context.progress.report(COMPARED + (1.0 - COMPARED) * number / len(corrections), f"writing {file['name']}")
+        source = ScanFile(context.blobs.local_path(content_key(file["sha256"])), file["filename"])
+
+        def moved(points: Points, times: Scalars, correction: Correction = correction) -> Points:
+            return np.asarray(correction.applied(points - given.origin_m, times - given.origin_s) + given.origin_m)
+
+        filename = f"{file['name']}-corrected.laz"
+        with output_file(context, arguments["job_id"], filename, source.size) as path:
+            write_corrected(source, limits, path, moved)
+        files.append(artifact(context, arguments["job_id"], filename, LAZ))
+    return files

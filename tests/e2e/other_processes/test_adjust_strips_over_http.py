@@ -1,0 +1,142 @@
+"""Strips and their flight go in over HTTP; corrected strips, pictures and a protocol come out."""
+
+from pathlib import Path
+
+import cv2
+import laspy
+import numpy as np
+import pytest
+
+from algorithms.simulation.strip_flights import FlownStrip
+from tests.e2e.other_processes.test_clean_and_colour_over_http import downloaded, refusal, run
+from tests.e2e.running.command_line import tieline
+from tests.e2e.running.running_service import Document, RunningService
+from tests.scenes.flown_strips import known_places, planted_errors, village
+
+ORIGIN_M, ORIGIN_S = np.array([500_000.0, 5_600_000.0, 300.0]), 300_000_000.0
+
+
+def written(flown: FlownStrip, path: Path, point_format: int = 6) -> Path:
+    """Write a strip as LAZ, in disorder, as some programs do."""
+    strip = flown.strip
+    order = np.random.default_rng(0).permutation(len(strip.points))
+    header = laspy.LasHeader(point_format=point_format, version="1.4" if point_format >= 6 else "1.2")
+    header.scales, header.offsets = np.full(3, 0.001), ORIGIN_M
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = (strip.points + ORIGIN_M)[order].T
+    data.classification = (np.arange(len(order)) % 3).astype(np.uint8)
+    if point_format not in {0, 2}:
+        data.gps_time = (strip.times_s + ORIGIN_S)[order]
+    data.write(str(path))
+    return path
+
+
+@pytest.fixture(scope="module")
+def flown() -> list[FlownStrip]:
+    return village(planted_errors(1))
+
+
+@pytest.fixture(scope="module")
+def files(flown: list[FlownStrip], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("strips")
+    paths = [written(each, folder / f"{each.strip.name}.laz") for each in flown]
+    table = []
+    for each in flown:
+        path = each.strip.trajectory
+        angles = np.degrees(path.angles_rad)
+        angles[:, 2] %= 360.0
+        table.append(np.column_stack([path.times_s + ORIGIN_S, path.positions_m + ORIGIN_M, angles]))
+    trajectory = folder / "flight.txt"
+    np.savetxt(trajectory, np.concatenate(table), fmt="%.6f", header="time x y z roll pitch heading", comments="")
+    return [*paths, trajectory]
+
+
+@pytest.fixture(scope="module")
+def inputs(service: RunningService, files: list[Path]) -> Document:
+    ids = [service.upload(path)["id"] for path in files]
+    control = [
+        {"name": patch.name, "x": x, "y": y, "z": z, "std_m": 0.01}
+        for patch in known_places()
+        for x, y, z in (patch.points_m + ORIGIN_M).tolist()
+    ]
+    return {
+        "strips": [{"file": each} for each in ids[:-1]],
+        "trajectories": [{"file": ids[-1]}],
+        "control": control,
+    }
+
+
+def test_strips_are_corrected_and_everything_is_told(
+    service: RunningService, inputs: Document, flown: list[FlownStrip], tmp_path: Path
+) -> None:
+    told = "strips", "datum", "patches", "heights_before", "heights_after", "boresight", "regularisation", "artifacts"
+    wanted = {**{name: {} for name in told}, "corrected": {"format": "laz"}}
+    result = run(service, "adjust-strips", inputs, wanted)
+    assert [strip["name"] for strip in result["strips"]] == [each.strip.name for each in flown]
+    assert all(motion["determined"] for motion in result["datum"])
+    assert result["patches"]["mismatched_share"] <= 0.004
+    assert result["patches"]["rms_after_m"] < 0.01 < 0.05 < result["patches"]["rms_before_m"]
+    assert result["heights_after"]["median_m"] < 0.02 < 0.05 < result["heights_before"]["median_m"]
+    planted = planted_errors(1)
+    for told, true in zip(result["boresight"], planted.boresight_rad, strict=True):
+        assert told["unit"] == "mgon"
+        assert told["value"] == pytest.approx(true * 200_000.0 / np.pi, abs=3.0 * told["std"])
+    assert any("held by observations of zero" in line for line in result["regularisation"])
+    files = {each["name"]: each for each in result["artifacts"]}
+    for name in ("discrepancies-before.png", "discrepancies-after.png"):
+        picture = cv2.imdecode(np.frombuffer(service.get(files[name]["href"]).content, np.uint8), cv2.IMREAD_COLOR)
+        assert min(picture.shape[:2]) > 100
+    assert service.get(files["patches.csv"]["href"]).text.startswith("patch,strip,x_m")
+    assert service.get(files["corrections.csv"]["href"]).text.startswith("strip,parameter,power")
+    for each, artifact in zip(flown, result["corrected"], strict=True):
+        path = downloaded(service, artifact, tmp_path)
+        with laspy.open(path) as reader:
+            data = reader.read()
+        assert data.header.point_format.id == 6
+        order = np.random.default_rng(0).permutation(len(each.strip.points))
+        np.testing.assert_array_equal(np.asarray(data.classification), np.arange(len(order)) % 3)
+        np.testing.assert_allclose(np.asarray(data.gps_time), (each.strip.times_s + ORIGIN_S)[order])
+        left = np.asarray(data.xyz) - ORIGIN_M - each.true_points[order]
+        assert np.sqrt((left**2).mean()) < 0.06
+
+
+def test_what_are_no_strips_is_refused_where_it_stands(
+    service: RunningService, inputs: Document, flown: list[FlownStrip], tmp_path: Path
+) -> None:
+    timeless = service.upload(written(flown[0], tmp_path / "timeless.las", 0))["id"]
+    first, second = inputs["strips"][0]["file"], inputs["strips"][1]["file"]
+
+    def pointers(**changed: object) -> list[str]:
+        answer = refusal(service, "adjust-strips", {**inputs, **changed})
+        assert answer["type"]
+        return [error["pointer"] for error in answer["errors"]]
+
+    assert pointers(strips=[{"file": first}, {"file": timeless}]) == ["/inputs/strips/1/file"]
+    assert pointers(strips=[{"file": first}, {"file": "nothing"}]) == ["/inputs/strips/1/file"]
+    assert "/inputs/strips/1/file" in pointers(strips=[{"file": first}, {"file": first, "name": "again"}])
+    assert pointers(strips=[{"file": first, "name": "a"}, {"file": second, "name": "a"}]) == ["/inputs/strips/1/name"]
+    assert pointers(strips=[{"file": first}], control=[]) == ["/inputs/strips"]
+    assert pointers(trajectories=[{"file": first}]) == ["/inputs/trajectories/0/file"]
+    assert pointers(control=[{"name": "a", "x": 0.0, "y": 0.0}]) == ["/inputs/control/0/z"]
+    assert pointers(corrections={"shift_degree": 99}) == ["/inputs/corrections/shift_degree"]
+
+
+def test_a_trajectory_of_another_time_ends_the_job_with_advice(
+    service: RunningService, inputs: Document, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.txt"
+    path.write_text("time x y z\n" + "".join(f"{k} {500000 + k} 5600000 800\n" for k in range(10)))
+    job = service.execute("adjust-strips", {**inputs, "trajectories": [{"file": service.upload(path)["id"]}]})
+    assert service.finished(job)["status"] == "failed"
+    problem = service.get(f"/jobs/{job}/results").json()
+    assert "none covers the times of strip" in problem["detail"]
+
+
+def test_the_command_adjusts_strips_without_a_trajectory(
+    service: RunningService, files: list[Path], tmp_path: Path
+) -> None:
+    where = ("--url", service.url, "--output", tmp_path / "kept", "--corrected", "laz")
+    done = tieline("adjust-strips", *files[:3], "--corrections-tilt-degree", "-1", "--passes", "1", *where)
+    assert done.returncode == 0, done.stderr
+    kept = {path.name for path in (tmp_path / "kept").iterdir()}
+    assert {"result.json", "discrepancies-after.png", "strip-1-corrected.laz"} <= kept
