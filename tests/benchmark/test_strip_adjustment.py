@@ -1,0 +1,80 @@
+"""Planted errors of strips over many made-up flights, and strips of a million points; run with -m benchmark -s."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from algorithms.progress import NoProgress
+from algorithms.simulation.strip_flights import Flight, Landscape, PlantedErrors, fly
+from algorithms.strips.discrepancies import discrepancies
+from algorithms.strips.options import StripOptions
+from algorithms.strips.strip_block import adjust_strips
+from tests.scenes.flown_strips import DEGREES, GON, LAND, LINES, known_places, village
+
+pytestmark = pytest.mark.benchmark
+FLIGHTS = 30
+STDS = np.array([0.3] * 3 + [0.1] * 3 + [0.02 * GON] * 3 + [0.01 * GON] * 3)
+"""Planted errors are drawn from what the observations of zero expect: then normalised errors are standard normal."""
+MOST_MISMATCHED = 0.004
+"""Of good patches, as in the source's block (4 of 1002)."""
+PATCH_RADIUS_M = 4.0
+
+
+def drawn(seed: int, strips: int) -> PlantedErrors:
+    rng = np.random.default_rng(seed)
+    return PlantedErrors(DEGREES, rng.normal(0.0, STDS, (strips, len(STDS))), rng.normal(0.0, 0.2 * GON, 3))
+
+
+@pytest.mark.parametrize("with_control", [True, False])
+def test_planted_errors_are_found_as_well_as_said(*, with_control: bool) -> None:
+    normalised, nees, good, lost, wrong, missed = [], [], 0, 0, 0, 0
+    for seed in range(FLIGHTS):
+        planted = drawn(seed, len(LINES))
+        land = replace(LAND, seed=seed, raised=12, raised_side_m=18.0)
+        strips = [each.strip for each in village(planted, land, seed)]
+        control = known_places(land, seed=seed) if with_control else []
+        adjusted = adjust_strips(strips, control, StripOptions(), NoProgress()).adjusted
+        error = adjusted.block.vector(adjusted.state) - np.concatenate(
+            [planted.coefficients.ravel(), planted.boresight_rad]
+        )
+        normalised.append(error / np.sqrt(np.diag(adjusted.cofactors)))
+        nees.append(float(error @ np.linalg.solve(adjusted.cofactors, error) / len(error)))
+        ties = adjusted.block.ties
+        off = ties.anchors_m.mean(axis=1)[:, None, :2] - land.squares(LINES)
+        near = np.abs(off).max(axis=2).min(axis=1)
+        high = (near < 0.5 * land.raised_side_m - PATCH_RADIUS_M) & (ties.strips % 2 == 1)
+        clear = near > 0.5 * land.raised_side_m + PATCH_RADIUS_M + 1.0
+        # a raised patch misleads where a strip without the square sees its place too
+        low = np.zeros(len(adjusted.block.references_m), dtype=bool)
+        low[ties.patches[ties.strips % 2 == 0]] = True
+        misleads = high & low[ties.patches]
+        wrong, missed = wrong + int(misleads.sum()), missed + int((misleads & adjusted.paired).sum())
+        good, lost = good + int(clear.sum()), lost + int((clear & ~adjusted.used).sum())
+    z = np.array(normalised)
+    own = z[:, :-3].reshape(FLIGHTS, len(LINES), -1)
+    kinds = {f"{name} t^{power}": float((own[:, :, k] ** 2).mean()) for k, (name, power) in enumerate(DEGREES.names())}
+    kinds |= {f"boresight {k}": float((z[:, k - 3] ** 2).mean()) for k in range(3)}
+    print(f"\ncontrol {with_control}: NEES {np.mean(nees):.2f}, within 2 std {(np.abs(z) <= 2.0).mean():.3f}; "
+          f"{lost} of {good} good patches left out, {missed} of {wrong} wrong ones used; by kind "
+          + ", ".join(f"{name} {value:.2f}" for name, value in kinds.items()))  # fmt: skip
+    assert 0.8 < np.mean(nees) < 1.2
+    assert (np.abs(z) <= 2.0).mean() > 0.93
+    assert all(0.5 < value < 1.7 for value in kinds.values())
+    assert lost <= MOST_MISMATCHED * good
+    assert missed <= 0.1 * wrong
+
+
+def test_strips_of_a_million_points_take_seconds() -> None:
+    lines = Flight.block(2, 1000.0, cross=1)
+    flight = Flight(lines, points_per_line=1000, lines_per_s=50.0)
+    strips = [each.strip for each in fly(flight, Landscape(), drawn(1, 3), 1)]
+    started = time.process_time()
+    adjust_strips(strips, [], StripOptions(), NoProgress())
+    adjusted = time.process_time() - started
+    discrepancies([each.points for each in strips], 2.0)
+    compared = time.process_time() - started - adjusted
+    points = sum(len(each.points) for each in strips) / 1e6
+    print(f"\n{points:.1f} M points, {len(strips)} strips: adjusted in {adjusted:.1f} s, compared in {compared:.1f} s")
+    assert adjusted + compared < 20.0 * points
