@@ -5,13 +5,14 @@ scanner system*, 2007, and of B. Muralikrishnan et al., NIST; of a scanner that 
 recorded minus true, in the frame whose origin is the instrument and whose z axis is its vertical axis.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Points, Scalars, Vector3
+from algorithms.arrays import Array, Indices, Points, Scalars, Vector3
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.scans.scan import Scan
 
@@ -21,6 +22,10 @@ SAMPLED_COLUMNS = 64
 """Of so many columns the direction is looked up, to see how the instrument turned."""
 ONE_DIRECTION = 0.9
 """Length of the mean direction of a column's points above which they lie in one vertical half-plane."""
+PIECES_OF_ORDER = 1024
+"""So small a part of the points in their order is taken for points of one time."""
+LEAST_ORDERED_TURN_RAD = 0.5
+"""Points in a narrow field lie in one direction in any order: a smaller turn tells no time."""
 STEADY_TURN_RAD = 0.02
 """Deviation of the columns' azimuths from a steady turn above which the columns tell no time."""
 
@@ -99,22 +104,21 @@ class Sweep:
 
 
 def sweep_of(scan: Scan) -> Sweep | None:
-    """Find from the columns of a scan's grid how the instrument turned; None where they do not tell.
+    """Find how the instrument turned, from the columns of a scan's grid or from the order of its points.
 
-    Columns whose points lie on both sides of the axis, as of scanners that look over the zenith, tell no time.
+    None where they do not tell: columns whose points lie on both sides of the axis, as of scanners that look over the
+    zenith, and points that are not in the order of their measurement.
 
     Parameters
     ----------
     scan
-        With grid and the instrument's position.
+        With the instrument's position.
     """
-    if scan.grid is None or scan.sensor_m is None or scan.grid.columns < 2:
+    count = len(scan.points) if scan.grid is None else scan.grid.columns
+    if scan.sensor_m is None or count < 2:
         return None
-    columns = np.unique(np.linspace(0, scan.grid.columns - 1, SAMPLED_COLUMNS).astype(np.int64))
     places, azimuths = [], []
-    for column in columns.tolist():
-        numbers = scan.grid.index[:, column]
-        numbers = numbers[numbers >= 0]
+    for place, numbers in _pieces(scan, count):
         if len(numbers) == 0:
             continue
         arms = scan.points[numbers] - scan.sensor_m
@@ -123,17 +127,40 @@ def sweep_of(scan: Scan) -> Sweep | None:
         mean = directions.mean(axis=0)
         if float(np.hypot(*mean)) < ONE_DIRECTION:
             return None
-        places.append(column)
+        places.append(place)
         azimuths.append(float(np.arctan2(mean[1], mean[0])))
     if len(places) < 3:
         return None
-    # from column to column less than half a circle, so the turn can be followed
+    # from piece to piece less than half a circle, so the turn can be followed
     turned = np.unwrap(np.array(azimuths))
-    slope, start = np.polyfit(np.array(places, dtype=np.float64), turned, 1)
+    if scan.grid is None:
+        return _sweep_in_order(turned)
+    slope, start = np.polyfit(np.array(places), turned, 1)
     if np.abs(turned - start - slope * np.array(places)).max() > STEADY_TURN_RAD or slope == 0.0:
         return None
-    whole = float(np.clip(slope * scan.grid.columns, -2.0 * np.pi, 2.0 * np.pi))
+    whole = float(np.clip(slope * count, -2.0 * np.pi, 2.0 * np.pi))
     return Sweep(float(start - 0.5 * slope), whole)
+
+
+def _sweep_in_order(turned: Scalars) -> Sweep | None:
+    """Take the turn of the points' order; how many come back from each direction says nothing of its speed."""
+    whole = float(turned[-1] - turned[0])
+    back = np.diff(turned) * np.sign(whole) < -STEADY_TURN_RAD
+    if abs(whole) < LEAST_ORDERED_TURN_RAD or back.any():
+        return None
+    return Sweep(float(turned[0]), float(np.clip(whole, -2.0 * np.pi, 2.0 * np.pi)))
+
+
+def _pieces(scan: Scan, count: int) -> Iterator[tuple[float, Indices]]:
+    """Give places among the columns, or points, and the points measured there at one time."""
+    if scan.grid is not None:
+        for column in np.unique(np.linspace(0, count - 1, SAMPLED_COLUMNS).astype(np.int64)).tolist():
+            numbers = scan.grid.index[:, column]
+            yield float(column), numbers[numbers >= 0]
+        return
+    size = max(count // PIECES_OF_ORDER, 1)
+    for first in np.unique(np.linspace(0, count - size, SAMPLED_COLUMNS).astype(np.int64)).tolist():
+        yield first + 0.5 * (size - 1), np.arange(first, first + size)
 
 
 def instrument_displacements(arms: Points) -> Float64[Array, "n 3 errors"]:

@@ -21,6 +21,7 @@ from algorithms.simulation.parts import polygons
 from algorithms.simulation.scanner import VirtualScanner, directions_of
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scene import Scene, scene_from_parts
+from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
 from algorithms.simulation.systematic_errors import SystematicErrors
 from algorithms.simulation.unevenness import Unevenness
@@ -103,6 +104,22 @@ def test_a_tripod_that_turns_tilts_the_first_columns_against_the_last() -> None:
     displaced = points - drift_displacements(points, sweep.times(points)) @ np.array([*drift, *bend])
     np.testing.assert_allclose(displaced[:, 2], -HEIGHT_M, atol=1e-5)
     assert np.abs(points[:, 2] + HEIGHT_M).max() > 5e-4
+
+
+def test_points_without_columns_tell_the_time_by_their_order_and_not_in_any_other() -> None:
+    room = SCENES["office"]()
+    scan = scan_scene(room, room.stations[0], replace(EXACT, rows=200, columns=500), RNG(5))
+    by_columns, by_order = sweep_of(scan), sweep_of(replace(scan, grid=None))
+    assert by_columns is not None
+    assert by_order is not None
+    assert by_order.turn_rad == pytest.approx(by_columns.turn_rad, abs=0.1)
+    times = by_columns.times(scan.points)
+    inside = (times > 0.05) & (times < 0.95)
+    assert np.abs(by_order.times(scan.points) - times)[inside].max() < 0.02
+    mixed = RNG(1).permutation(len(scan.points))
+    assert sweep_of(replace(scan, points=scan.points[mixed], intensity=None, grid=None)) is None
+    narrow = np.abs(np.arctan2(scan.points[:, 1], scan.points[:, 0])) < 0.1
+    assert sweep_of(replace(scan, points=scan.points[narrow], intensity=None, grid=None)) is None
 
 
 @pytest.mark.parametrize("wrong", [{"range_offset_m": float("nan")}, {"range_scale_error": -1.0}], ids=str)
