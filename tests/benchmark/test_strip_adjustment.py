@@ -10,6 +10,7 @@ from algorithms.progress import NoProgress
 from algorithms.simulation.strip_flights import Flight, Landscape, PlantedErrors, fly
 from algorithms.strips.discrepancies import discrepancies
 from algorithms.strips.options import StripOptions
+from algorithms.strips.strip import Strip
 from algorithms.strips.strip_block import adjust_strips
 from tests.scenes.flown_strips import DEGREES, GON, LAND, LINES, known_places, village
 
@@ -27,6 +28,17 @@ def drawn(seed: int, strips: int) -> PlantedErrors:
     return PlantedErrors(DEGREES, rng.normal(0.0, STDS, (strips, len(STDS))), rng.normal(0.0, 0.2 * GON, 3))
 
 
+def in_axes_of(planted: PlantedErrors, strips: list[Strip]) -> np.ndarray:
+    """Give what was planted in axes of the lines in those of the strips, whose paths waver a little."""
+    out = planted.coefficients.copy()
+    for number, (line, strip) in enumerate(zip(LINES, strips, strict=True)):
+        x, y = (np.array(line.end_m) - line.start_m) / np.hypot(*(np.array(line.end_m) - line.start_m))
+        nominal = np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+        _, tilts = DEGREES.split(out[number])
+        out[number, 3 * (DEGREES.shift + 1) :] = (tilts @ nominal.T @ strip.path.axes).ravel()
+    return out
+
+
 @pytest.mark.parametrize("with_control", [True, False])
 def test_planted_errors_are_found_as_well_as_said(*, with_control: bool) -> None:
     normalised, nees, good, lost, wrong, missed = [], [], 0, 0, 0, 0
@@ -37,7 +49,7 @@ def test_planted_errors_are_found_as_well_as_said(*, with_control: bool) -> None
         control = known_places(land, seed=seed) if with_control else []
         adjusted = adjust_strips(strips, control, StripOptions(), NoProgress()).adjusted
         error = adjusted.block.vector(adjusted.state) - np.concatenate(
-            [planted.coefficients.ravel(), planted.boresight_rad]
+            [in_axes_of(planted, strips).ravel(), planted.boresight_rad]
         )
         normalised.append(error / np.sqrt(np.diag(adjusted.cofactors)))
         nees.append(float(error @ np.linalg.solve(adjusted.cofactors, error) / len(error)))
@@ -50,7 +62,13 @@ def test_planted_errors_are_found_as_well_as_said(*, with_control: bool) -> None
         low = np.zeros(len(adjusted.block.references_m), dtype=bool)
         low[ties.patches[ties.strips % 2 == 0]] = True
         misleads = high & low[ties.patches]
-        wrong, missed = wrong + int(misleads.sum()), missed + int((misleads & adjusted.paired).sum())
+        # where several strips see it raised, they may be right about each other, and the others are left out
+        beside = np.zeros_like(low)
+        beside[ties.patches[(ties.strips % 2 == 0) & adjusted.used]] = True
+        wrong, missed = (
+            wrong + int(misleads.sum()),
+            missed + int((misleads & adjusted.used & beside[ties.patches]).sum()),
+        )
         good, lost = good + int(clear.sum()), lost + int((clear & ~adjusted.used).sum())
     z = np.array(normalised)
     own = z[:, :-3].reshape(FLIGHTS, len(LINES), -1)
