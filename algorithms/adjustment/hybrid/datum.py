@@ -222,9 +222,10 @@ class Cofactors:
         found = self.factor.elements(first, second)
         if self.moving.shape[1] == 0:
             return found
-        left, right = self.moving[first], self.moving[second]
-        cross = np.sum(left * self.crossed[second], axis=-1) + np.sum(self.crossed[first] * right, axis=-1)
-        return np.asarray(found - cross + np.einsum("...i,ij,...j->...", left, self.inner, right))
+        # inner is symmetric: half of it goes to either side
+        halved = self.crossed - 0.5 * (self.moving @ self.inner)
+        found = found - np.einsum("...i,...i->...", self.moving[first], halved[second])
+        return np.asarray(found - np.einsum("...i,...i->...", halved[first], self.moving[second]))
 
     def blocks(self, columns: Array) -> Array:
         """Give (n, k, k) covariances of blocks with columns (n, k); 0 where one is constant (MATH 6.2)."""

@@ -28,28 +28,25 @@ def elimination_tree(n: int, starts: Array, rows: Array) -> Any:  # pragma: no c
 
 
 @njit(cache=True, nogil=True)
-def assemble(
-    upper_starts: Array,
-    upper_rows: Array,
-    places: Array,
-    starts: Array,
-    columns: Array,
-    values: Array,
-    weights: Array,
+def assembly_places(
+    upper_starts: Array, upper_rows: Array, places: Array, starts: Array, columns: Array
 ) -> Any:  # pragma: no cover - compiled
-    """Add wᵢ aᵢᵀ aᵢ of all rows into the upper triangle, by columns, of the permuted normal matrix (MATH 3.1)."""
-    total = np.zeros(len(upper_rows))
+    """Find where the product of each pair of elements of each row goes in the permuted upper triangle (MATH 3.1).
+
+    Pairs are those of `assemble`, in its order.
+    """
+    count = 0
     for m in range(len(starts) - 1):
-        w = weights[m]
-        if w == 0.0:
-            continue
+        d = starts[m + 1] - starts[m]
+        count += d * (d + 1) // 2
+    found = np.empty(count, np.int32)
+    k = 0
+    for m in range(len(starts) - 1):
         for p in range(starts[m], starts[m + 1]):
-            i = places[columns[p]]
-            wa = w * values[p]
-            for q in range(starts[m], starts[m + 1]):
-                j = places[columns[q]]
+            for q in range(p, starts[m + 1]):
+                i, j = places[columns[p]], places[columns[q]]
                 if j < i:
-                    continue
+                    i, j = j, i
                 low, high = upper_starts[j], upper_starts[j + 1]
                 while low < high:
                     middle = (low + high) // 2
@@ -57,7 +54,26 @@ def assemble(
                         low = middle + 1
                     else:
                         high = middle
-                total[low] += wa * values[q]
+                found[k] = low
+                k += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def assemble(
+    size: int, where: Array, starts: Array, values: Array, weights: Array
+) -> Any:  # pragma: no cover - compiled
+    """Add wᵢ aᵢᵀ aᵢ of all rows into the `size` elements of the permuted normal matrix's triangle (MATH 3.1)."""
+    total = np.zeros(size)
+    k = 0
+    for m in range(len(starts) - 1):
+        w = weights[m]
+        for p in range(starts[m], starts[m + 1]):
+            wa = w * values[p]
+            for q in range(p, starts[m + 1]):
+                if w != 0.0:
+                    total[where[k]] += wa * values[q]
+                k += 1
     return total
 
 
@@ -250,6 +266,35 @@ def row_products(
                 z = _element(i, j, l_starts, l_rows, inverse, diagonal)
                 part += z * values[q] * scale[columns[q]]
             total += part * values[p] * scale[columns[p]]
+        found[m] = total
+    return found
+
+
+@njit(cache=True, nogil=True)
+def row_squares(
+    places: Array,
+    l_starts: Array,
+    l_rows: Array,
+    inverse: Array,
+    diagonal: Array,
+    scale: Array,
+    starts: Array,
+    columns: Array,
+    values: Array,
+    rows: Array,
+) -> Any:  # pragma: no cover - compiled
+    """Compute a_i Q a_iᵀ for rows of a sparse matrix whose columns meet in the pattern (MATH 3.1)."""
+    found = np.empty(len(rows))
+    for m in range(len(rows)):
+        total = 0.0
+        for p in range(starts[rows[m]], starts[rows[m] + 1]):
+            i = places[columns[p]]
+            part = 0.0
+            for q in range(starts[rows[m]], p):
+                z = _element(i, places[columns[q]], l_starts, l_rows, inverse, diagonal)
+                part += z * values[q] * scale[columns[q]]
+            own = values[p] * scale[columns[p]]
+            total += (2.0 * part + diagonal[i] * own) * own
         found[m] = total
     return found
 

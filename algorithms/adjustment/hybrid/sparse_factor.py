@@ -9,16 +9,19 @@ from scipy import sparse
 
 from algorithms.adjustment.hybrid.factor_kernels import (
     assemble,
+    assembly_places,
     elimination_tree,
     factorise,
     inverse_elements,
     row_gains,
     row_products,
+    row_squares,
     scale_to_unit_diagonal,
     selected_inverse,
     solve_in_place,
 )
 from algorithms.arrays import Array
+from algorithms.errors import InvalidInputError
 
 SMALLEST_PIVOT = 1e-11
 """A pivot of the normal equations, scaled to a unit diagonal, below this is zero up to rounding."""
@@ -40,6 +43,10 @@ class Ordering:
     """(u,) elimination tree."""
     starts: Array
     """(u + 1,) first element of each column of L."""
+    columns: Array
+    """Columns of the elements of the ordered derivatives, row by row."""
+    where: Array
+    """Where the products of elements of one row are added in the permuted upper triangle of N."""
 
     @staticmethod
     def of(jacobian: sparse.csr_array) -> "Ordering":
@@ -57,7 +64,9 @@ class Ordering:
         upper.sort_indices()
         starts, rows = upper.indptr.astype(np.int64), upper.indices.astype(np.int64)
         parents, counts = elimination_tree(n, starts, rows)
-        return Ordering(order, places, starts, rows, parents, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64))
+        lengths = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        where = assembly_places(starts, rows, places, jacobian.indptr, jacobian.indices)
+        return Ordering(order, places, starts, rows, parents, lengths, jacobian.indices, where)
 
 
 class Factor:
@@ -81,10 +90,9 @@ class Factor:
         """
         self._n = n = jacobian.shape[1]
         self.ordering = ordering
-        values = assemble(
-            ordering.upper_starts, ordering.upper_rows, ordering.places, jacobian.indptr.astype(np.int64),
-            jacobian.indices.astype(np.int64), jacobian.data, weights,
-        )  # fmt: skip
+        if not np.array_equal(jacobian.indices, ordering.columns):
+            raise InvalidInputError("jacobian", "its pattern is not the one that was ordered")
+        values = assemble(len(ordering.upper_rows), ordering.where, jacobian.indptr, jacobian.data, weights)
         extra = np.zeros(n) if added is None else np.ascontiguousarray(added[ordering.order])
         scale = scale_to_unit_diagonal(ordering.upper_starts, ordering.upper_rows, values, extra)
         self._rows, self._values, self._pivots, helped = factorise(
@@ -123,6 +131,8 @@ class Factor:
 
     def row_products(self, rows: sparse.csr_array, first: Array, second: Array) -> Array:
         """Give a_i N⁻¹ a_jᵀ for pairs of rows of one observation (MATH 3.1)."""
+        if first is second:
+            return np.asarray(row_squares(*self.pieces(), rows.indptr, rows.indices, rows.data, first))
         return np.asarray(row_products(*self.pieces(), rows.indptr, rows.indices, rows.data, first, second))
 
     def row_gains(self, rows: sparse.csr_array, numbers: Array, targets: Array) -> Array:

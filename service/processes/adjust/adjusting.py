@@ -45,7 +45,7 @@ from service.processes.adjust.reliability_documents import (
     form_documents,
     listed_observations,
     object_documents,
-    observation_rows,
+    observation_columns,
     removal_documents,
 )
 from service.processes.adjust.report_page import report_page
@@ -90,14 +90,14 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
     adjusted = time.perf_counter()
     progress.report(0.9, "testing")
     points, stations = point_documents(answer), station_documents(answer)
-    rows = observation_rows(answer, inputs["alpha"], inputs["power"])
+    rows = observation_columns(answer, inputs["alpha"], inputs["power"])
     other = None
     if inputs["other_datum"] is not None:
         carried = answer_in_other_datum(answer, inputs["other_datum"], reference)
         other = OtherDatumDocument(
             datum=datum_document(carried), points=point_documents(carried), stations=station_documents(carried)
         )
-    compared, remarks = None, _remarks(answer, rows, how)
+    compared, remarks = None, _remarks(answer, how)
     if inputs["epoch"] is not None:
         progress.report(0.92, "second epoch")
         compared = _congruence(answer, inputs, remarks)
@@ -200,7 +200,7 @@ def _cleaned(named: NamedNetwork, inputs: Json, progress: Any) -> tuple[Cleaned,
     return cleaned, named.start if everything else None, started.how
 
 
-def _remarks(answer: Answer, rows: list[dict[str, Any]], how: str) -> list[str]:
+def _remarks(answer: Answer, how: str) -> list[str]:
     remarks = []
     found, datum = answer.estimate, answer.datum["type"]
     if not found.converged:
@@ -211,7 +211,7 @@ def _remarks(answer: Answer, rows: list[dict[str, Any]], how: str) -> list[str]:
     if answer.defect.count and datum == "minimal":
         free = ", ".join(answer.defect.named())
         remarks.append(f"the held coordinates leave free: {free}")
-    if len(rows) > MOST_LISTED:
+    if len(answer.named.rows) > MOST_LISTED:
         remarks.append("only removed and suspicious observations are listed here; all are in observations.csv")
     if len(found.fictitious):
         remarks.append(

@@ -15,7 +15,7 @@ from algorithms.adjustment.hybrid.datum import (
 )
 from algorithms.adjustment.hybrid.estimation import Estimate, estimate, factorised
 from algorithms.adjustment.hybrid.gross_errors import Cleaned
-from algorithms.adjustment.hybrid.reliability import ObservationTests, observation_tests
+from algorithms.adjustment.hybrid.reliability import ObservationTests
 from algorithms.adjustment.hybrid.state import Kind, Layout, State
 from algorithms.arrays import Array
 from service.ports import Json
@@ -75,21 +75,19 @@ def answer_in_datum(named: NamedNetwork, cleaned: Cleaned, inputs: Json, referen
     if found.defect.count:
         chosen = chosen_unknowns(named, datum)
         conditions = _conditions(named, found.state, chosen, found.defect)
-        state = found.state
         if reference is not None:
-            state = aligned(named.network.layout, state, reference, chosen, named.photos, found.defect.combinations)
-        found = estimate(named.network, state, found.weights, 5)
-        conditions = _conditions(named, found.state, chosen, found.defect)
+            layout, free = named.network.layout, found.defect.combinations
+            state = aligned(layout, found.state, reference, chosen, named.photos, free)
+            found = estimate(named.network, state, found.weights, 5)
+            conditions = _conditions(named, found.state, chosen, found.defect)
     else:
         conditions = np.zeros((named.network.layout.count, 0))
-    scales = cleaned.scales[named.network.block_of_row]
-    tests = observation_tests(named.network, found, scales, inputs["alpha"], inputs["power"])
     cofactors = Cofactors.of(found.factor, found.defect.basis, conditions)
     variance = 1.0
     if inputs["covariance_scale"] == "a-posteriori" and found.sigma0 is not None:
         variance = found.sigma0**2
     return Answer(
-        named, cleaned, found, tests, cofactors, found.defect, found.undetermined(), variance, datum,
+        named, cleaned, found, cleaned.tests, cofactors, found.defect, found.undetermined(), variance, datum,
         reference is not None and found.defect.count > 0,
     )  # fmt: skip
 

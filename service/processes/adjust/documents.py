@@ -33,21 +33,25 @@ def point_documents(answer: Answer) -> list[PointDocument]:
     covariances, determined = answer.covariances(columns), answer.determined(columns)
     counts, redundancies = _sums_by(answer, named.rows.points, named.points)
     axes, directions = np.linalg.eigh(covariances) if len(covariances) else (np.zeros((0, 3)), covariances)
+    # of some ten thousand points numbers are taken out of arrays all at once
+    places = (state.points + named.origin_m).tolist()
+    stds = np.sqrt(np.maximum(np.einsum("nii->ni", covariances), 0.0)).tolist()
+    matrices, semi_axes = covariances.tolist(), np.sqrt(np.maximum(axes[:, ::-1], 0.0)).tolist()
+    turned = np.swapaxes(directions[:, :, ::-1], 1, 2).tolist()
     found = []
     for k, name in enumerate(named.points):
-        covariance = covariances[k] if determined[k] else None
+        known = bool(determined[k])
         ellipsoid = None
-        if covariance is not None:
-            ellipsoid = EllipsoidDocument(
-                semi_axes_m=vector_of(np.sqrt(np.maximum(axes[k][::-1], 0.0))),
-                directions=_matrix(directions[k][:, ::-1].T),
+        if known:
+            ellipsoid = EllipsoidDocument.model_construct(
+                semi_axes_m=tuple(semi_axes[k]), directions=cast("Matrix3", tuple(map(tuple, turned[k])))
             )
         found.append(
-            PointDocument(
+            PointDocument.model_construct(
                 id=name,
-                xyz_m=vector_of(state.points[k] + named.origin_m),
-                std_m=_stds(covariance),
-                covariance_m2=None if covariance is None else _matrix(covariance),
+                xyz_m=tuple(places[k]),
+                std_m=tuple(stds[k]) if known else None,
+                covariance_m2=cast("Matrix3", tuple(map(tuple, matrices[k]))) if known else None,
                 ellipsoid=ellipsoid,
                 observations=int(counts[k]),
                 redundancy=float(redundancies[k]),

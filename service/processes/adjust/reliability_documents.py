@@ -1,5 +1,6 @@
 """Documents of observations, their tests, and where the network is weak."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,56 +32,57 @@ CORRELATED = 0.9
 POINTS_OF_FORM = 10
 
 
-def observation_rows(answer: Answer, alpha: float, power: float) -> list[dict[str, Any]]:
-    """Give every component as a mapping with the fields of `ObservationDocument`."""
+def observation_columns(answer: Answer, alpha: float, power: float) -> dict[str, list[Any]]:
+    """Give all components of all observations, field by field of `ObservationDocument`."""
     named, tests, found = answer.named, answer.tests, answer.estimate
     network, rows = named.network, named.rows
     blocks = network.block_of_row
     used = found.weights > 0.0
-    units = [unit_of(c) if t != "image" else (1.0, "px") for t, c in zip(rows.types, rows.components, strict=True)]
-    units = [
-        _unit_of_unknown(*each, answer) for each in zip(rows.types, rows.stations, rows.components, units, strict=True)
-    ]
+    kinds = dict.fromkeys(zip(rows.types, rows.components, strict=True))
+    known = {(kind, component): (1.0, "px") if kind == "image" else unit_of(component) for kind, component in kinds}
+    units = [known[each] for each in zip(rows.types, rows.components, strict=True)]
+    if any(kind == "unknowns" for kind, _ in kinds):
+        units = [
+            _unit_of_unknown(*each, answer)
+            for each in zip(rows.types, rows.stations, rows.components, units, strict=True)
+        ]
     factors = np.array([factor for factor, _ in units])
-    scales = answer.cleaned.scales[blocks]
-    stds = network.stds * scales
+    stds = network.stds * answer.cleaned.scales[blocks]
     left = np.where(used, tests.redundancy, 1.0)
-    controlled = tests.controlled
-    sigma0 = found.sigma0
-    effects = noncentrality(alpha, power) * np.sqrt(np.maximum(1.0 - left, 0.0) / np.where(controlled, left, 1.0))
+    seen, sigma0 = tests.controlled, found.sigma0
+    effects = noncentrality(alpha, power) * np.sqrt(np.maximum(1.0 - left, 0.0) / np.where(seen, left, 1.0))
     shifts = _effects_on_points(answer)
     reinstated = np.zeros(len(network.sizes), dtype=bool)
     reinstated[answer.cleaned.reinstated] = True
     reinstated &= answer.cleaned.used
-    listed = []
-    for k in range(len(rows)):
-        state = "used"
-        if not used[k]:
-            state = "removed"
-        elif named.fictitious[blocks[k]]:
-            state = "fictitious"
-        elif not controlled[k]:
-            state = "not-controlled"
-        elif reinstated[blocks[k]]:
-            state = "reinstated"
-        seen = bool(controlled[k])
-        factor = factors[k]
-        listed.append({
-            "type": rows.types[k], "station": rows.stations[k], "scan": rows.scans[k], "point": rows.points[k],
-            "component": rows.components[k], "group": named.group_names[named.groups[blocks[k]]], "unit": units[k][1],
-            "residual": float(found.linearised.raw_residuals[k] * factor), "std": float(stds[k] * factor),
-            "residual_std": float(stds[k] * np.sqrt(left[k]) * factor) if seen and used[k] else None,
-            "redundancy": float(tests.redundancy[k]), "w": float(tests.w[k]) if seen else None,
-            "tau": float(tests.w[k] / sigma0) if seen and sigma0 else None,
-            "statistic": float(tests.statistics[blocks[k]]) if tests.degrees[blocks[k]] else None,
-            "p_value": float(tests.p_values[blocks[k]]) if tests.degrees[blocks[k]] else None,
-            "mdb": float(tests.detectable[k] * factor) if seen else None,
-            "mdb_in_std": float(tests.detectable[k] / stds[k]) if seen else None,
-            "external_effect": float(effects[k]) if seen and used[k] else None,
-            "point_effect_m": float(shifts[k]) if np.isfinite(shifts[k]) else None,
-            "state": state,
-        })  # fmt: skip
-    return listed
+    states = np.select(
+        [~used, named.fictitious[blocks], ~seen, reinstated[blocks]],
+        ["removed", "fictitious", "not-controlled", "reinstated"],
+        "used",
+    )
+    tested = tests.degrees[blocks] > 0
+    group_names = np.array(named.group_names, dtype=object)
+    return {
+        "type": list(rows.types), "station": list(rows.stations), "scan": list(rows.scans), "point": list(rows.points),
+        "component": list(rows.components), "group": group_names[named.groups[blocks]].tolist(),
+        "unit": [unit for _, unit in units],
+        "residual": (found.linearised.raw_residuals * factors).tolist(), "std": (stds * factors).tolist(),
+        "residual_std": _where(seen & used, stds * np.sqrt(np.maximum(left, 0.0)) * factors),
+        "redundancy": tests.redundancy.tolist(), "w": _where(seen, tests.w),
+        "tau": _where(seen & bool(sigma0), tests.w / (sigma0 or 1.0)),
+        "statistic": _where(tested, tests.statistics[blocks]), "p_value": _where(tested, tests.p_values[blocks]),
+        "mdb": _where(seen, tests.detectable * factors), "mdb_in_std": _where(seen, tests.detectable / stds),
+        "external_effect": _where(seen & used, effects), "point_effect_m": _where(np.isfinite(shifts), shifts),
+        "state": states.tolist(),
+    }  # fmt: skip
+
+
+def _where(there: Array, values: Array) -> list[float | None]:
+    """Give values (n,), None where there are none."""
+    found: list[float | None] = values.tolist()
+    for k in np.flatnonzero(~there).tolist():
+        found[k] = None
+    return found
 
 
 def _unit_of_unknown(
@@ -92,11 +94,15 @@ def _unit_of_unknown(
     return unit
 
 
-def listed_observations(rows: list[dict[str, Any]], critical: float) -> list[ObservationDocument]:
+def listed_observations(columns: dict[str, list[Any]], critical: float) -> list[ObservationDocument]:
     """Choose what the document lists: everything, or what matters of a very large network."""
-    if len(rows) > MOST_LISTED:
-        rows = [row for row in rows if row["state"] == "removed" or abs(row["w"] or 0.0) > critical]
-    return [ObservationDocument.model_construct(**row) for row in rows]
+    count = len(columns["type"])
+    chosen: Sequence[int] = range(count)
+    if count > MOST_LISTED:
+        pairs = zip(columns["state"], columns["w"], strict=True)
+        chosen = [k for k, (state, w) in enumerate(pairs) if state == "removed" or abs(w or 0.0) > critical]
+    names = list(columns)
+    return [ObservationDocument.model_construct(**{name: columns[name][k] for name in names}) for k in chosen]
 
 
 def _effects_on_points(answer: Answer) -> Array:

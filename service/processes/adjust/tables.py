@@ -8,10 +8,9 @@ from typing import Any
 from schemas.results.adjust_result import AdjustedStation, PointDocument
 
 
-def observations_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+def observations_csv(columns: Mapping[str, Sequence[Any]]) -> str:
     """Give every component of every observation, one a row."""
-    columns = list(rows[0]) if rows else []
-    return _table(columns, ([row[column] for column in columns] for row in rows))
+    return _table(list(columns), zip(*columns.values(), strict=True))
 
 
 def points_csv(points: Sequence[PointDocument]) -> str:

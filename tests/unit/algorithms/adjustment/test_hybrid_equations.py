@@ -27,6 +27,7 @@ from algorithms.adjustment.hybrid.reliability import object_test, observation_te
 from algorithms.adjustment.hybrid.scanner_equations import PolarObservations, StationCoordinates, Tilts
 from algorithms.adjustment.hybrid.sparse_factor import Factor, Ordering
 from algorithms.adjustment.hybrid.state import SIZES, Kind, Layout, State
+from algorithms.errors import InvalidInputError
 
 
 def some_state(seed: int = 1) -> State:
@@ -164,6 +165,12 @@ def test_selected_inverse_and_solutions_are_those_of_the_dense_matrix() -> None:
     right = rng.normal(size=(90, 3))
     np.testing.assert_allclose(factor.solved(right), inverse @ right, rtol=1e-8, atol=1e-10)
     assert not factor.helped.any()
+
+
+def test_derivatives_of_another_pattern_than_the_ordered_one_are_refused() -> None:
+    ordering = Ordering.of(sparse.csr_array(np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]])))
+    with pytest.raises(InvalidInputError, match="pattern"):
+        Factor(sparse.csr_array(np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])), np.ones(2), ordering)
 
 
 def test_a_zero_pivot_is_answered_by_a_fictitious_observation_and_named() -> None:
