@@ -40,7 +40,8 @@ class FindTargetsInputs(RequestModel):
     """Which scan to look for targets in, and what they are."""
 
     station: Station = Field(title="Station")
-    """The station and its scan."""
+    """The station and its scan; in its photos boards and retro-reflective squares are measured too, each in the window
+    that the scan, `mount_std` and the covariance of its centre give."""
     kinds: list[KindRequest] = Field(min_length=1, max_length=10, title="Kinds")
     """What is looked for, one entry for each kind and size."""
     names: Annotated[

@@ -8,6 +8,7 @@ from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
 Vector = tuple[float, float, float]
+Pair = tuple[float, float]
 
 
 class TargetDocument(Document):
@@ -19,6 +20,8 @@ class TargetDocument(Document):
     """Whether it was recognised in the list."""
     kind: str
     """`sphere`, `board`, `retro-square` or `retro-cylinder`."""
+    alternative: str | None = None
+    """What the same bright spot may be as well, less probably; null: nothing else."""
     xyz_m: Vector
     """Centre in the scan's frame, as in the file [m]."""
     covariance_m2: tuple[Vector, Vector, Vector]
@@ -48,6 +51,53 @@ class RejectedTarget(Document):
     """Where [m]."""
     reason: str
     """Why it is none."""
+
+
+class PhotoTargetDocument(Document):
+    """A target in a photo: the projection of its centre."""
+
+    target: str
+    """Its name among `targets`."""
+    x_px: float
+    """Column, 0 at the centre of the leftmost pixel [px]."""
+    y_px: float
+    """Row, 0 at the centre of the topmost pixel [px]."""
+    covariance_px2: tuple[Pair, Pair]
+    """2x2 covariance of the measurement in the photo alone [px²]."""
+    std_px: float
+    """Mean standard deviation of a coordinate [px]."""
+    expected_px: Pair
+    """Where scan, mount and camera have it [px]."""
+    expected_covariance_px2: tuple[Pair, Pair]
+    """2x2 covariance of that: target and mount [px²]; four standard deviations are the window that was searched."""
+    statistic: float
+    """Squared distance from there in standard deviations: chi-square with two degrees of freedom where all is well."""
+    agreement: float
+    """Share of the brightness's variance that the target explains, 0 to 1."""
+    contrast: float
+    """Bright minus dark [grey levels]."""
+
+
+class UnseenTarget(Document):
+    """A target that a photo should show and does not."""
+
+    target: str
+    """Its name among `targets`."""
+    reason: str
+    """Why it was not measured."""
+
+
+class PhotoTargetsDocument(Document):
+    """A photo of the station, and the targets in it."""
+
+    name: str
+    """Its file, and number there if it is not the first."""
+    file: str
+    """Id of the file."""
+    index: int
+    """Number of the photo in the file."""
+    points: list[PhotoTargetDocument] = Field(description="Targets that were measured, in the order of `targets`.")
+    not_seen: list[UnseenTarget] = Field(description="Targets within the photo that were not, each with its reason.")
 
 
 class NamingDocument(Document):
@@ -83,6 +133,9 @@ class TargetsDocument(Document):
     """Name of the station."""
     targets: list[TargetDocument] = Field(description="In the order of the kinds, the best first.")
     rejected: list[RejectedTarget] = Field(description="Candidates that are none, each with its reason.")
+    photos: list[PhotoTargetsDocument] = Field(
+        default=[], description="The photos of the station with the targets in them, in the order of the request."
+    )
     naming: NamingDocument
     """How names were given."""
     artifacts: list[Artifact]

@@ -1,4 +1,4 @@
-"""Process `find-targets`: spheres, boards and retro-reflective targets of one scan."""
+"""Process `find-targets`: spheres, boards and retro-reflective targets of one scan and its station's photos."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from service.names.content_keys import content_key
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import check_station
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
+from service.use_cases.steps.station_calls import photos_of
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,9 @@ class FindTargetsPlan:
             "index": reference["index"],
             "columns": reference.get("columns") or found.get("text_columns"),
             "unit": reference.get("unit"),
+            "photos": (photos := photos_of(job, station)),
             # what is always read is named as such
-            "reads": [content_key(file["sha256"])],
+            "reads": [content_key(each["sha256"]) for each in (file, *photos)],
         }
         return [StepCall("find-targets", arguments, f"targets of {station['name']}")]
 
@@ -59,10 +61,11 @@ def _check(inputs: FindTargetsInputs, stored: Stored) -> None:
 
 FIND_TARGETS = Process(
     id="find-targets",
-    title="Find targets in a scan",
+    title="Find targets in a scan and its photos",
     description="Finds survey targets of given kinds and sizes in one scan: spheres in any, black-and-white boards and "
     "retro-reflective squares and cylinders in its intensities; each centre with its 3x3 covariance, what was taken "
-    "for none with the reason, and names by the distances to those of a list.",
+    "for none with the reason, and names by the distances to those of a list. In the photos of the station boards and "
+    "squares are measured in the windows that the scan gives, as image observations for adjust and calibrate-camera.",
     inputs=FindTargetsInputs,
     outputs=TargetsDocument,
     plan=FindTargetsPlan(),

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from algorithms.arrays import Array
 from algorithms.geometry.point_sets import PointSet
+from algorithms.progress import ProgressSection
 from algorithms.targets.finding import TargetsOfScan, find_targets
 from algorithms.targets.naming import PointMatch, match_points
 from algorithms.targets.options import SoughtKind
@@ -25,6 +26,7 @@ from schemas.results.targets_result import (
     Vector,
 )
 from service.ports import Json, StepContext
+from service.processes.find_targets.in_photos import image_files, photo_documents, seen_in_photos
 from service.use_cases.steps.run_features import read_stored_scan
 from service.use_cases.steps.run_lines_report import software
 
@@ -45,23 +47,30 @@ def find_targets_of_scan(context: StepContext, arguments: Json) -> Json:
     context.progress.report(0.0, "reading")
     scan = read_stored_scan(context, arguments)
     read = time.perf_counter()
-    targets = find_targets(scan, kinds, progress=context.progress)
+    share = 0.5 if arguments["photos"] else 1.0
+    targets = find_targets(scan, kinds, progress=ProgressSection(context.progress, 0.0, share))
     searched = time.perf_counter()
     match = _recognised(targets, inputs["names"])
     names = {int(k): inputs["names"][int(i)]["name"] for i, k in match.pairs} if match is not None else {}
     origin = np.asarray(scan.origin_m)
     documents = target_documents(targets, names, origin)
-    job_id = arguments["job_id"]
-    table = targets_csv(documents).encode()
+    named = time.perf_counter()
+    job_id, station = arguments["job_id"], arguments["station"]
+    seen = seen_in_photos(context, arguments["photos"], targets, origin)
+    files = {TABLE: ("text/csv", targets_csv(documents).encode()), **image_files(station, seen, documents)}
     document = TargetsDocument(
-        station=arguments["station"],
+        station=station,
         targets=documents,
         rejected=[
             RejectedTarget(kind=each.kind.value, xyz_m=_vector(each.centre_m + origin), reason=each.reason)
             for each in targets.rejected
         ],
+        photos=photo_documents(seen, [each.name for each in documents]),
         naming=_naming(match, len(names)),
-        artifacts=[Artifact(name=TABLE, type="text/csv", bytes=len(table), href=f"/jobs/{job_id}/artifacts/{TABLE}")],
+        artifacts=[
+            Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
+            for name, (media, data) in files.items()
+        ],
         provenance=TargetsProvenance(
             software=software(),
             kinds=inputs["kinds"],
@@ -69,11 +78,13 @@ def find_targets_of_scan(context: StepContext, arguments: Json) -> Json:
             timings_s={
                 "read": read - started,
                 "targets": searched - read,
-                "names": time.perf_counter() - searched,
+                "names": named - searched,
+                "photos": time.perf_counter() - named,
             },
         ),
     )
-    context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{TABLE}", table)
+    for name, (_, data) in files.items():
+        context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"targets": len(documents)}
 
@@ -87,6 +98,7 @@ def target_documents(targets: TargetsOfScan, names: dict[int, str], origin_m: Ar
             name=names[k] if k in names else next(unnamed),
             named=k in names,
             kind=each.kind.value,
+            alternative=None if each.alternative is None else each.alternative.value,
             xyz_m=_vector(each.centre_m + origin_m),
             covariance_m2=cast("tuple[Vector, Vector, Vector]", tuple(_vector(row) for row in each.covariance_m2)),
             std_m=_vector(np.sqrt(np.diag(each.covariance_m2))),

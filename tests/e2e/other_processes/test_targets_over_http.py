@@ -1,18 +1,25 @@
 """A scan goes in over HTTP; its targets come out with covariances and the names of a list."""
 
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
+from PIL import Image
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.geometry.camera_mounts import CameraAxes, scan_from_camera_with_axes
+from algorithms.geometry.cameras import Camera
 from algorithms.scans.scan import Scan
 from algorithms.simulation.materials import PLASTER
 from algorithms.simulation.parts import box
+from algorithms.simulation.rendering import render_photo
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scene import scene_from_parts
-from algorithms.simulation.target_parts import sphere
+from algorithms.simulation.sun import Daylight
+from algorithms.simulation.target_parts import checker_board, facing, sphere
+from algorithms.simulation.virtual_camera import VirtualCamera
 from tests.e2e.running.running_service import Document, RunningService
 
 RADIUS_M = 0.1
@@ -23,6 +30,13 @@ SCANNER = VirtualScanner(
     rows=240, columns=320, lowest_rad=-0.15, highest_rad=0.15, leftmost_rad=-0.2, rightmost_rad=0.2,
     range_noise_std_m=0.001, mixed_pixels=False,
 )  # fmt: skip
+BOARD_M = 0.15
+BOARD_SCANNER = replace(SCANNER, mixed_intensities=True)
+CAMERA = Camera(440, 320, 1800.0, 1800.0, 219.3, 158.2)
+SCAN_FROM_CAMERA = scan_from_camera_with_axes(
+    RigidTransform.from_components([0.05, 0.02, 0.2], Rotation.from_rotvec([0.0, 0.03, 0.0])),
+    CameraAxes.FORWARD_LEFT_UP,
+)
 
 
 def _as_ptx(scan: Scan) -> str:
@@ -64,6 +78,45 @@ def test_spheres_are_found_and_named(service: RunningService, uploaded: Document
     assert sum(squares) < CHI_SQUARE_12
     table = service.get(result["artifacts"][0]["href"]).text.splitlines()
     assert len(table) == 5
+
+
+def test_boards_are_measured_in_a_photo_and_adjust_and_calibration_take_them(
+    service: RunningService, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(4)
+    places = np.array([[6.0, 0.4, 0.25], [5.5, -0.4, 0.2], [5.8, 0.35, -0.2], [6.2, -0.42, -0.25], [6.1, 0.0, 0.3]])
+    boards = [part for place in places for part in checker_board(facing(place, -place, 0.4), BOARD_M)]
+    scene = scene_from_parts("boards", [box((9.0, -4.0, -3.0), (9.2, 4.0, 3.0), PLASTER), *boards], [])
+    (tmp_path / "boards.ptx").write_text(_as_ptx(scan_scene(scene, RigidTransform.identity(), BOARD_SCANNER, rng)))
+    daylight = Daylight(azimuth_rad=3.1, elevation_rad=0.6)
+    Image.fromarray(render_photo(scene, SCAN_FROM_CAMERA, VirtualCamera(camera=CAMERA), rng, daylight)).save(
+        tmp_path / "boards.png"
+    )
+    scan, photo = service.upload(tmp_path / "boards.ptx"), service.upload(tmp_path / "boards.png")
+    camera = {key: value for key, value in asdict(CAMERA).items() if value}
+    shown = {"file": photo["id"], "camera": camera, "scan_from_camera": SCAN_FROM_CAMERA.as_matrix().tolist()}
+    inputs = {
+        "station": {"name": "A", "scan": {"file": scan["id"]}, "photos": [shown]},
+        "kinds": [{"kind": "board", "size_m": BOARD_M}],
+    }
+    result = service.result(service.execute("find-targets", inputs))
+    truth = CAMERA.image_from_camera(SCAN_FROM_CAMERA.inv().apply(places))
+    points = result["photos"][0]["points"]
+    assert len(points) == 5
+    for point in points:
+        error = np.array([point["x_px"], point["y_px"]]) - truth
+        assert np.linalg.norm(error, axis=1).min() < 0.05
+    files = {each["name"]: service.get(each["href"]) for each in result["artifacts"]}
+    network = files["hybrid-network.json"].json()
+    adjusted = service.result(service.execute("adjust", {"network": network}))
+    assert adjusted["status"] == "adjusted"
+    assert adjusted["redundancy"] == 10
+    assert adjusted["global_test"]["passed"]
+    field = files["calibration-field.json"].json()
+    values = {"f": CAMERA.fy, "cx": CAMERA.cx, "cy": CAMERA.cy}
+    lens = {"width": CAMERA.width, "height": CAMERA.height, "unknown": ["f"], "values": values}
+    calibrated = service.result(service.execute("calibrate-camera", {"field": field, "camera": lens}))
+    assert calibrated["parameters"][0]["value"] == pytest.approx(CAMERA.fy, abs=5.0)
 
 
 def test_a_name_that_stands_twice_is_pointed_at(service: RunningService, uploaded: Document) -> None:
