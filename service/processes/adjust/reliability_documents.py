@@ -50,7 +50,9 @@ def observation_columns(answer: Answer, alpha: float, power: float) -> dict[str,
     stds = network.stds * answer.cleaned.scales[blocks]
     left = np.where(used, tests.redundancy, 1.0)
     seen, sigma0 = tests.controlled, found.sigma0
-    effects = noncentrality(alpha, power) * np.sqrt(np.maximum(1.0 - left, 0.0) / np.where(seen, left, 1.0))
+    # of correlated components single redundancy numbers may be negative
+    positive = left > 0.0
+    effects = noncentrality(alpha, power) * np.sqrt(np.maximum(1.0 - left, 0.0) / np.where(positive, left, 1.0))
     shifts = _effects_on_points(answer)
     reinstated = np.zeros(len(network.sizes), dtype=bool)
     reinstated[answer.cleaned.reinstated] = True
@@ -72,7 +74,8 @@ def observation_columns(answer: Answer, alpha: float, power: float) -> dict[str,
         "tau": _where(seen & bool(sigma0), tests.w / (sigma0 or 1.0)),
         "statistic": _where(tested, tests.statistics[blocks]), "p_value": _where(tested, tests.p_values[blocks]),
         "mdb": _where(seen, tests.detectable * factors), "mdb_in_std": _where(seen, tests.detectable / stds),
-        "external_effect": _where(seen & used, effects), "point_effect_m": _where(np.isfinite(shifts), shifts),
+        "external_effect": _where(seen & used & positive, effects),
+        "point_effect_m": _where(np.isfinite(shifts), shifts),
         "state": states.tolist(),
     }  # fmt: skip
 
