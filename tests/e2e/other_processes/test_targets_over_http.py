@@ -84,7 +84,7 @@ def test_boards_are_measured_in_a_photo_and_adjust_and_calibration_take_them(
     service: RunningService, tmp_path: Path
 ) -> None:
     rng = np.random.default_rng(4)
-    places = np.array([[6.0, 0.4, 0.25], [5.5, -0.4, 0.2], [5.8, 0.35, -0.2], [6.2, -0.42, -0.25], [6.1, 0.0, 0.3]])
+    places = np.array([[6.0, 0.4, 0.25], [5.5, -0.4, 0.2], [5.8, 0.35, -0.2], [6.2, -0.12, -0.26], [6.1, 0.0, 0.3]])
     boards = [part for place in places for part in checker_board(facing(place, -place, 0.4), BOARD_M)]
     scene = scene_from_parts("boards", [box((9.0, -4.0, -3.0), (9.2, 4.0, 3.0), PLASTER), *boards], [])
     (tmp_path / "boards.ptx").write_text(_as_ptx(scan_scene(scene, RigidTransform.identity(), BOARD_SCANNER, rng)))
