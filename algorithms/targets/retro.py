@@ -142,9 +142,15 @@ def _surroundings(values: Array, there: Array) -> Array:
     padded[: values.shape[0], : values.shape[1]] = np.where(there, values, np.nan)
     blocks = padded.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2).reshape(rows, columns, -1)
     # where next to nothing else comes back (sky), a target would be its own surroundings
-    known = np.mean(np.isfinite(blocks), axis=2) > SEEN_SHARE
+    counts = np.count_nonzero(np.isfinite(blocks), axis=2)
+    known = counts > SEEN_SHARE * blocks.shape[2]
     upper = np.full((rows, columns), np.median(values[there]), dtype=np.float32)
-    upper[known] = np.nanquantile(blocks[known], 0.9, axis=1)
+    # what is missing is sorted to the end
+    ordered, place = np.sort(blocks[known], axis=1), 0.9 * (counts[known] - 1)
+    low = place.astype(np.int64)
+    beside = np.minimum(low + 1, counts[known] - 1)
+    below, above = (np.take_along_axis(ordered, each[:, None], axis=1)[:, 0] for each in (low, beside))
+    upper[known] = below + (place - low) * (above - below)
     whole = np.repeat(np.repeat(ndimage.minimum_filter(upper, 3), BLOCK_PX, axis=0), BLOCK_PX, axis=1)
     return np.asarray(whole[: values.shape[0], : values.shape[1]])
 

@@ -204,7 +204,8 @@ def fit_sphere(points: Points, start_m: Vector3, radius_m: float) -> SphereFit |
         weights = 1.0 / (cosines[used] ** 2 + ANGLE_PART**2 * (1.0 - cosines[used] ** 2))
         design = outward[used]
         normal = (design * weights[:, None]).T @ design
-        if np.linalg.cond(normal) > 1e8:
+        sizes = np.linalg.eigvalsh(normal)
+        if not sizes[0] > 1e-8 * sizes[2]:
             return None
         step = np.linalg.solve(normal, (design * weights[:, None]).T @ residuals[used])
         centre = centre + step
