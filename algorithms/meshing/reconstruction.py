@@ -61,7 +61,7 @@ def oriented_normals(points: Points, sensors_m: Points, radius_m: float) -> Poin
     if len(fitted) < len(cells):
         _, nearest = cKDTree(cells.means[fitted]).query(cells.means)
         of_cells = of_cells[fitted[nearest]]
-    turned = of_cells[cells.cell_of_point]
+    turned = np.asarray(of_cells[cells.cell_of_point])
     away = np.einsum("ij,ij->i", turned[known], points[known] - sensors_m[known]) > 0.0
     turned[np.flatnonzero(known)[away]] *= -1.0
     return np.asarray(turned)

@@ -14,6 +14,7 @@ from algorithms.terrain.filters.dual_rank import dual_rank
 from algorithms.terrain.filters.hierarchical import hierarchical
 from algorithms.terrain.filters.hull import hull
 from algorithms.terrain.filters.local_plane import local_plane
+from algorithms.terrain.filters.majority import majority
 from algorithms.terrain.filters.membrane import membrane
 from algorithms.terrain.filters.opening import opening
 from algorithms.terrain.filters.quantile import quantile
@@ -39,6 +40,7 @@ FILTERS: Mapping[str, Callable[[Points, Any, float, Progress], Flags]] = {
     "local-plane": local_plane,
     "spline": spline,
     "hull": hull,
+    "majority": majority,
 }
 """What each filter of `TerrainFilter` runs."""
 

@@ -16,11 +16,11 @@ class Opening:
 
     name: Literal["opening"] = "opening"
     """The filter."""
-    window_m: Length = 18.0
+    window_m: Length = 22.0
     """Largest radius of a window [m]; half the width of the largest building, about."""
     slope: Slope = 0.2
     """Tangent of the steepest terrain between neighbouring cells."""
-    tolerance_m: Length = 0.5
+    tolerance_m: Length = 0.4
     """Points within this height of the terrain are ground [m]."""
     per_slope_m: Annotated[float, Ge(0.0), Le(1000.0)] = 1.25
     """What a slope of 1 adds to that tolerance [m]."""
@@ -50,7 +50,7 @@ class Tin:
     """The filter."""
     seed_m: Length = 4.0
     """Edge of the squares whose lowest point starts the triangulation [m]."""
-    window_m: Length = 18.0
+    window_m: Length = 22.0
     """Radius of the largest opening that a starting point outlasts [m]; half the width of the largest building."""
     slope: Slope = 0.2
     """Tangent of the steepest terrain for these openings."""
@@ -58,7 +58,7 @@ class Tin:
     """Largest distance of a new point from its triangle [m]."""
     angle_deg: Annotated[float, Gt(0.0), Le(90.0)] = 20.0
     """Largest angle between the triangle and the lines to its corners [degrees]."""
-    tolerance_m: Length = 0.5
+    tolerance_m: Length = 0.4
     """Points within this height of the final triangulation are ground [m]."""
     per_slope_m: Annotated[float, Ge(0.0), Le(1000.0)] = 1.25
     """What a slope of 1 adds to that tolerance [m]."""
@@ -226,9 +226,21 @@ class Hull:
     """What a slope of 1 adds to that tolerance [m]."""
 
 
+@dataclass(frozen=True)
+class Majority:
+    """What two of the filters `opening`, `tin` and `quantile` call ground; they err in different places."""
+
+    name: Literal["majority"] = "majority"
+    """The filter."""
+    window_m: Length = 22.0
+    """Largest radius of a window of `opening` and `tin` [m]; half the width of the largest building, about."""
+    tolerance_m: Length = 0.4
+    """Points within this height of the terrain of a filter are ground for it [m]."""
+
+
 TerrainFilter: TypeAlias = (
     Opening | SlopeFilter | Tin | Robust | Hierarchical | DualRank | BlockMinimum | Quantile
-    | Membrane | LocalPlane | Spline | Hull
+    | Membrane | LocalPlane | Spline | Hull | Majority
 )  # fmt: skip
 """All filters; `name` tells which."""
 EVERY_FILTER: Mapping[str, type[TerrainFilter]] = {each.name: each for each in get_args(TerrainFilter)}

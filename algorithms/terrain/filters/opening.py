@@ -9,13 +9,15 @@ from algorithms.terrain.bands import within_band
 from algorithms.terrain.cell_heights import GridFlags, cells_over, filled, lowest_heights
 from algorithms.terrain.morphology import disc_opening
 from algorithms.terrain.options import Opening
+from algorithms.terrain.segments import standing_objects
 
 
 def opening(points: Points, options: Opening, cell_m: float, progress: Progress) -> Flags:
     """Tell which points (n,) lie on the ground.
 
     The lowest heights of cells are opened by discs of growing radius. A cell that an opening lowers by more than
-    `slope` · radius is an object; the others carry the terrain, and points near it are ground.
+    `slope` · radius is an object, unless its segment goes on smoothly into the terrain; the others carry the terrain,
+    and points near it are ground.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def opening(points: Points, options: Opening, cell_m: float, progress: Progress)
 
 
 def object_cells(heights: GridValues, grid: Grid, window_m: float, slope: float, progress: Progress) -> GridFlags:
-    """Tell which cells (rows, columns) growing openings lower by more than slope · radius."""
+    """Tell which cells (rows, columns) growing openings lower by more than slope · radius, but for edges of terrain."""
     offset = float(heights.mean())
     surface = (heights - offset).astype(np.float32)
     objects = np.zeros(grid.shape, dtype=np.bool_)
@@ -44,4 +46,4 @@ def object_cells(heights: GridValues, grid: Grid, window_m: float, slope: float,
         opened = disc_opening(surface, radius)
         objects |= surface - opened > slope * radius * grid.cell_m
         surface = opened
-    return objects
+    return standing_objects(objects, heights)
