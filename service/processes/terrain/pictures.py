@@ -14,6 +14,7 @@ from algorithms.terrain.hillshade import hillshade
 from algorithms.terrain.models import Canopy, TerrainModels, residuals_above
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
 from service.formats.writers.esri_grid import esri_ascii
+from service.formats.writers.geotiff import geotiff
 from service.ports import Json
 from service.use_cases.reports.grid_pictures import grid_png, png
 
@@ -44,17 +45,15 @@ def drawn(
     """
     grid, corner, base = models.grid, (float(origin_m[0]), float(origin_m[1])), float(origin_m[2])
     shade = hillshade(models.dtm_m, grid, inputs["light_azimuth_deg"], inputs["light_altitude_deg"])
+    grids = {"dtm": models.dtm_m + base, "dsm": models.dsm_m + base, "ndsm": models.ndsm_m}
+    if canopy is not None:
+        grids |= {"canopy": canopy.heights_m + base, "stand-height": canopy.stand_m}
     files: Files = {
-        "dtm.asc": ("text/plain", esri_ascii(models.dtm_m + base, grid, corner)),
-        "dsm.asc": ("text/plain", esri_ascii(models.dsm_m + base, grid, corner)),
-        "ndsm.asc": ("text/plain", esri_ascii(models.ndsm_m, grid, corner)),
+        **dict(_grid_file(name, values, grid, corner, inputs) for name, values in grids.items()),
         "hillshade.png": ("image/png", png(np.repeat(shade[::-1, :, None], 3, axis=2))),
     }
-    if canopy is not None:
-        files["canopy.asc"] = ("text/plain", esri_ascii(canopy.heights_m + base, grid, corner))
-        files["stand-height.asc"] = ("text/plain", esri_ascii(canopy.stand_m, grid, corner))
     if inputs["maps"]:
-        files |= _maps(points[ground], models, corner)
+        files |= _maps(points[ground], models, corner, inputs)
     if inputs.get("contour_interval_m") is not None:
         files["contours.dxf"] = ("image/vnd.dxf", _contours(models, origin_m, inputs["contour_interval_m"]))
     if inputs["mesh"]:
@@ -62,7 +61,16 @@ def drawn(
     return files
 
 
-def _maps(on_ground: Points, models: TerrainModels, corner: tuple[float, float]) -> Files:
+def _grid_file(
+    name: str, values: GridValues, grid: Grid, corner: tuple[float, float], inputs: Json
+) -> tuple[str, tuple[str, bytes]]:
+    """Give name, media type and content of a grid in the format that is wanted."""
+    if inputs["grid_format"] == "geotiff":
+        return f"{name}.tif", ("image/tiff; application=geotiff", geotiff(values, grid, corner))
+    return f"{name}.asc", ("text/plain", esri_ascii(values, grid, corner))
+
+
+def _maps(on_ground: Points, models: TerrainModels, corner: tuple[float, float], inputs: Json) -> Files:
     """Map what the terrain is worth: density, distance, residuals and expected height accuracy."""
     grid = models.grid
     units = replace(
@@ -78,7 +86,7 @@ def _maps(on_ground: Points, models: TerrainModels, corner: tuple[float, float])
     files: Files = {}
     for name, (values, cells, classes, unit) in maps.items():
         files[f"{name}.png"] = ("image/png", grid_png(values, classes, unit))
-        files[f"{name}.asc"] = ("text/plain", esri_ascii(values, cells, corner))
+        files |= [_grid_file(name, values, cells, corner, inputs)]
     return files
 
 
