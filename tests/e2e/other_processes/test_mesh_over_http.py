@@ -53,6 +53,39 @@ def test_scans_become_a_closed_mesh_in_a_file(
     assert "mesh" not in figures
 
 
+def test_a_ball_on_a_plinth_is_one_body_and_its_top_a_spline_patch(
+    service: RunningService, stations: list[Document]
+) -> None:
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    low, high = np.array([-0.6, -0.6, -0.8]), np.array([0.6, 0.6, -0.2])
+    planes = [
+        {"point_m": (ORIGIN_M + (high if k < 3 else low)).tolist(), "normal": (2.0 * normal).tolist()}
+        for k, normal in enumerate(normals)
+    ]
+    top = {
+        "kind": "height-field", "name": "top", "reach_m": 0.2, "tolerance_m": 0.001,
+        "corner_m": (ORIGIN_M + np.array([-0.2, -0.2, 0.4])).tolist(),
+        "side_u_m": [0.4, 0.0, 0.0], "side_v_m": [0.0, 0.4, 0.0],
+    }  # fmt: skip
+    inputs = {
+        "stations": stations,
+        "surface": {"resolution_m": 0.03},
+        "plinth": {"planes": planes, "top": 2, "above_m": 0.02},
+        "patches": [top],
+    }
+    outputs = {"patch_file": {"format": "igs"}, "watertight": {}, "volume_m3": {}, "patches": {}}
+    job = service.post("/processes/mesh/execution", json={"inputs": inputs, "outputs": outputs})
+    assert job.status_code == 201, job.text
+    result = service.result(job.json()["jobID"])
+    above = np.pi * 0.7**2 * (1.5 - 0.7) / 3.0
+    assert result["watertight"]
+    assert result["volume_m3"] == pytest.approx(1.2 * 1.2 * 0.6 + above, rel=0.005)
+    assert result["patches"][0]["std_m"] < 0.002
+    assert service.get(result["patch_file"][0]["href"]).text.splitlines()[0][72] == "S"
+    twice = service.post("/processes/mesh/execution", json={"inputs": {**inputs, "patches": [top, top]}})
+    assert twice.json()["errors"][0]["pointer"] == "/inputs/patches/1/name"
+
+
 def test_a_cut_without_direction_is_refused_at_its_place(service: RunningService, stations: list[Document]) -> None:
     inputs = {"stations": stations, "cuts": [{"point_m": [0, 0, 0], "normal": [0, 0, 0]}]}
     answer = service.post("/processes/mesh/execution", json={"inputs": inputs})
