@@ -106,7 +106,8 @@ def edge_normals(mesh: Mesh) -> tuple[Float64[Array, "t 7 3"], Bool[Array, "t 7"
     """
     corners = mesh.vertices[mesh.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    # a triangle without area, as reconstructions leave some, has no side, and takes none from those beside it
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(np.float64).tiny)[:, None]
     numbers, _, counts = _edges(mesh)
     of_edges, of_vertices = np.zeros((len(counts), 3)), np.zeros((len(mesh.vertices), 3))
     for k in range(3):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from algorithms.arrays import Array
+from algorithms.deviations.signed_distances import from_mesh
 from algorithms.deviations.triangles import Mesh
 from algorithms.errors import InvalidInputError
 from algorithms.meshing.body import modelled_body
@@ -157,3 +158,12 @@ def test_fewer_than_ten_points_bound_nothing() -> None:
     points, sensors = ball(5, 0.0)
     with pytest.raises(InvalidInputError, match="points"):
         modelled_body(points, sensors, MeshOptions(resolution_m=0.1, normal_radius_m=0.1), [], NoProgress())
+
+
+def test_a_triangle_without_area_leaves_those_beside_it_their_sides() -> None:
+    split = np.append(CUBE.vertices, [[0.5, 0.0, 0.5]], axis=0)
+    # on the diagonal from 0 to 5 of a face: one triangle becomes one without area and two
+    kept = CUBE.triangles[(CUBE.triangles != [0, 5, 1]).any(axis=1)]
+    mesh = Mesh(split, np.vstack([kept, [[0, 8, 1], [8, 5, 1], [0, 5, 8]]]))
+    distances = from_mesh(np.array([[0.5, -0.1, 0.5], [0.5, 0.1, 0.5], [0.4, -0.1, 0.6]]), mesh, np.inf)
+    np.testing.assert_allclose(distances.distances_m, [0.1, -0.1, 0.1], atol=1e-6)
