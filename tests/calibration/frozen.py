@@ -1,0 +1,187 @@
+"""Freeze what drawn pairs show in the poses that are found.
+
+``python -m tests.calibration.frozen FOLDER FAMILY FIRST LAST`` freezes draws of a family.
+Each draw becomes one file in the folder, so that a run goes on where it stopped; `--pack FOLDER` makes one archive of
+them all, from which the model of the evidence is fitted in seconds, without scanning (`fit`).
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from algorithms.arrays import Array
+from algorithms.errors import AlgorithmError
+from algorithms.evidence.pose_evidence import PairEvidence
+from algorithms.features.scan_features import ScanFeatures
+from algorithms.geometry.rotations import rotation_matrix
+from algorithms.matching.candidates import candidate_motions
+from algorithms.matching.coarse_registration import with_all_shifts, with_symmetries
+from algorithms.matching.degeneracy import require_determining_geometry
+from algorithms.matching.directions import comes_first
+from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
+from algorithms.matching.options import MatchingOptions
+from algorithms.progress import NoProgress
+from algorithms.quality.overlap import verify_pose
+from algorithms.registration import DEFAULT_METHOD
+from algorithms.registration.base import RegistrationProblem
+from algorithms.scans.pose_scores import score_poses, strict_limits
+from tests.calibration.drawn_pairs import DrawnPair, drawn_pairs
+
+ARCHIVE = Path(__file__).parent / "hypotheses.npz"
+MOST_POSES, MOST_CLEAN, LEAST_SUPPORT = 16, 6, 0.02
+"""So many poses of a pair are kept by score, and so many more by how little speaks against them."""
+LIKE_POINTS, LIKE_POSES = 3000, 6
+"""Surface points with which a scan is laid on itself by the motion between two poses, and so many of the first poses
+are compared with all."""
+RIGHT_RAD, RIGHT_M = np.radians(0.6), 0.15
+"""A pose of the search is right within this, before it is adjusted."""
+ACCEPTED_RAD, ACCEPTED_M = np.radians(0.3), 0.05
+"""The answer of the service is."""
+NAMES = ("support", "violation", "score")
+
+
+def every_pose(target: ScanFeatures, source: ScanFeatures) -> tuple[RankedPoses, RankedPoses]:
+    """Propose as the search does: what lines and planes vote for, and this with all shifts and symmetries."""
+    options = MatchingOptions()
+    for scan, name in ((target, "target"), (source, "source")):
+        require_determining_geometry(scan, name)
+    noise_m = max(target.noise_std_m, source.noise_std_m)
+    voted = rank_hypotheses(candidate_motions(target, source, options), target.index, source.index, noise_m=noise_m)
+    return voted, with_symmetries(with_all_shifts(voted, target, source, options), target, source, options)
+
+
+def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
+    """Give all that a verdict of a pair can rest on, as arrays; None where the search refuses."""
+    target, source, truth = pair.target, pair.source, pair.truth
+    status, is_right = registered(target, source, truth)
+    if not comes_first(target, source):
+        target, source, truth = source, target, None if truth is None else truth.inv()
+    try:
+        voted, ranked = every_pose(target, source)
+    except AlgorithmError:
+        return None
+    scores = ranked.scores
+    by_score = np.argsort(-scores.charitable, kind="stable")[:MOST_POSES]
+    by_cleanness = np.argsort(-scores.support * np.exp(-60.0 * scores.violation), kind="stable")[:MOST_CLEAN]
+    kept = [
+        k for k in dict.fromkeys([*by_score.tolist(), *by_cleanness.tolist()]) if scores.support[k] >= LEAST_SUPPORT
+    ]
+    witness = PairEvidence(target, source)
+    poses = [ranked.poses[k] for k in kept]
+    shown = [witness.of(pose) for pose in poses]
+    first = {pose.as_matrix().tobytes() for pose in voted.poses}
+    centre = source.surface.points.mean(axis=0)
+    right = [truth is not None and near(pose, truth, centre, RIGHT_RAD, RIGHT_M) for pose in poses]
+    common = 0.0 if truth is None else verify_pose(target, source, truth).support_share
+    return {
+        "family": np.array([pair.family]),
+        "building": np.array([pair.building]),
+        "status": np.array([status]),
+        "status_right": np.array([is_right]),
+        "same_place": np.array([truth is not None]),
+        "common": np.array([common]),
+        "free_space": np.array([target.index.knows_free_space and source.index.knows_free_space]),
+        "noise_m": np.array([max(target.noise_std_m, source.noise_std_m)]),
+        "pose_count": np.array([len(poses)]),
+        "right": np.array(right, dtype=bool),
+        "voted": np.array([pose.as_matrix().tobytes() in first for pose in poses], dtype=bool),
+        "poses": np.array([pose.as_matrix()[:3] for pose in poses], dtype=np.float32).reshape(-1, 3, 4),
+        **{name: np.array([getattr(scores, name)[k] for k in kept], dtype=np.float32) for name in NAMES},
+        "lines": np.array([[each.lines.expected, each.lines.found] for each in shown], dtype=np.int32).reshape(-1, 2),
+        "features": np.array([each.common for each in shown], dtype=np.int32),
+        "control": np.array([each.control for each in shown], dtype=np.float32),
+        "fitting_count": np.array([len(each.fitting) for each in shown], dtype=np.int32),
+        "fitting": _joined([each.fitting for each in shown]),
+        "against_count": np.array([len(each.through) for each in shown], dtype=np.int32),
+        "through": _joined([each.through for each in shown]),
+        "beside": _joined([each.beside for each in shown]),
+        "likeness": likeness(poses, target, source),
+    }
+
+
+def registered(target: ScanFeatures, source: ScanFeatures, truth: RigidTransform | None) -> tuple[str, bool]:
+    """Give the status in force and whether its pose is right."""
+    result = DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
+    if result.final is None or truth is None:
+        return result.status.value, False
+    pose, centre = result.final.reduced.target_from_source, source.surface.points.mean(axis=0)
+    return result.status.value, near(pose, truth, centre, ACCEPTED_RAD, ACCEPTED_M)
+
+
+def near(pose: RigidTransform, truth: RigidTransform, centre: Array, angle_rad: float, shift_m: float) -> bool:
+    """Say whether a pose is the true one."""
+    turn = (pose.rotation * truth.rotation.inv()).magnitude()
+    return bool(turn < angle_rad and np.linalg.norm(pose.apply(centre) - truth.apply(centre)) < shift_m)
+
+
+def likeness(poses: list[RigidTransform], target: ScanFeatures, source: ScanFeatures) -> Array:
+    """Lay each scan on itself by the motion from each of the first poses to each pose.
+
+    Returns
+    -------
+    (h, `LIKE_POSES`, 4): support and violation of the target, and of the source.
+    """
+    found = np.zeros((len(poses), LIKE_POSES, 4), dtype=np.float16)
+    pairs = [(i, j) for i in range(len(poses)) for j in range(min(LIKE_POSES, len(poses))) if i != j]
+    if not pairs:
+        return found
+    for first, scan in ((0, target), (2, source)):
+        motions = [poses[i] * poses[j].inv() if first == 0 else poses[j].inv() * poses[i] for i, j in pairs]
+        scores = score_poses(
+            np.array([rotation_matrix(motion) for motion in motions]),
+            np.array([motion.translation for motion in motions]),
+            scan.index,
+            scan.index,
+            points=LIKE_POINTS,
+            limits=strict_limits(max(target.noise_std_m, source.noise_std_m), scan.index.spacing_m),
+        )
+        where = tuple(np.array(pairs).T)
+        found[(*where, first)], found[(*where, first + 1)] = scores.support, scores.violation
+    return found
+
+
+def _joined(parts: list[Array]) -> Array:
+    return np.concatenate([np.zeros(0), *parts]).astype(np.float16)
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """An archive: n pairs, h poses of all of them, and their pieces."""
+
+    arrays: dict[str, Array]
+
+    @classmethod
+    def read(cls, path: Path = ARCHIVE) -> "Frozen":
+        """Read an archive."""
+        with np.load(path) as archive:
+            return cls(dict(archive))
+
+
+def pack(folder: Path, path: Path = ARCHIVE) -> None:
+    """Join the files of a folder, in the order of their names, into one archive."""
+    parts = [dict(np.load(each)) for each in sorted(folder.glob("*.npz"))]
+    parts = [part for part in parts if part]
+    np.savez_compressed(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+
+
+def freeze(folder: Path, family: str, number: int) -> None:
+    """Freeze the pairs of one draw, unless they are."""
+    path = folder / f"{family}-{number:05d}.npz"
+    if path.exists():
+        return
+    found = [each for each in map(frozen_pair, drawn_pairs(family, number)) if each is not None]
+    joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]} if found else {}
+    np.savez_compressed(path, **joined)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--pack":
+        pack(Path(sys.argv[2]))
+    else:
+        place = Path(sys.argv[1])
+        place.mkdir(parents=True, exist_ok=True)
+        for draw in range(int(sys.argv[3]), int(sys.argv[4])):
+            freeze(place, sys.argv[2], draw)
