@@ -4,7 +4,7 @@ N. Pfeifer, *Oberflächenmodelle aus Laserdaten*, VGI 4/2003, sections 1 and 3; 
 and C. Briese, *Vergleich digitaler Geländemodelle aus Photogrammetrie und Laserscanning*, ibid.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,10 @@ from algorithms.progress import Progress
 from algorithms.terrain.cell_heights import cells_over, filled, heights_on, highest_heights, lowest_points
 from algorithms.terrain.ground import ground_of
 from algorithms.terrain.linear_prediction import Covariance, predicted_grid
-from algorithms.terrain.options import TerrainFilter
+from algorithms.terrain.options import Majority, Opening, TerrainFilter, Tin
+
+GAP_M = 6.0
+"""Gaps in a canopy, up to twice so wide, are closed; clearings and open land beside a wood stay what they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,7 @@ def canopy_over(
     """Give the canopy by a filter turned upside down: what it calls ground then is seen from above.
 
     Points inside the crowns and on the floor of a forest are left out as those on objects are of the terrain; the
-    difference from the terrain is the height of the stand.
+    difference from the terrain is the height of the stand. Windows of a filter are at most `GAP_M`.
 
     Parameters
     ----------
@@ -109,6 +112,9 @@ def canopy_over(
         Of the filter.
     """
     upside_down = points * np.array([1.0, 1.0, -1.0])
+    if isinstance(chosen, Opening | Tin | Majority):
+        # seen from above it is not buildings that stand in the way: with their windows a clearing would be an object
+        chosen = replace(chosen, window_m=min(chosen.window_m, GAP_M))
     top = ground_of(upside_down, chosen, cell_m, progress).ground
     heights = filled(highest_heights(points[top], models.grid))
     return Canopy(heights, heights - models.dtm_m)

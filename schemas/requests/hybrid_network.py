@@ -16,7 +16,8 @@ def _as_text(value: Any) -> Any:
 NetworkName: TypeAlias = Annotated[str, BeforeValidator(_as_text), Field(min_length=1, max_length=200)]
 Number: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
 Std: TypeAlias = Annotated[float, Field(gt=0.0, le=1e9)]
-Place: TypeAlias = tuple[Number, Number, Number]
+Place: TypeAlias = Annotated[tuple[Number, Number, Number], BeforeValidator(as_tuples)]
+"""Arrays of a network come through a validator, and are no longer those of JSON, which strict eyes take for tuples."""
 Row3: TypeAlias = tuple[float, float, float]
 CameraParameter: TypeAlias = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 ScannerParameter: TypeAlias = Literal["distance_offset", "collimation", "trunnion", "zenith_index"]

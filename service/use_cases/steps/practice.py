@@ -142,6 +142,7 @@ def practise_on_networks() -> None:
     every = np.arange(4, dtype=np.int64)
     factor.elements(every, every)
     factor.row_products(jacobian, every, every)
+    factor.row_products(jacobian, every, every.copy())  # of pairs of rows, not of each with itself
     factor.row_gains(jacobian, every, columns.reshape(8, 2)[:4].astype(np.int64))
 
 

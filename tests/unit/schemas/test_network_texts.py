@@ -124,3 +124,10 @@ def _assert_projects_as_opencv(network: HybridNetwork) -> None:
     ours = [x + dx + camera.x0_px, -(y + dy + camera.y0_px)]
     # the product of affinity and distortion is not held: a thousandth of 3 px
     np.testing.assert_allclose(ours, [3001 * by_cv[0] + 1500, 3000 * by_cv[1] + 1000], atol=0.01)
+
+
+def test_approximate_coordinates_are_taken_as_the_arrays_of_a_request() -> None:
+    network = {"format": "hybrid-network/1", "points_approx": {"P1": [1.0, 2.0, 3.0]}, "observations": {}}
+    assert _network(network).points_approx == {"P1": (1.0, 2.0, 3.0)}
+    with pytest.raises(ValidationError, match=r"points_approx\.P1\.1"):
+        _network(network | {"points_approx": {"P1": [1.0, "2", 3.0]}})
