@@ -1,10 +1,15 @@
-"""Move a pose along a shift that surfaces leave open to where the lines of both scans lie on each other.
+"""Move a pose along a shift that surfaces leave open to where lines, or planes, of both scans lie on each other.
 
 On the front of a house the surfaces hardly tell the shift along it, so that a pose found by them may lie farther off
 than corresponding lines are looked for. Every pair of lines that look alike and cross the open direction votes for the
 shift that lays one on the other, edges of photos that measure nothing included; the shift that most lines agree on is
 taken, unless another one is nearly as good.
+
+Far apart, two scans see the ground about themselves and nothing of it in common. Whether it is one plane they cannot
+know: a pose in which it is stays undetermined in height, but is a better guess than where a search left it.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -26,6 +31,70 @@ AGREEING_M = 0.005
 """Shifts so near to each other agree."""
 LEAST_AGREEING, LEAST_LEAD = 4, 2.0
 """So many lines must agree, and so many times as many as on any other shift."""
+
+ACROSS = 0.9
+"""Cosine of the largest angle between the open direction and the normal of a plane that stands across it."""
+PARALLEL_RAD = 0.0035
+"""Planes that are one are parallel within so much, and those whose direction is known less well tell nothing."""
+UNEVEN_RAD = 5e-4
+"""Standard deviation of the direction of a plane as it goes on beyond what a scan sees of it: none is so even."""
+LEAST_PLANE_LEAD = 2.0
+"""So many times as much area must agree on the shift as on any other."""
+
+
+@dataclass(frozen=True)
+class PlaneShift:
+    """A shift by planes that both scans see in different places."""
+
+    shift_m: float
+    """Along the open direction [m]."""
+    std_m: float
+    """Its standard deviation if they are one plane [m]."""
+    planes: int
+    """Pairs that agree on it."""
+
+
+def shift_by_planes(
+    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, direction: Vector3
+) -> PlaneShift | None:
+    """Give the shift of the source on which most area of planes agrees, or None where they do not single one out.
+
+    Parameters
+    ----------
+    target, source
+        Features of the two scans.
+    pose
+        Target from source, right but for the shift.
+    direction
+        (3,) unit direction of the open shift, target frame.
+    """
+    ours, theirs = target.planes, source.planes
+    normals, middles = pose.rotation.apply(theirs.normals), pose.apply(theirs.centroids)
+    tilts = [np.sqrt(np.einsum("nii->n", each.covariances[:, :2, :2])) for each in (ours, theirs)]
+    angles = np.linalg.norm(ours.normals[:, None] - normals[None], axis=2)
+    across = (np.abs(ours.normals @ direction) >= ACROSS) & (tilts[0] <= PARALLEL_RAD)
+    i, j = np.nonzero((angles <= PARALLEL_RAD) & across[:, None] & (tilts[1] <= PARALLEL_RAD))
+    mean = 0.5 * (ours.normals[i] + normals[j])
+    arms = middles[j] - ours.centroids[i]
+    # both planes go on to the middle between them, half the distance each
+    heights = 0.5 * np.einsum("ni,ni->n", ours.normals[i] + normals[j], arms)
+    shifts = -heights / (mean @ direction)
+    reach = 0.5 * np.linalg.norm(arms, axis=1)
+    variances = ours.covariances[i, 2, 2] + theirs.covariances[j, 2, 2]
+    variances = variances + reach**2 * (tilts[0][i] ** 2 + tilts[1][j] ** 2 + 2.0 * UNEVEN_RAD**2)
+    areas = np.minimum(ours.areas_m2[i], theirs.areas_m2[j])
+    near = np.abs(shifts) <= REACH_M
+    shifts, variances, areas = shifts[near], variances[near], areas[near]
+    if len(shifts) == 0:
+        return None
+    agree = np.abs(shifts[:, None] - shifts) <= 2.0 * np.sqrt(variances[:, None] + variances)
+    weights = agree @ areas
+    best = int(np.argmax(weights))
+    if abs(shifts[best]) > MOST_SHIFT_M or weights[best] < LEAST_PLANE_LEAD * weights[~agree[best]].max(initial=0.0):
+        return None
+    # by area, not by precision: a sill that happens to lie on another one is measured best
+    shares = np.where(agree[best], areas, 0.0) / areas[agree[best]].sum()
+    return PlaneShift(float(shares @ shifts), float(np.sqrt(shares**2 @ variances)), int(np.count_nonzero(agree[best])))
 
 
 def shifted_by_lines(

@@ -28,6 +28,7 @@ from algorithms.registration.final_pose import (
     of_features,
     of_surfaces,
     refuted_by_own_surfaces,
+    with_open_shift,
 )
 from algorithms.registration.final_verdict import hidden_shift_m
 from algorithms.registration.icp_plane import IcpPlaneMethod
@@ -142,7 +143,7 @@ def estimated_and_judged(
         reason = f"a pose was found, but nothing to determine it by: {'; '.join(remarks)}"
         return PairResult(PairStatus.REJECTED, (reason,), coarse, None, None)
     progress.report(0.9, "verification")
-    return judged(problem, coarse, answer, matching)
+    return judged(problem, coarse, replace(answer, final=with_open_shift(problem, answer.final)), matching)
 
 
 def register_by_surfaces(problem: RegistrationProblem, method: IcpPlaneMethod, progress: Progress) -> PairResult:

@@ -8,11 +8,12 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.principal_motions import principal_motions
 from algorithms.adjustment.rank import CentredFrame
 from algorithms.adjustment.snooping import CorrespondenceState
-from algorithms.arrays import Array, Flags, Matrix6
+from algorithms.arrays import Array, Flags, Matrix6, Vector3
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.matching.open_shifts import shift_by_planes
 from algorithms.registration.base import FinalPose, FineRegistration, PosePart, RegistrationProblem
 from algorithms.registration.neighbourhood_covariance import LEAST_NEIGHBOURHOODS
 from algorithms.registration.pose_fusion import (
@@ -40,6 +41,8 @@ UNEVEN_WALLS = 4.0
 of a wall, which is not plane. In 36 registrations of a car park and a yard with references their errors were 1.8 and
 1.9 times what they promise (rms), those of the surfaces 1.3 and 1.0 times."""
 PARAMETERS = 6
+MOST_TURN_PER_M = 1e-4
+"""An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,43 @@ def widened(problem: RegistrationProblem, final: FinalPose, tested: Rigidity) ->
     reduced = tested.widened(final.reduced)
     pose = reduced.moved_to_origins(problem.target.origin_m, problem.source.origin_m)
     return replace(final, reduced=reduced, pose=pose)
+
+
+def open_shift(pose: PoseEstimate) -> Vector3 | None:
+    """Give the unit direction of the one motion that a pose leaves open if it is a shift, target frame (3,)."""
+    if pose.null_space.shape[1] != 1:
+        return None
+    turn, shift = np.split(pose.null_space[:, 0], 2)
+    length = float(np.linalg.norm(shift))
+    return None if float(np.linalg.norm(turn)) > MOST_TURN_PER_M * length else np.asarray(shift / length)
+
+
+def with_open_shift(problem: RegistrationProblem, final: FinalPose) -> FinalPose:
+    """Put a pose that leaves a shift open where planes that both scans see in different places are one.
+
+    The shift stays undetermined: the covariance says nothing of it.
+
+    Parameters
+    ----------
+    problem
+        Features of both scans.
+    final
+        The pose.
+    """
+    direction = open_shift(final.reduced)
+    if direction is None:
+        return final
+    found = shift_by_planes(problem.target, problem.source, final.reduced.target_from_source, direction)
+    if found is None:
+        return final
+    moved = RigidTransform.from_translation(found.shift_m * direction) * final.reduced.target_from_source
+    reduced = replace(final.reduced, target_from_source=moved)
+    reason = (
+        f"{final.reason}; the shift that they leave open is set as if planes that the scans see in different places "
+        f"were one (pairs: {found.planes}; standard deviation {found.std_m * 1e3:.0f} mm if so, which nothing shows)"
+    )
+    pose = reduced.moved_to_origins(problem.target.origin_m, problem.source.origin_m)
+    return replace(final, reduced=reduced, pose=pose, reason=reason)
 
 
 def of_features(

@@ -16,15 +16,12 @@ from algorithms.matching.directions import comes_first
 from algorithms.matching.open_shifts import shifted_by_lines
 from algorithms.progress import Progress
 from algorithms.registration.base import FineRegistration, PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.final_pose import of_features
+from algorithms.registration.final_pose import of_features, open_shift
 from algorithms.registration.lines import LinesMethod
 from algorithms.registration.method import Method
 from algorithms.registration.pair_verdict import contradictions, largest_hidden_shift_m, searched
 from algorithms.registration.planes import PlanesMethod
 from algorithms.registration.verdict import Answer, judged
-
-MOST_TURN_PER_M = 1e-4
-"""An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
 
 
 @dataclass(frozen=True)
@@ -146,13 +143,10 @@ def _in_rounds(
 def _along_open_shift(problem: RegistrationProblem, fine: FineRegistration) -> RigidTransform | None:
     """Move the pose along the one shift that its features leave open to where more lines of both scans meet, if so."""
     pose = fine.adjustment.pose
-    if pose.null_space.shape[1] != 1:
+    direction = open_shift(pose)
+    if direction is None:
         return None
-    turn, shift = np.split(pose.null_space[:, 0], 2)
-    length = float(np.linalg.norm(shift))
-    if float(np.linalg.norm(turn)) > MOST_TURN_PER_M * length:
-        return None
-    return shifted_by_lines(problem.target, problem.source, pose.target_from_source, shift / length)
+    return shifted_by_lines(problem.target, problem.source, pose.target_from_source, direction)
 
 
 def _corresponding(

@@ -8,10 +8,12 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import PhotoEdges, ScanFeatures, SurfaceSample
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
-from algorithms.matching.open_shifts import AGREEING_M, MOST_SHIFT_M, shifted_by_lines
+from algorithms.geometry.planes import Planes
+from algorithms.matching.open_shifts import AGREEING_M, MOST_SHIFT_M, shift_by_planes, shifted_by_lines
 from tests.scenes.lines.feature_scenes import NO_CYLINDERS, NO_PLANES
 
 X = np.array([1.0, 0.0, 0.0])
+UP = np.array([0.0, 0.0, 1.0])
 UNEVEN = np.array([0.4, 1.5, 2.1, 3.7, 4.3, 5.9, 6.4, 8.2])
 """Places of vertical edges that no shift lays on each other."""
 TOWARDS = np.array([0.0, -1.0, 0.0])
@@ -96,3 +98,58 @@ def test_shifts_farther_apart_than_photos_are_sure_do_not_agree() -> None:
 
 def test_scans_without_lines_tell_nothing() -> None:
     assert shift_m(front(np.empty(0)), front(UNEVEN), 0.0) is None
+
+
+def ground(
+    places_m: list[tuple[float, float, float]], sizes_m: list[float], tilt_std_rad: float = 1e-5
+) -> ScanFeatures:
+    """Level squares, seen from above."""
+    n = len(places_m)
+    covariances = np.tile(np.diag([tilt_std_rad**2, tilt_std_rad**2, 1e-10]), (n, 1, 1))
+    corners = [0.5 * size * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) for size in sizes_m]
+    planes = Planes(
+        np.tile(UP, (n, 1)),
+        np.array(places_m),
+        np.tile(np.eye(3)[:, :2], (n, 1, 1)),
+        covariances,
+        np.full(n, 0.002),
+        np.full(n, 1000),
+        np.square(sizes_m),
+        np.concatenate(corners),
+        np.arange(0, 4 * n + 1, 4),
+    )
+    return replace(front(UNEVEN[:0]), planes=planes)
+
+
+def test_ground_that_two_scans_see_in_different_places_is_taken_for_one_plane() -> None:
+    here, there = ground([(0.0, 0.0, -1.5)], [15.0]), ground([(40.0, 10.0, -1.4)], [15.0])
+    found = shift_by_planes(here, there, RigidTransform.identity(), UP)
+    assert found is not None
+    assert found.shift_m == pytest.approx(-0.1, abs=1e-9)
+    assert 0.01 < found.std_m < 0.02
+    back = shift_by_planes(there, here, RigidTransform.identity(), UP)
+    assert back is not None
+    assert back.shift_m == pytest.approx(0.1, abs=1e-9)
+
+
+def test_a_sill_that_lies_nearly_on_another_one_moves_no_ground() -> None:
+    here = ground([(0.0, 0.0, -1.5), (20.0, 0.0, 0.70)], [15.0, 1.0])
+    there = ground([(40.0, 0.0, -1.4), (21.0, 0.0, 0.82)], [15.0, 1.0])
+    found = shift_by_planes(here, there, RigidTransform.identity(), UP)
+    assert found is not None
+    assert found.shift_m == pytest.approx(-0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("places_m", "sizes_m"),
+    [([(40.0, 0.0, -0.9)], [15.0]), ([(40.0, 0.0, -1.4), (40.0, 20.0, -1.2)], [10.0, 9.0]), ([], [])],
+    ids=["half a metre off", "two levels", "none"],
+)
+def test_planes_that_single_out_no_shift_give_none(places_m: list, sizes_m: list) -> None:
+    there = ground(places_m, sizes_m) if places_m else front(UNEVEN[:0])
+    assert shift_by_planes(ground([(0.0, 0.0, -1.5)], [15.0]), there, RigidTransform.identity(), UP) is None
+
+
+def test_planes_of_uncertain_direction_tell_nothing() -> None:
+    here, there = (ground([(40.0 * k, 0.0, -1.5 + 0.1 * k)], [0.3], tilt_std_rad=0.02) for k in (0, 1))
+    assert shift_by_planes(here, there, RigidTransform.identity(), UP) is None
