@@ -32,7 +32,7 @@ class MeshFaults(Document):
     """Where the first ones are, world [m]."""
 
 
-class PatchFigures(Document):
+class SplinePatchFigures(Document):
     """A B-spline surface in figures."""
 
     name: str
@@ -120,7 +120,7 @@ class MeshingDocument(Document):
     """By kind; those without any are not listed."""
     deviations: DeviationFigures
     """Signed distances of the points from the mesh, positive outside."""
-    patches: list[PatchFigures] | None = Field(default=None, exclude_if=lambda value: value is None)
+    patches: list[SplinePatchFigures] | None = Field(default=None, exclude_if=lambda value: value is None)
     """B-spline surfaces, where they were wanted."""
     texture: TextureFigures | None = Field(default=None, exclude_if=lambda value: value is None)
     """What the photos gave, where they were wanted."""

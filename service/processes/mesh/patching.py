@@ -15,7 +15,7 @@ from algorithms.meshing.spline_patches import (
     fitted_patch,
     tessellated,
 )
-from schemas.results.mesh_result import PatchFigures
+from schemas.results.mesh_result import SplinePatchFigures
 from schemas.results.registration_result import Artifact
 from service.formats.mesh_writers import MESH_WRITERS
 from service.formats.spline_writers import write_iges, write_json
@@ -65,10 +65,10 @@ def _patch(wanted: Json, origin_m: Vector3) -> Patch:
     )
 
 
-def patch_figures(wanted: Sequence[Json], patches: Sequence[SplinePatch]) -> list[PatchFigures]:
+def patch_figures(wanted: Sequence[Json], patches: Sequence[SplinePatch]) -> list[SplinePatchFigures]:
     """Say of every patch how large it is and how well it fits."""
     return [
-        PatchFigures(
+        SplinePatchFigures(
             name=each["name"],
             points=patch.points,
             spans=(_spans(patch.knots_u), _spans(patch.knots_v)),
