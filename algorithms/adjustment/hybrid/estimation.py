@@ -12,6 +12,9 @@ from algorithms.arrays import Array
 
 STEP_IN_STD = 1e-7
 """A step of this share of its standard deviation changes nothing that anyone could see."""
+STALLED_STEP_IN_STD = 1e-5
+"""A step below this that is hardly smaller than the last one is made of rounding errors: where something is observed
+to a micrometre among coordinates of kilometres, steps never become smaller."""
 ROUGH_STEP_IN_STD = 0.3
 """The same while gross errors are looked for: the next step is much smaller and decides no test."""
 FIRST_DAMPING, DAMPING_GROWTH, MOST_DAMPING = 1e-3, 10.0, 1e8
@@ -90,7 +93,7 @@ def estimate(
     """
     state, linearised = start, network.linearised(start)
     omega, damping, converged, iterations = _omega(linearised, weights), 0.0, False, 0
-    limit = ROUGH_STEP_IN_STD if rough else STEP_IN_STD
+    limit, last = ROUGH_STEP_IN_STD if rough else STEP_IN_STD, np.inf
     while not converged and iterations < max_iterations:
         iterations += 1
         defect = defect_of(network, linearised, weights, state)
@@ -101,11 +104,11 @@ def estimate(
         trial = state.moved(network.layout, step)
         trial_linearised = network.linearised(trial)
         trial_omega = _omega(trial_linearised, weights)
-        settled = length < max(limit, 1e-9 * np.sqrt(omega))
+        settled = length < max(limit, 1e-9 * np.sqrt(omega)) or last / 2.0 < length < STALLED_STEP_IN_STD
         if not settled and not trial_omega <= omega * (1.0 + WORSE) and damping < MOST_DAMPING:
             damping = max(FIRST_DAMPING, damping * DAMPING_GROWTH)
             continue
-        converged = bool(settled) and damping == 0.0
+        converged, last = bool(settled) and damping == 0.0, length
         damping = damping / DAMPING_GROWTH if damping > FIRST_DAMPING else 0.0
         state, linearised, omega = trial, trial_linearised, trial_omega
     defect = defect_of(network, linearised, weights, state)

@@ -207,6 +207,26 @@ def test_the_free_motion_of_a_levelling_network_is_the_shift_of_all_heights() ->
     np.testing.assert_allclose(tests.redundancy, 0.5)  # the same for all by symmetry
 
 
+def test_vectors_held_to_a_micrometre_over_kilometres_leave_nothing_but_rounding_and_that_counts_as_settled() -> None:
+    rng = np.random.default_rng(7)
+    state = replace(some_state(), points=rng.uniform(-1e4, 1e4, (6, 3)))
+    free = {kind: np.zeros((state.count(kind), SIZES[kind]), dtype=bool) for kind in Kind}
+    free[Kind.POINT][1:] = True
+    ends = ints(0, 1, 2, 3, 4, 0, 1), ints(1, 2, 3, 4, 5, 3, 5)
+    gaps = state.points[ends[1]] - state.points[ends[0]]
+    lengths = np.linalg.norm(gaps, axis=1) + rng.normal(scale=0.005, size=7)
+    network = Network(
+        (
+            Differences(np.tile(1e-12 * np.eye(3), (7, 1, 1)), *ends, gaps + rng.normal(scale=1e-6, size=(7, 3))),
+            Distances(variances(np.full(7, 0.005)), *ends, lengths, np.zeros(7, dtype=bool)),
+        ),
+        Layout.of(free, np.array([-1, -1], dtype=np.int64)),
+    )
+    found = estimate(network, state, np.ones(28), 20)
+    assert found.converged
+    assert found.iterations < 10
+
+
 def test_the_test_of_an_object_is_the_drop_of_the_squares_without_it() -> None:
     network, state = levelling(2)
     found = estimate(network, state, np.ones(6), 10)
