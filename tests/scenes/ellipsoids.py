@@ -27,6 +27,11 @@ class Ellipsoid:
         longitude, latitude, height = self._cart.transform(*np.moveaxis(xyz, -1, 0), direction="INVERSE")
         return np.stack([latitude, longitude, height], axis=-1)
 
+    def rates(self, place: Array) -> Array:
+        """Give the derivatives (3, 3) of geocentric coordinates by latitude, longitude [m/degree] and height."""
+        steps = np.diag([1e-3, 1e-3, 1.0])
+        return np.asarray((self.xyz(place + steps) - self.xyz(place - steps)).T / (2.0 * steps.diagonal()))
+
     @cached_property
     def _cart(self) -> Any:
         from pyproj import Transformer
