@@ -41,8 +41,9 @@ UNEVEN_WALLS = 4.0
 of a wall, which is not plane. In 36 registrations of a car park and a yard with references their errors were 1.8 and
 1.9 times what they promise (rms), those of the surfaces 1.3 and 1.0 times."""
 PARAMETERS = 6
-MOST_TURN_PER_M = 1e-4
-"""An open motion that turns by less beside a shift of a metre is a shift [rad/m]."""
+MOST_TURN_PER_M, MOST_TURN_BESIDE_PLANES = 1e-4, 5e-4
+"""An open motion that turns by less beside a shift of a metre is a shift [rad/m]; where ground far off stands in for
+what the scans do not share, centimetres matter less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +119,21 @@ def widened(problem: RegistrationProblem, final: FinalPose, tested: Rigidity) ->
     return replace(final, reduced=reduced, pose=pose)
 
 
-def open_shift(pose: PoseEstimate) -> Vector3 | None:
-    """Give the unit direction of the one motion that a pose leaves open if it is a shift, target frame (3,)."""
+def open_shift(pose: PoseEstimate, most_turn_per_m: float = MOST_TURN_PER_M) -> Vector3 | None:
+    """Give the unit direction of the one motion that a pose leaves open if it is a shift, target frame (3,).
+
+    Parameters
+    ----------
+    pose
+        The pose.
+    most_turn_per_m
+        With so much turn beside a metre it is no shift [rad/m].
+    """
     if pose.null_space.shape[1] != 1:
         return None
     turn, shift = np.split(pose.null_space[:, 0], 2)
     length = float(np.linalg.norm(shift))
-    return None if float(np.linalg.norm(turn)) > MOST_TURN_PER_M * length else np.asarray(shift / length)
+    return None if float(np.linalg.norm(turn)) > most_turn_per_m * length else np.asarray(shift / length)
 
 
 def with_open_shift(problem: RegistrationProblem, final: FinalPose) -> FinalPose:
@@ -139,7 +148,7 @@ def with_open_shift(problem: RegistrationProblem, final: FinalPose) -> FinalPose
     final
         The pose.
     """
-    direction = open_shift(final.reduced)
+    direction = open_shift(final.reduced, MOST_TURN_BESIDE_PLANES)
     if direction is None:
         return final
     found = shift_by_planes(problem.target, problem.source, final.reduced.target_from_source, direction)
