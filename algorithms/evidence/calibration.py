@@ -1,14 +1,13 @@
 """The constants of the evidence, and what they were fitted on."""
 
-import json
 import math
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 from algorithms.evidence.log_odds import Weights
 
 CALIBRATION = Path(__file__).parent / "calibration.json"
+"""Where `tests.calibration.fit` writes them, once there are pairs enough to fit them on."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +31,3 @@ class Calibration:
         count = self.wrong + 1.0
         bound = count * math.pow(1.0 - 1.0 / (9.0 * count) + 1.645 / (3.0 * math.sqrt(count)), 3.0)
         return min(bound / max(self.accepted, 1), 1.0)
-
-
-@cache
-def calibration() -> Calibration:
-    """Read the constants in force."""
-    values = json.loads(CALIBRATION.read_text())
-    return Calibration(Weights(**values.pop("weights")), **values)

@@ -45,12 +45,17 @@ def posterior(total: Scalars, likeness: Scalars, weights: Weights) -> Posterior:
         Calibrated constants.
     """
     best = int(np.argmax(total))
-    repeated = expit(weights.repetition + weights.likeness * likeness) * expit(total)
-    odds = np.maximum(np.exp(total - total[best]), repeated)
+    odds = odds_beside(total, total[best], likeness, weights)
     odds[best] = 1.0
     none, elsewhere = float(np.exp(np.clip(-total[best], -700.0, 700.0))), float(np.exp(weights.elsewhere))
     whole = odds.sum() + none + elsewhere
     return Posterior(best, odds / whole, elsewhere / whole, none / whole)
+
+
+def odds_beside(total: Scalars, best: Scalars | float, likeness: Scalars, weights: Weights) -> Scalars:
+    """Give the odds of h poses against the best of their pair; parameters as of `posterior`, `best` its log-odds."""
+    repeated = expit(weights.repetition + weights.likeness * likeness) * expit(total)
+    return np.asarray(np.maximum(np.exp(total - best), repeated))
 
 
 def likeness_of(self_support: Array, self_violation: Array) -> Scalars:

@@ -139,7 +139,8 @@ def open_shift(pose: PoseEstimate, most_turn_per_m: float = MOST_TURN_PER_M) -> 
 def with_open_shift(problem: RegistrationProblem, final: FinalPose) -> FinalPose:
     """Put a pose that leaves a shift open where planes that both scans see in different places are one.
 
-    The shift stays undetermined: the covariance says nothing of it.
+    The shift stays undetermined: the covariance says nothing of it. Approximate poses of both stations tell more than
+    this assumption: with them the pose stays as it is.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def with_open_shift(problem: RegistrationProblem, final: FinalPose) -> FinalPose
         The pose.
     """
     direction = open_shift(final.reduced, MOST_TURN_BESIDE_PLANES)
-    if direction is None:
+    if direction is None or (problem.priors is not None and problem.priors.target_from_source is not None):
         return final
     found = shift_by_planes(problem.target, problem.source, final.reduced.target_from_source, direction)
     if found is None:

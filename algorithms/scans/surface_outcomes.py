@@ -1,4 +1,4 @@
-"""What becomes of the surface of one scan where a pose lays it into another: the one definition of each outcome.
+"""What becomes of the surface of one scan where a pose lays it into another, point by point.
 
 A surface point *fits* where the other scan has surface with an agreeing normal. It was *looked through* where the other
 instrument saw something clearly farther away. It is *beside* parallel surface of the other scan where one of the two

@@ -1,7 +1,8 @@
 """Fit the constants of the evidence to frozen pairs, and show what a verdict by them is worth.
 
-``python -m tests.calibration.fit`` prints the table of the gate with every kind of building judged by constants that
-were fitted on the others; ``--write`` fits on all and writes `algorithms/evidence/calibration.json`.
+The pairs are those that `frozen` packed into `hypotheses.npz`. ``python -m tests.calibration.fit`` prints the table of
+the gate with every kind of building judged by constants that were fitted on the others; ``--write`` fits on all and
+writes `algorithms/evidence/calibration.json`.
 """
 
 import json
@@ -11,12 +12,11 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import expit
 
 from algorithms.arrays import Array, Flags, Scalars
 from algorithms.evidence.calibration import CALIBRATION, Calibration
 from algorithms.evidence.log_odds import Counts, Weights, log_odds
-from algorithms.evidence.posterior import likeness_of
+from algorithms.evidence.posterior import likeness_of, odds_beside
 from tests.calibration.frozen import ARCHIVE, LIKE_POSES, Frozen
 
 START = Weights(4.0, 2.0, 0.5, 1.0, 0.15, 1.5, 0.1, 0.1, 1.0, 0.05, 6.0, -3.0, -6.0)
@@ -83,8 +83,7 @@ class Pairs:
         best = order[self.starts]
         column = np.minimum(best - self.starts, LIKE_POSES - 1)
         likeness = self.likeness[np.arange(len(total)), column[self.pair]]
-        repeated = expit(weights.repetition + weights.likeness * likeness) * expit(total)
-        odds = np.maximum(np.exp(total - highest[self.pair]), repeated)
+        odds = odds_beside(total, highest[self.pair], likeness, weights)
         odds[best] = 1.0
         none = np.exp(np.clip(-highest, -500.0, 500.0)) + np.exp(weights.elsewhere)
         whole = np.add.reduceat(odds, self.starts) + none

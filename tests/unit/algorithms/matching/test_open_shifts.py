@@ -8,9 +8,9 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import PhotoEdges, ScanFeatures, SurfaceSample
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
-from algorithms.geometry.planes import Planes
 from algorithms.matching.open_shifts import AGREEING_M, MOST_SHIFT_M, shift_by_planes, shifted_by_lines
 from tests.scenes.lines.feature_scenes import NO_CYLINDERS, NO_PLANES
+from tests.scenes.lines.level_ground import ground
 
 X = np.array([1.0, 0.0, 0.0])
 UP = np.array([0.0, 0.0, 1.0])
@@ -100,27 +100,6 @@ def test_scans_without_lines_tell_nothing() -> None:
     assert shift_m(front(np.empty(0)), front(UNEVEN), 0.0) is None
 
 
-def ground(
-    places_m: list[tuple[float, float, float]], sizes_m: list[float], tilt_std_rad: float = 1e-5
-) -> ScanFeatures:
-    """Level squares, seen from above."""
-    n = len(places_m)
-    covariances = np.tile(np.diag([tilt_std_rad**2, tilt_std_rad**2, 1e-10]), (n, 1, 1))
-    corners = [0.5 * size * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) for size in sizes_m]
-    planes = Planes(
-        np.tile(UP, (n, 1)),
-        np.array(places_m),
-        np.tile(np.eye(3)[:, :2], (n, 1, 1)),
-        covariances,
-        np.full(n, 0.002),
-        np.full(n, 1000),
-        np.square(sizes_m),
-        np.concatenate(corners),
-        np.arange(0, 4 * n + 1, 4),
-    )
-    return replace(front(UNEVEN[:0]), planes=planes)
-
-
 def test_ground_that_two_scans_see_in_different_places_is_taken_for_one_plane() -> None:
     here, there = ground([(0.0, 0.0, -1.5)], [15.0]), ground([(40.0, 10.0, -1.4)], [15.0])
     found = shift_by_planes(here, there, RigidTransform.identity(), UP)
@@ -146,8 +125,8 @@ def test_a_sill_that_lies_nearly_on_another_one_moves_no_ground() -> None:
     ids=["half a metre off", "two levels", "none"],
 )
 def test_planes_that_single_out_no_shift_give_none(places_m: list, sizes_m: list) -> None:
-    there = ground(places_m, sizes_m) if places_m else front(UNEVEN[:0])
-    assert shift_by_planes(ground([(0.0, 0.0, -1.5)], [15.0]), there, RigidTransform.identity(), UP) is None
+    here, there = ground([(0.0, 0.0, -1.5)], [15.0]), ground(places_m, sizes_m)
+    assert shift_by_planes(here, there, RigidTransform.identity(), UP) is None
 
 
 def test_planes_of_uncertain_direction_tell_nothing() -> None:
