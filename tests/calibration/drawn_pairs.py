@@ -11,6 +11,7 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.symmetric_scenes import SYMMETRIC_SCENES
+from tests.scenes.buildings.distorted_scans import DISTORTIONS
 from tests.scenes.buildings.drawn_stations import (
     ALL_BUILDINGS,
     WHOLE_SCENES,
@@ -29,7 +30,7 @@ class DrawnPair:
     """Two scans of one place, or of two."""
 
     family: str
-    """Why it was drawn: `regular`, `things`, `noisy`, `coarse`, `different`, `symmetric`."""
+    """Why it was drawn, see `FAMILIES`."""
     building: str
     """Kind of building; of two kinds, both with a slash between."""
     target: ScanFeatures
@@ -90,6 +91,21 @@ def _symmetric(number: int, rng: np.random.Generator) -> Iterator[DrawnPair]:
     yield from _pairs("symmetric", name, looked_at(scene.stations, scans, rng))
 
 
+def _distorted(number: int, rng: np.random.Generator) -> Iterator[DrawnPair]:
+    """Scale, stretch, bend or round the first scan: its place is right still, its pose as good as that allows."""
+    kinds = [*WHOLE_SCENES, *ALL_BUILDINGS]
+    kind = kinds[number % len(kinds)]
+    ways = ["rounded", *DISTORTIONS]
+    way = ways[number // len(kinds) % len(ways)]
+    factor = 1.0 + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.001, 0.02))
+    step_m = float(rng.uniform(0.002, 0.03))
+
+    def distorted(points: np.ndarray) -> np.ndarray:
+        return step_m * np.round(points / step_m) if way == "rounded" else DISTORTIONS[way](points, factor)
+
+    yield from _pairs("distorted", kind, drawn_stations(kind, rng, distorted=distorted))
+
+
 FAMILIES: dict[str, Callable[[int, np.random.Generator], Iterator[DrawnPair]]] = {
     "regular": _regular,
     "things": _things,
@@ -97,6 +113,7 @@ FAMILIES: dict[str, Callable[[int, np.random.Generator], Iterator[DrawnPair]]] =
     "coarse": _coarse,
     "different": _different,
     "symmetric": _symmetric,
+    "distorted": _distorted,
 }
 
 

@@ -6,8 +6,12 @@ them all, from which the model of the evidence is fitted in seconds, without sca
 """
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -17,17 +21,23 @@ from algorithms.errors import AlgorithmError
 from algorithms.evidence.pose_evidence import PairEvidence
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import rotation_matrix
+from algorithms.matching import coarse_registration
 from algorithms.matching.candidates import candidate_motions
-from algorithms.matching.coarse_registration import with_all_shifts, with_symmetries
+from algorithms.matching.coarse_registration import CoarseRegistration, with_all_shifts, with_symmetries
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.directions import comes_first
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
 from algorithms.matching.options import MatchingOptions
+from algorithms.matching.plane_triples import OffsetVotes
+from algorithms.matching.votes import Motions
 from algorithms.progress import NoProgress
+from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.quality.overlap import verify_pose
-from algorithms.registration import DEFAULT_METHOD
-from algorithms.registration.base import RegistrationProblem
+from algorithms.registration import DEFAULT_METHOD, final_verdict
+from algorithms.registration import verdict as registration_verdict
+from algorithms.registration.base import FinalPose, PairStatus, RegistrationProblem
 from algorithms.scans.pose_scores import score_poses, strict_limits
+from algorithms.scans.surface_index import SurfaceIndex
 from tests.calibration.drawn_pairs import DrawnPair, drawn_pairs
 
 ARCHIVE = Path(__file__).parent / "hypotheses.npz"
@@ -56,13 +66,14 @@ def every_pose(target: ScanFeatures, source: ScanFeatures) -> tuple[RankedPoses,
 def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
     """Give all that a verdict of a pair can rest on, as arrays; None where the search refuses."""
     target, source, truth = pair.target, pair.source, pair.truth
-    status, is_right = registered(target, source, truth)
-    if not comes_first(target, source):
-        target, source, truth = source, target, None if truth is None else truth.inv()
-    try:
-        voted, ranked = every_pose(target, source)
-    except AlgorithmError:
-        return None
+    with shifts_remembered():
+        status, is_right, is_precise = registered(target, source, truth)
+        if not comes_first(target, source):
+            target, source, truth = source, target, None if truth is None else truth.inv()
+        try:
+            voted, ranked = every_pose(target, source)
+        except AlgorithmError:
+            return None
     scores = ranked.scores
     by_score = np.argsort(-scores.charitable, kind="stable")[:MOST_POSES]
     by_cleanness = np.argsort(-scores.support * np.exp(-60.0 * scores.violation), kind="stable")[:MOST_CLEAN]
@@ -81,6 +92,7 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
         "building": np.array([pair.building]),
         "status": np.array([status]),
         "status_right": np.array([is_right]),
+        "precise": np.array([is_precise]),
         "same_place": np.array([truth is not None]),
         "common": np.array([common]),
         "free_space": np.array([target.index.knows_free_space and source.index.knows_free_space]),
@@ -102,13 +114,39 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
     }
 
 
-def registered(target: ScanFeatures, source: ScanFeatures, truth: RigidTransform | None) -> tuple[str, bool]:
-    """Give the status in force and whether its pose is right."""
-    result = DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
+def registered(target: ScanFeatures, source: ScanFeatures, truth: RigidTransform | None) -> tuple[str, bool, bool]:
+    """Give the status in force, whether its pose is right, and whether nothing but the place would be in doubt."""
+    precise = []
+
+    def status_of_final(
+        problem: RegistrationProblem, coarse: CoarseRegistration, final: FinalPose, verdict: Verdict, **more: Any
+    ) -> tuple[PairStatus, tuple[str, ...]]:
+        sure = replace(coarse, ambiguous=False), final, Verdict(AcceptanceStatus.ACCEPTED, ())
+        precise.append(final_verdict.status_of_final(problem, *sure, **more)[0] is PairStatus.ACCEPTED)
+        return final_verdict.status_of_final(problem, coarse, final, verdict, **more)
+
+    with mock.patch.object(registration_verdict, "status_of_final", status_of_final):
+        result = DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
+    is_precise = bool(precise and precise[-1])
     if result.final is None or truth is None:
-        return result.status.value, False
+        return result.status.value, False, is_precise
     pose, centre = result.final.reduced.target_from_source, source.surface.points.mean(axis=0)
-    return result.status.value, near(pose, truth, centre, ACCEPTED_RAD, ACCEPTED_M)
+    return result.status.value, near(pose, truth, centre, ACCEPTED_RAD, ACCEPTED_M), is_precise
+
+
+@contextmanager
+def shifts_remembered() -> Iterator[None]:
+    """Search all shifts of a pair once: the search in force and the freezing want the same, and it costs most."""
+    search, known = coarse_registration.correlated_motions, {}
+
+    def remembered(votes: list[OffsetVotes], target: SurfaceIndex, source: SurfaceIndex) -> Motions:
+        key = (id(target), id(source), *(each.rotation.tobytes() for each in votes))
+        if key not in known:
+            known[key] = search(votes, target, source)
+        return known[key]
+
+    with mock.patch.object(coarse_registration, "correlated_motions", remembered):
+        yield
 
 
 def near(pose: RigidTransform, truth: RigidTransform, centre: Array, angle_rad: float, shift_m: float) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.arrays import Points
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.scan_features import ScanFeatures
@@ -56,12 +57,20 @@ def station_at(place: Place, rng: np.random.Generator) -> RigidTransform:
 
 
 def drawn_stations(
-    kind: str, rng: np.random.Generator, *, scanner: VirtualScanner = SCANNER, count: int = 3
+    kind: str,
+    rng: np.random.Generator,
+    *,
+    scanner: VirtualScanner = SCANNER,
+    count: int = 3,
+    distorted: Callable[[Points], Points] | None = None,
 ) -> list[DrawnStation]:
-    """Scan a building of a kind from some places."""
+    """Scan a building of a kind from some places; of the first scan the points are distorted about its instrument."""
     scene, _, place = building_of(kind, rng)
     stations = [station_at(place(), rng) for _ in range(count)]
-    return looked_at(stations, simulate_stations(scene, stations, scanner, rng), rng)
+    scans = list(simulate_stations(scene, stations, scanner, rng))
+    if distorted is not None:
+        scans[0] = replace(scans[0], points=distorted(scans[0].points))
+    return looked_at(stations, scans, rng)
 
 
 def stations_among_things(
