@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Indices, Labels, Matrix3, Points, Scalars, Vector3
@@ -84,6 +85,20 @@ class Deformation:
                     out[:, axis, 6 + 3 * k + axis] = product
         return out
 
+    def fields_along(self, arms: Points, normals: Points) -> Array:
+        """Give φ along unit normals (n, 3), (n, m), at arms (n, 3) [m]."""
+        if self.kind is DeformationKind.SCALE:
+            return np.asarray(np.einsum("ni,ni->n", arms, normals)[:, None])
+        out = np.empty((len(arms), COUNTS[self.kind]))
+        for k, (a, b) in enumerate(_PAIRS):
+            if a == b:
+                out[:, k] = normals[:, a] * arms[:, a]
+            else:
+                out[:, k] = 0.5**0.5 * (normals[:, a] * arms[:, b] + normals[:, b] * arms[:, a])
+            if self.kind is DeformationKind.BEND:
+                out[:, 6 + 3 * k : 9 + 3 * k] = (arms[:, a] * arms[:, b] / self.radius_m)[:, None] * normals
+        return out
+
     def strain(self) -> Matrix3:
         """Give the strain as a symmetric matrix."""
         if self.kind is DeformationKind.SCALE:
@@ -103,7 +118,13 @@ class Deformation:
 
     def displacements(self, arms: Points) -> Points:
         """Give the displacements (n, 3) at arms (n, 3) [m]."""
-        return np.asarray(self.fields(arms) @ self.coefficients)
+        if self.kind is DeformationKind.SCALE:
+            return np.asarray(self.coefficients[0] * arms)
+        moved = arms @ self.strain()
+        if self.kind is DeformationKind.BEND:
+            products = np.column_stack([arms[:, a] * arms[:, b] for a, b in _PAIRS]) / self.radius_m
+            moved += products @ self.coefficients[6:].reshape(6, 3)
+        return np.asarray(moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +138,8 @@ class DeformedFit:
     deformation: Deformation
     determined: Array
     """(m, r) orthonormal combinations of the coefficients that the surfaces determine."""
-    covariance: Array
-    """(r, r) covariance of those."""
+    covariance: Array | None
+    """(r, r) covariance of those; None of a bend, which is judged by what it explains."""
     spread_m: float
     """Robust standard deviation of the gaps that are left [m]."""
     fitting: float
@@ -176,10 +197,63 @@ class _Gaps:
         return max(spread_m, self.least_spread_m)
 
 
+class MotionAlone:
+    """What lies on what near a pose without any deformation: found once for all deformations that are compared."""
+
+    def __init__(self, target: ScanFeatures, source: ScanFeatures, pose: RigidTransform) -> None:
+        """Keep two scans and a pose.
+
+        Parameters
+        ----------
+        target, source
+            Features of both scans.
+        pose
+            Target from source between the reduced frames.
+
+        Raises
+        ------
+        TooFewCorrespondencesError
+            When too little surface lies near surface.
+        """
+        self.target, self.source, self.pose = target, source, pose
+        first = _measure(target, source, pose, None, np.zeros(3), WIDE_GATE_M, FEW_POINTS)
+        self.centre = np.average(first.positions, axis=0, weights=first.weights)
+        arms = first.positions - self.centre
+        self.radius_m = max(float(np.sqrt(np.average(np.sum(arms**2, axis=1), weights=first.weights))), 1e-3)
+        self._settled: dict[float, RigidTransform] = {}
+        self._gaps: dict[tuple[float, int], tuple[_Gaps, _Gaps]] = {}
+
+    def best_gaps(self, gate_m: float, points: int, fits_m: float) -> "_Gaps":
+        """Give the gaps in the pose, or in the best one near it where more fits within `fits_m`.
+
+        What a motion closes no deformation must: poses rest on lines and planes too, and on rounded coordinates, so
+        they may be off by more than the gaps scatter.
+        """
+        if gate_m not in self._settled:
+            self._settled[gate_m] = self._best_pose(gate_m)
+        if (gate_m, points) not in self._gaps:
+            poses = self.pose, self._settled[gate_m]
+            given, best = (
+                _measure(self.target, self.source, each, None, self.centre, gate_m, points) for each in poses
+            )
+            self._gaps[gate_m, points] = given, best
+        return max(self._gaps[gate_m, points], key=lambda gaps: _weight_within(gaps, fits_m))
+
+    def _best_pose(self, gate_m: float) -> RigidTransform:
+        """Give the pose near the given one in which the surfaces fit best."""
+        found, straight = self.pose, Deformation(DeformationKind.SCALE, self.radius_m, np.zeros(1))
+        for _ in range(MOST_LAST_STEPS):
+            gaps = _measure(self.target, self.source, found, None, self.centre, gate_m, FEW_POINTS)
+            system = _System.of(gaps, straight, self.centre, None)
+            step = system.motion()
+            found = _moved(found, step, self.centre, self.radius_m)
+            if float(np.linalg.norm(step)) < SETTLED_SPREADS * system.spread_m:
+                break
+        return found
+
+
 def fit_deformed(
-    target: ScanFeatures,
-    source: ScanFeatures,
-    pose: RigidTransform,
+    alone: MotionAlone,
     kind: DeformationKind,
     *,
     thorough: bool = True,
@@ -194,10 +268,8 @@ def fit_deformed(
 
     Parameters
     ----------
-    target, source
-        Features of both scans.
-    pose
-        Target from source between the reduced frames.
+    alone
+        Both scans and the pose.
     kind
         Of deformation.
     thorough
@@ -213,18 +285,15 @@ def fit_deformed(
     TooFewCorrespondencesError
         When too little surface lies near surface.
     """
+    target, source, centre, radius = alone.target, alone.source, alone.centre, alone.radius_m
     most = max(len(target.index.points), len(source.index.points)) if thorough else FEW_POINTS
     noise_m = max(target.noise_std_m, source.noise_std_m)
     narrow = max(GATE_NOISES * noise_m, LEAST_GATE_M)
-    first = _measure(target, source, pose, None, np.zeros(3), WIDE_GATE_M, FEW_POINTS)
-    centre = np.average(first.positions, axis=0, weights=first.weights) if start is None else start.centre_m
-    arms = first.positions - centre
-    radius = max(float(np.sqrt(np.average(np.sum(arms**2, axis=1), weights=first.weights))), 1e-3)
-    found, bent, gate = pose, Deformation(kind, radius, np.zeros(COUNTS[kind])), WIDE_GATE_M
+    found, bent, gate = alone.pose, Deformation(kind, radius, np.zeros(COUNTS[kind])), WIDE_GATE_M
     if start is not None:
         found, bent, gate = start.target_from_source, start.deformation.as_kind(kind, radius), 2.0 * narrow
     elif from_afar:
-        found, bent = _best_trial(target, source, pose, bent, centre)
+        found, bent = _best_trial(target, source, alone.pose, bent, centre)
     while True:
         last = gate <= narrow
         for _ in range(MOST_LAST_STEPS if last else STEPS):
@@ -242,13 +311,13 @@ def fit_deformed(
     gaps = _measure(target, source, found, bent, centre, gate, most)
     system = _System.of(gaps, bent, centre, None)
     fits_m = FITS_SPREADS * system.spread_m
-    rigid = _best_without(target, source, pose, bent, centre, gate, most, fits_m)
+    rigid = alone.best_gaps(gate, most, fits_m)
     return DeformedFit(
         target_from_source=found,
         centre_m=centre,
         deformation=bent,
         determined=system.determined,
-        covariance=system.covariance(target, source),
+        covariance=None if kind is DeformationKind.BEND else system.covariance(target, source),
         spread_m=system.spread_m,
         fitting=_weight_within(gaps, fits_m),
         fitting_rigidly=_weight_within(rigid, fits_m),
@@ -281,32 +350,6 @@ def _best_trial(
                 if system.weights.sum() > best:
                     best, found = float(system.weights.sum()), (moved, bent)
     return found
-
-
-def _best_without(
-    target: ScanFeatures,
-    source: ScanFeatures,
-    pose: RigidTransform,
-    bent: Deformation,
-    centre: Vector3,
-    gate: float,
-    most: int,
-    fits_m: float,
-) -> _Gaps:
-    """Give the gaps in a pose, or in the best one near it where more fits: what a motion closes no deformation must.
-
-    Poses rest on lines and planes too, and on rounded coordinates: they may be off by more than the gaps scatter.
-    """
-    found = pose
-    straight = replace(bent, coefficients=np.zeros_like(bent.coefficients))
-    for _ in range(MOST_LAST_STEPS):
-        system = _System.of(_measure(target, source, found, None, centre, gate, FEW_POINTS), straight, centre, None)
-        step = system.motion()
-        found = _moved(found, step, centre, bent.radius_m)
-        if float(np.linalg.norm(step)) < SETTLED_SPREADS * system.spread_m:
-            break
-    given, best = (_measure(target, source, each, None, centre, gate, most) for each in (pose, found))
-    return max(given, best, key=lambda gaps: _weight_within(gaps, fits_m))
 
 
 def _weight_within(gaps: _Gaps, distance_m: float) -> float:
@@ -377,10 +420,14 @@ class _System:
     radius_m: float
     design: Array
     """(n, 6 + m) by (radius times turn, shift, radius times coefficients) [m]."""
-    known: Array
-    """(6, k) motions that the surfaces determine."""
-    determined: Array
-    """(m, r) deformations that they determine beside these."""
+    basis: Array
+    """(6 + m, k + r) motions that the surfaces determine, and deformations that they determine beside these."""
+    motions: int
+    """k of them."""
+    matrix: Array
+    """(6 + m, 6 + m) normal equations over the sum of the weights."""
+    closed: Array
+    """(6 + m,) their right side [m]."""
 
     @staticmethod
     def of(gaps: _Gaps, bent: Deformation, centre: Vector3, doubtful_m: float | None) -> "_System":
@@ -395,40 +442,41 @@ class _System:
             weights = gaps.weights / np.square(1.0 + np.square(gaps.gaps_m / doubtful_m))
             slopes = weights
         arms = gaps.positions - centre
-        fields = np.einsum("ni,nik->nk", gaps.normals, bent.fields(arms)) / bent.radius_m
+        fields = bent.fields_along(arms, gaps.normals) / bent.radius_m
         design = np.hstack([np.cross(arms, gaps.normals) / bent.radius_m, gaps.normals, fields])
-        matrix = (design * (weights / weights.sum())[:, None]).T @ design
+        weighted = (design * (weights / weights.sum())[:, None]).T
+        matrix, closed = weighted @ design, weighted @ gaps.gaps_m
         values, vectors = np.linalg.eigh(matrix[:6, :6])
         known = vectors[:, values > LEAST_TESTIMONY]
         cross = known.T @ matrix[:6, 6:]
         rest = matrix[6:, 6:] - cross.T @ np.linalg.solve(known.T @ matrix[:6, :6] @ known, cross)
         values, vectors = np.linalg.eigh(rest)
+        determined = vectors[:, values > LEAST_TESTIMONY]
         return _System(
-            gaps, weights, slopes, spread, bent.radius_m, design, known, vectors[:, values > LEAST_TESTIMONY]
-        )
+            gaps, weights, slopes, spread, bent.radius_m, design, block_diag(known, determined), known.shape[1], matrix,
+            closed,
+        )  # fmt: skip
 
     @property
-    def reduced(self) -> Array:
-        """(n, k + r) derivatives by what is determined."""
-        return np.hstack([self.design[:, :6] @ self.known, self.design[:, 6:] @ self.determined])
+    def determined(self) -> Array:
+        """(m, r) deformations that the surfaces determine."""
+        return self.basis[6:, self.motions :]
 
     def solution(self) -> tuple[Array, Array]:
         """Give the motion (6,) [m] that closes the gaps, and the change of the coefficients (m,)."""
-        reduced = self.reduced
-        weighted = reduced * self.weights[:, None]
-        x = np.linalg.solve(weighted.T @ reduced, weighted.T @ self.gaps.gaps_m)
-        k = self.known.shape[1]
-        return self.known @ x[:k], self.determined @ x[k:] / self.radius_m
+        change = self._solved(self.basis)
+        return change[:6], change[6:] / self.radius_m
 
     def motion(self) -> Array:
         """Give the motion (6,) [m] that closes the gaps without any change of the coefficients."""
-        reduced = self.design[:, :6] @ self.known
-        weighted = reduced * self.weights[:, None]
-        return np.asarray(self.known @ np.linalg.solve(weighted.T @ reduced, weighted.T @ self.gaps.gaps_m))
+        return self._solved(self.basis[:, : self.motions])[:6]
+
+    def _solved(self, basis: Array) -> Array:
+        return np.asarray(basis @ np.linalg.solve(basis.T @ self.matrix @ basis, basis.T @ self.closed))
 
     def covariance(self, target: ScanFeatures, source: ScanFeatures) -> Array:
         """Give the covariance (r, r) of the determined deformations; rounded coordinates of both scans add theirs."""
-        reduced, k = self.reduced, self.known.shape[1]
+        reduced, k = self.design @ self.basis, self.motions
         found = neighbourhood_covariance(
             reduced, self.weights, self.gaps.gaps_m, self.gaps.positions, self.gaps.normals,
             slopes=self.slopes, edge_m=0.5, shifts=np.zeros((3, reduced.shape[1])),

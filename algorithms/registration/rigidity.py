@@ -16,7 +16,7 @@ from algorithms.errors import TooFewCorrespondencesError
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate, inversion_jacobian
 from algorithms.matching.directions import comes_first
-from algorithms.registration.deformed_fit import DeformationKind, DeformedFit, fit_deformed
+from algorithms.registration.deformed_fit import DeformationKind, DeformedFit, MotionAlone, fit_deformed
 
 SIGNIFICANT = 4.0
 """Standard deviations from which a deformation is significant, where it explains more surface."""
@@ -154,19 +154,20 @@ def rigidity(
         return rigidity(source, target, pose.inv(), is_doubtful=is_doubtful).inverted(pose.inv())
     noise_m = max(target.noise_std_m, source.noise_std_m)
     try:
-        scale = fit_deformed(target, source, pose, DeformationKind.SCALE)
-        strain = fit_deformed(target, source, pose, DeformationKind.STRAIN, thorough=False)
-        bend = fit_deformed(target, source, pose, DeformationKind.BEND, thorough=False, start=strain)
+        alone = MotionAlone(target, source, pose)
+        scale = fit_deformed(alone, DeformationKind.SCALE)
+        strain = fit_deformed(alone, DeformationKind.STRAIN, thorough=False)
+        bend = fit_deformed(alone, DeformationKind.BEND, thorough=False, start=strain)
         if max(strain.gain, bend.gain) > WORTH_A_LOOK:
-            strain = fit_deformed(target, source, pose, DeformationKind.STRAIN)
+            strain = fit_deformed(alone, DeformationKind.STRAIN)
         if explained_by_a_bend(scale, strain, bend, noise_m):
-            bend = fit_deformed(target, source, pose, DeformationKind.BEND, start=strain)
+            bend = fit_deformed(alone, DeformationKind.BEND, start=strain)
     except TooFewCorrespondencesError:
         return Rigidity(None)
     kind = _kind(scale, strain, bend, pose, noise_m)
     if is_doubtful or kind is not None:
         least = max(scale.gain, strain.gain, 0.0) + (LEAST_GAIN_FROM_AFAR if kind is None else 0.0)
-        scale, strain = (_better_from_afar(target, source, pose, fit, least) for fit in (scale, strain))
+        scale, strain = (_better_from_afar(alone, fit, least) for fit in (scale, strain))
         kind = _kind(scale, strain, bend, pose, noise_m)
     by_scale, stretch = _scale_of(scale), _largest_stretch(strain, pose)
     if kind is None:
@@ -191,12 +192,10 @@ def explained_by_a_bend(scale: DeformedFit, strain: DeformedFit, bend: DeformedF
     return more > LEAST_GAINS[DeformationKind.BEND] or (more > LEAST_GAINS[DeformationKind.SCALE] and closes)
 
 
-def _better_from_afar(
-    target: ScanFeatures, source: ScanFeatures, pose: RigidTransform, near: DeformedFit, least_gain: float
-) -> DeformedFit:
+def _better_from_afar(alone: MotionAlone, near: DeformedFit, least_gain: float) -> DeformedFit:
     """Give the fit of a large deformation of the same kind where it gains more than that."""
     try:
-        far = fit_deformed(target, source, pose, near.deformation.kind, from_afar=True)
+        far = fit_deformed(alone, near.deformation.kind, from_afar=True)
     except TooFewCorrespondencesError:
         return near
     return far if far.gain > least_gain else near
@@ -225,7 +224,7 @@ def _tells(found: Stretch | None, fit: DeformedFit) -> bool:
 
 def _scale_of(fit: DeformedFit) -> Stretch | None:
     """Give the scale of the source over the target; the fit's makes the source fit."""
-    if fit.determined.shape[1] == 0:
+    if fit.covariance is None or fit.determined.shape[1] == 0:
         return None
     value = float(fit.deformation.coefficients[0])
     return Stretch(1.0 / (1.0 + value) - 1.0, float(fit.covariance[0, 0] ** 0.5))
@@ -233,7 +232,7 @@ def _scale_of(fit: DeformedFit) -> Stretch | None:
 
 def _largest_stretch(fit: DeformedFit, pose: RigidTransform) -> Stretch | None:
     """Give the most significant principal stretch."""
-    if fit.determined.shape[1] == 0:
+    if fit.covariance is None or fit.determined.shape[1] == 0:
         return None
     values, axes = np.linalg.eigh(fit.deformation.strain())
     covariance = fit.determined @ fit.covariance @ fit.determined.T

@@ -12,7 +12,14 @@ from algorithms.features.options import FeatureOptions
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
-from algorithms.registration.deformed_fit import Deformation, DeformationKind, DeformedFit, fit_deformed
+from algorithms.registration.deformed_fit import (
+    COUNTS,
+    Deformation,
+    DeformationKind,
+    DeformedFit,
+    MotionAlone,
+    fit_deformed,
+)
 from algorithms.registration.rigidity import explained_by_a_bend, rigidity
 from algorithms.scans.scan import Scan
 from algorithms.simulation.scanner import VirtualScanner
@@ -211,6 +218,17 @@ def test_displacements_are_linear_in_their_coefficients(kind: DeformationKind) -
     np.testing.assert_allclose(shifts, np.sum(single, axis=0), atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", list(DeformationKind))
+def test_displacements_and_their_parts_along_normals_follow_from_the_fields(kind: DeformationKind) -> None:
+    rng = np.random.default_rng(2)
+    arms, normals = rng.normal(0.0, 3.0, (2, 20, 3))
+    coefficients = rng.normal(0.0, 0.01, COUNTS[kind])
+    bent = Deformation(kind, 2.0, coefficients)
+    np.testing.assert_allclose(bent.displacements(arms), bent.fields(arms) @ coefficients, atol=1e-12)
+    along = np.einsum("ni,nik->nk", normals, bent.fields(arms))
+    np.testing.assert_allclose(bent.fields_along(arms, normals), along, atol=1e-12)
+
+
 def test_a_strain_is_the_matrix_that_displaces() -> None:
     rng = np.random.default_rng(2)
     arms, strain = rng.normal(size=(20, 3)), Deformation(DeformationKind.STRAIN, 1.0, rng.normal(size=6))
@@ -218,7 +236,9 @@ def test_a_strain_is_the_matrix_that_displaces() -> None:
 
 
 def test_a_deformed_point_is_taken_back() -> None:
-    fit = fit_deformed(target(), source(lambda points: scaled(points, 1.003)), pose(), DeformationKind.SCALE)
+    fit = fit_deformed(
+        MotionAlone(target(), source(lambda points: scaled(points, 1.003)), pose()), DeformationKind.SCALE
+    )
     points = np.random.default_rng(3).uniform(-3.0, 3.0, (10, 3))
     # to the third order of a deformation of 0.3 % over some metres
     np.testing.assert_allclose(fit.undone(fit.apply(points)), points, atol=1e-6)
