@@ -114,11 +114,16 @@ def log_odds(counts: Counts, weights: Weights) -> LogOdds:
     """Weigh the evidence of h poses. O(pieces)."""
     h = len(counts.found)
     fitting = 1.0 - np.exp(-counts.fitting / weights.fitting_patches)
-    against = 1.0 - np.exp(-(counts.through + weights.beside * counts.beside) / weights.against_patches)
     return LogOdds(
         weights.fitting * np.bincount(counts.fitting_pose, fitting, h),
-        -weights.against * np.bincount(counts.against_pose, against, h),
+        np.bincount(counts.against_pose, of_impossible(counts.through, counts.beside, weights), h),
         weights.found * counts.found - weights.missing * counts.missing,
         weights.features * np.sqrt(counts.features) + weights.control * counts.control,
         np.full(h, -weights.chosen),
     )
+
+
+def of_impossible(through: Scalars, beside: Scalars, weights: Weights) -> Scalars:
+    """Give what pieces that cannot be where they are say of a pose, by the patches of each; never positive."""
+    size = (through + weights.beside * beside) / weights.against_patches
+    return np.asarray(weights.against * np.expm1(-size))

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Scalars
+from algorithms.arrays import Array, Scalars, Vector3
 from algorithms.evidence.patches import Patches
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import rotation_matrix
@@ -48,6 +48,20 @@ class PoseEvidence:
     a pose that hangs on one plane has little of it."""
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A connected piece of surface that cannot be where a pose puts it."""
+
+    in_target: bool
+    """Whether the target scan shows it; else the source."""
+    centre_m: Vector3
+    """(3,) its middle in the reduced frame of the scan that shows it [m]."""
+    through: float
+    """Patches of it that the other instrument looked through."""
+    beside: float
+    """Those that stand beside parallel surface."""
+
+
 class PairEvidence:
     """Two scans that are asked about poses. O(n log n) to build, O(n) a pose."""
 
@@ -77,14 +91,26 @@ class PairEvidence:
         control = min(ours[3], theirs[3])
         return PoseEvidence(fitting, through, beside, self._lines.seen_in(fitted), common, control)
 
+    def impossible(self, pose: RigidTransform) -> list[Piece]:
+        """Give the pieces that cannot be where a pose puts them."""
+        pieces = []
+        for in_target in (False, True):
+            moved, fixed = self._scans if in_target else self._scans[::-1]
+            patches, motion = self._patches[0 if in_target else 1], pose.inv() if in_target else pose
+            _, through, beside = self._shares(moved.index, fixed.index, motion, patches)
+            numbers = np.flatnonzero(through + beside > LEAST_SHARE)
+            groups = _connected(patches.cubes[numbers])
+            for k in range(int(groups.max(initial=-1)) + 1):
+                own = numbers[groups == k]
+                centre = patches.centres[own].mean(axis=0)
+                pieces.append(Piece(in_target, centre, float(through[own].sum()), float(beside[own].sum())))
+        return pieces
+
     def _laid(
         self, moved: SurfaceIndex, fixed: SurfaceIndex, motion: RigidTransform, patches: Patches
     ) -> tuple[Array, Array, Array, float]:
         """Give pieces that fit, pieces looked through and beside, and what the fitting ones say of the parameters."""
-        laid = surface_outcomes(
-            motion, moved, fixed, self._limits, points=FINAL_POINTS, across_m=self._limits.max_distance_m
-        )
-        fits, through, beside = (patches.shares(each) for each in (laid.fits, laid.looked_through, laid.beside))
+        fits, through, beside = self._shares(moved, fixed, motion, patches)
         fitting = np.bincount(patches.piece, fits, patches.pieces)
         impossible = np.flatnonzero(through + beside > LEAST_SHARE)
         groups = _connected(patches.cubes[impossible])
@@ -94,6 +120,15 @@ class PairEvidence:
             np.bincount(groups, beside[impossible]),
             _log_determinant(motion.apply(patches.centres), patches.normals @ rotation_matrix(motion).T, fits),
         )
+
+    def _shares(
+        self, moved: SurfaceIndex, fixed: SurfaceIndex, motion: RigidTransform, patches: Patches
+    ) -> tuple[Scalars, Scalars, Scalars]:
+        """Give the shares of each patch that fit, were looked through, and stand beside parallel surface."""
+        laid = surface_outcomes(
+            motion, moved, fixed, self._limits, points=FINAL_POINTS, across_m=self._limits.max_distance_m
+        )
+        return patches.shares(laid.fits), patches.shares(laid.looked_through), patches.shares(laid.beside)
 
 
 def _connected(cubes: Array) -> Array:

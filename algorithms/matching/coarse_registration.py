@@ -71,6 +71,8 @@ class CoarseRegistration:
     lone_spotless: bool = False
     """Whether hardly anything speaks against the pose and clearly more against every other (`spotless`), all shifts of
     the surfaces searched."""
+    others: tuple[RigidTransform, ...] = ()
+    """Clearly different poses, the best first, whose evidence is worth weighing."""
 
     def inverted(self) -> "CoarseRegistration":
         """Give the same finding with target and source exchanged; its words name neither."""
@@ -78,6 +80,7 @@ class CoarseRegistration:
             self,
             target_from_source=self.target_from_source.inv(),
             runner_up=None if self.runner_up is None else self.runner_up.inv(),
+            others=tuple(each.inv() for each in self.others),
         )
 
 
@@ -288,6 +291,7 @@ def _described(
         reasons=tuple(reasons),
         remarks=_remarks(source, ranked, weighed),
         lone_spotless=weighed.spotless,
+        others=tuple(ranked.poses[k] for k in ranked.worth_weighing() if k != weighed.first),
     )
 
 

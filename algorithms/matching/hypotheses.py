@@ -20,6 +20,10 @@ SETTLED_FIRST, SETTLED_POINTS = 150, 1500
 """So many of hypotheses that are good to half a cell only are settled before they are compared on more points: a right
 one 0.2 m off lies on nothing that is seen through a door."""
 POLISH_POINTS, POLISH_MOST = 2500, 40
+WEIGHED_BY_SCORE, WEIGHED_BY_CLEANNESS, LEAST_SUPPORT_TO_WEIGH = 16, 6, 0.02
+"""So many poses are worth weighing by score, and so many more by how little speaks against them..."""
+CLEANNESS = 60.0
+"""...each per cent of all surface that stands in free space taking this share of a per cent off what fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,17 @@ class RankedPoses:
     """Of these poses, in the same order."""
     tested: int
     """Hypotheses tested in all."""
+
+    def worth_weighing(self) -> list[int]:
+        """Give the numbers of the poses of which the evidence is worth counting: by score, and by little against."""
+        support, violation = self.scores.support, self.scores.violation
+        by_score = np.argsort(-self.scores.charitable, kind="stable")[:WEIGHED_BY_SCORE]
+        by_cleanness = np.argsort(-support * np.exp(-CLEANNESS * violation), kind="stable")[:WEIGHED_BY_CLEANNESS]
+        return [
+            k
+            for k in dict.fromkeys([*by_score.tolist(), *by_cleanness.tolist()])
+            if support[k] >= LEAST_SUPPORT_TO_WEIGH
+        ]
 
     def joined(self, other: "RankedPoses", source: SurfaceIndex) -> "RankedPoses":
         """Sort in other poses of the same scans."""

@@ -18,9 +18,9 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array
 from algorithms.errors import AlgorithmError
+from algorithms.evidence.place import self_likeness
 from algorithms.evidence.pose_evidence import PairEvidence
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.rotations import rotation_matrix
 from algorithms.matching import coarse_registration
 from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.coarse_registration import CoarseRegistration, with_all_shifts, with_symmetries
@@ -36,16 +36,12 @@ from algorithms.quality.overlap import verify_pose
 from algorithms.registration import DEFAULT_METHOD, final_verdict
 from algorithms.registration import verdict as registration_verdict
 from algorithms.registration.base import FinalPose, PairStatus, RegistrationProblem
-from algorithms.scans.pose_scores import score_poses, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex
 from tests.calibration.drawn_pairs import DrawnPair, drawn_pairs
 
 ARCHIVE = Path(__file__).parent / "hypotheses.npz"
-MOST_POSES, MOST_CLEAN, LEAST_SUPPORT = 16, 6, 0.02
-"""So many poses of a pair are kept by score, and so many more by how little speaks against them."""
-LIKE_POINTS, LIKE_POSES = 3000, 6
-"""Surface points with which a scan is laid on itself by the motion between two poses, and so many of the first poses
-are compared with all."""
+LIKE_POSES = 6
+"""So many of the first poses are compared with all."""
 RIGHT_RAD, RIGHT_M = np.radians(0.6), 0.15
 """A pose of the search is right within this, before it is adjusted."""
 ACCEPTED_RAD, ACCEPTED_M = np.radians(0.3), 0.05
@@ -75,11 +71,7 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
         except AlgorithmError:
             return None
     scores = ranked.scores
-    by_score = np.argsort(-scores.charitable, kind="stable")[:MOST_POSES]
-    by_cleanness = np.argsort(-scores.support * np.exp(-60.0 * scores.violation), kind="stable")[:MOST_CLEAN]
-    kept = [
-        k for k in dict.fromkeys([*by_score.tolist(), *by_cleanness.tolist()]) if scores.support[k] >= LEAST_SUPPORT
-    ]
+    kept = ranked.worth_weighing()
     witness = PairEvidence(target, source)
     poses = [ranked.poses[k] for k in kept]
     shown = [witness.of(pose) for pose in poses]
@@ -110,7 +102,7 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
         "against_count": np.array([len(each.through) for each in shown], dtype=np.int32),
         "through": _joined([each.through for each in shown]),
         "beside": _joined([each.beside for each in shown]),
-        "likeness": likeness(poses, target, source),
+        "likeness": first_likeness(poses, target, source),
     }
 
 
@@ -155,29 +147,10 @@ def near(pose: RigidTransform, truth: RigidTransform, centre: Array, angle_rad: 
     return bool(turn < angle_rad and np.linalg.norm(pose.apply(centre) - truth.apply(centre)) < shift_m)
 
 
-def likeness(poses: list[RigidTransform], target: ScanFeatures, source: ScanFeatures) -> Array:
-    """Lay each scan on itself by the motion from each of the first poses to each pose.
-
-    Returns
-    -------
-    (h, `LIKE_POSES`, 4): support and violation of the target, and of the source.
-    """
+def first_likeness(poses: list[RigidTransform], target: ScanFeatures, source: ScanFeatures) -> Array:
+    """Lay each scan on itself by the motion from each of the first poses to each pose, (h, `LIKE_POSES`, 4)."""
     found = np.zeros((len(poses), LIKE_POSES, 4), dtype=np.float16)
-    pairs = [(i, j) for i in range(len(poses)) for j in range(min(LIKE_POSES, len(poses))) if i != j]
-    if not pairs:
-        return found
-    for first, scan in ((0, target), (2, source)):
-        motions = [poses[i] * poses[j].inv() if first == 0 else poses[j].inv() * poses[i] for i, j in pairs]
-        scores = score_poses(
-            np.array([rotation_matrix(motion) for motion in motions]),
-            np.array([motion.translation for motion in motions]),
-            scan.index,
-            scan.index,
-            points=LIKE_POINTS,
-            limits=strict_limits(max(target.noise_std_m, source.noise_std_m), scan.index.spacing_m),
-        )
-        where = tuple(np.array(pairs).T)
-        found[(*where, first)], found[(*where, first + 1)] = scores.support, scores.violation
+    found[:, : len(poses)] = self_likeness(poses, poses[:LIKE_POSES], target, source)
     return found
 
 
