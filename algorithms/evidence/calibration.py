@@ -1,5 +1,6 @@
 """The constants of the evidence, and what they were fitted on."""
 
+import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,14 @@ class Calibration:
     """Of them accepted at the default risk by constants that were fitted without their kind of building."""
     wrong: int
     """Of these wrong."""
+
+    @staticmethod
+    def read() -> "Calibration | None":
+        """Read the constants in force; None where there are none."""
+        if not CALIBRATION.exists():
+            return None
+        found = json.loads(CALIBRATION.read_text())
+        return Calibration(Weights(**found.pop("weights")), **found)
 
     @property
     def upper_95(self) -> float:

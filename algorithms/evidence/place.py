@@ -1,7 +1,7 @@
 """Where the source stands: how probable the pose that was found is, beside others and beside none of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -14,6 +14,7 @@ from algorithms.evidence.pose_evidence import PairEvidence, Piece
 from algorithms.evidence.posterior import likeness_of, posterior
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import rotation_matrix
+from algorithms.matching.directions import comes_first
 from algorithms.scans.pose_scores import score_poses, strict_limits
 
 LIKE_POINTS = 3000
@@ -27,7 +28,7 @@ class OtherPlace:
     """Another pose that is possible."""
 
     target_from_source: RigidTransform
-    """Between the reduced frames."""
+    """Between the files' full coordinates."""
     probability: float
     log_odds: float
     """Against chance."""
@@ -42,7 +43,7 @@ class PieceAgainst:
     in_target: bool
     """Whether the target scan shows it; else the source."""
     centre_m: Vector3
-    """(3,) its middle in the reduced frame of the scan that shows it [m]."""
+    """(3,) its middle in the coordinates of the file of the scan that shows it [m]."""
     area_m2: float
     """About how much surface it is."""
     log_odds: float
@@ -77,6 +78,12 @@ class Place:
     """The pieces that speak against it, what says most first."""
     calibration: Calibration
 
+    def exchanged(self) -> "Place":
+        """Give the same with target and source exchanged."""
+        others = [replace(each, target_from_source=each.target_from_source.inv()) for each in self.others]
+        against = [replace(each, in_target=not each.in_target) for each in self.against]
+        return replace(self, others=tuple(others), against=tuple(against))
+
 
 def place_of(
     target: ScanFeatures, source: ScanFeatures, poses: Sequence[RigidTransform], calibration: Calibration
@@ -93,6 +100,8 @@ def place_of(
     calibration
         Constants, and what they were fitted on.
     """
+    if not comes_first(target, source):
+        return place_of(source, target, [pose.inv() for pose in poses], calibration).exchanged()
     counted = PairEvidence(target, source)
     parts = log_odds(Counts.of([counted.of(pose) for pose in poses]), calibration.weights)
     total = parts.total
@@ -100,8 +109,14 @@ def place_of(
     like = self_likeness(poses, poses[best : best + 1], target, source)[:, 0]
     found = posterior(total, likeness_of(like[:, 0::2], like[:, 1::2]), calibration.weights)
     at_most = 1.0 - calibration.upper_95
+    onto, back = RigidTransform.from_translation(target.origin_m), RigidTransform.from_translation(-source.origin_m)
     others = [
-        OtherPlace(poses[k], float(found.poses[k]), float(total[k]), bool(found.poses[k] > np.exp(total[k] - total[0])))
+        OtherPlace(
+            onto * poses[k] * back,
+            float(found.poses[k]),
+            float(total[k]),
+            bool(found.poses[k] > np.exp(total[k] - total[0])),
+        )
         for k in np.argsort(-found.poses, kind="stable").tolist()
         if k and found.poses[k] >= LEAST_PROBABILITY
     ]
@@ -116,16 +131,23 @@ def place_of(
         lines=float(parts.lines[0]),
         features=float(parts.features[0]),
         chosen=float(parts.chosen[0]),
-        against=_against(counted.impossible(poses[0]), calibration.weights),
+        against=_against(counted.impossible(poses[0]), (target, source), calibration.weights),
         calibration=calibration,
     )
 
 
-def _against(pieces: Sequence[Piece], weights: Weights) -> tuple[PieceAgainst, ...]:
+def _against(
+    pieces: Sequence[Piece], scans: tuple[ScanFeatures, ScanFeatures], weights: Weights
+) -> tuple[PieceAgainst, ...]:
     through, beside = (np.array([getattr(each, name) for each in pieces]) for name in ("through", "beside"))
     said = of_impossible(through, beside, weights).tolist()
     found = [
-        PieceAgainst(each.in_target, each.centre_m, (each.through + each.beside) * PATCH_M**2, value)
+        PieceAgainst(
+            each.in_target,
+            each.centre_m + scans[0 if each.in_target else 1].origin_m,
+            (each.through + each.beside) * PATCH_M**2,
+            value,
+        )
         for each, value in zip(pieces, said, strict=True)
     ]
     return tuple(sorted(found, key=lambda piece: piece.log_odds))

@@ -10,6 +10,7 @@ from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import EstimatorStep
 from algorithms.adjustment.rank import CentredFrame
 from algorithms.arrays import Flags, IndexPairs, OtherIndexPairs, Points, Vector3
+from algorithms.evidence.place import Place
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
@@ -205,6 +206,9 @@ class PairResult:
     """Whether the scans differ by more than a motion; None where no pose was worth the question."""
     targets: TargetFit | None = None
     """Survey targets in common; None: there are too few, or the method does not ask for them."""
+    place: Place | None = None
+    """How probable the pose is by the evidence, beside others: information, no part of the status; None: no pose was
+    worth the question."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":

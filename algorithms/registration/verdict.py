@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass, replace
 
+from algorithms.evidence.calibration import Calibration
+from algorithms.evidence.place import Place, place_of
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
+from algorithms.matching.self_likeness import are_near
 from algorithms.quality.acceptance import (
     MAX_VIOLATION_SHARE,
     MOVABLE_M2,
@@ -78,10 +81,22 @@ def judged(
     )
     if tested is not None:
         final = widened(problem, final, tested)
+    place = _place(problem, coarse, final)
     shown = None if fine is None else replace(fine, pose=final.pose)
     return PairResult(
-        status, reasons, coarse, shown, verification, final=final, rigidity=tested, targets=answer.targets
+        status, reasons, coarse, shown, verification, final=final, rigidity=tested, targets=answer.targets, place=place
     )
+
+
+def _place(problem: RegistrationProblem, coarse: CoarseRegistration, final: FinalPose) -> Place | None:
+    """Say how probable the pose is beside the others that the search found."""
+    calibration = Calibration.read()
+    if calibration is None:
+        return None
+    pose = final.reduced.target_from_source
+    surfaces = problem.target.index, problem.source.index
+    others = [each for each in coarse.others if not are_near(pose, each, *surfaces)]
+    return place_of(problem.target, problem.source, [pose, *others], calibration)
 
 
 def _with_targets(verdict: Verdict, verification: Verification, targets: TargetFit) -> Verdict:

@@ -12,6 +12,7 @@ from schemas.results.correspondences import Correspondence, Outlier, PlaneCorres
 from schemas.results.method_comparison import MethodComparison
 from schemas.results.network import Network
 from schemas.results.own_figures import OwnFigures
+from schemas.results.place import Place
 from schemas.results.tolerance_check import ToleranceCheck
 from schemas.values.instruments import MeasuringInstrument
 from schemas.values.poses import Document, Pose, Row4
@@ -193,6 +194,11 @@ class Pair(Document):
     pose_parts: list[PosePart] = Field(default=[], description="What that pose is made of, the largest share first.")
     surfaces: SurfaceFigures | None = Field(default=None, description="Null: the method does not use surfaces.")
     model: ModelTests | None = Field(default=None, description="Null: there is no pose to test.")
+    place: Place | None = Field(
+        default=None,
+        description="How probable the pose is by the evidence, beside others; information, no part of the status. "
+        "Null: there is no pose.",
+    )
     start: StartDocument | None = Field(
         default=None, description="The start that somebody chose; null: the scans alone were asked."
     )

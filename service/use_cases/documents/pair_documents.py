@@ -40,6 +40,7 @@ from service.use_cases.documents.final_pose_documents import (
     surface_document,
 )
 from service.use_cases.documents.own_figures_documents import own_figures_document
+from service.use_cases.documents.place_documents import place_document
 from service.use_cases.documents.pose_documents import matrix_rows, pose_document
 
 
@@ -71,6 +72,7 @@ def pair_document(
         pose_parts=[] if final is None else [PosePart(name=part.name, share=part.share) for part in final.parts],
         surfaces=None if final is None or final.surfaces is None else surface_document(final.surfaces),
         model=None if result.rigidity is None else model_document(result.rigidity),
+        place=None if result.place is None else place_document(result.place, target=target, source=source),
         coarse=None if result.coarse is None else _coarse(result.coarse),
         adjustment=None if fine is None else adjustment_document(fine),
         correspondences=[] if fine is None else line_correspondences(fine, target_features, target, source),
