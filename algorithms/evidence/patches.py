@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from algorithms.arrays import Array, Flags, Scalars
+from algorithms.arrays import Array, Flags
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.scans.pose_scores import FINAL_POINTS
 
@@ -60,7 +60,7 @@ class Patches:
             _means(of_point, index.normals[:n], counts),
         )
 
-    def shares(self, true_of: Flags) -> Scalars:
+    def shares(self, true_of: Flags) -> Float64[Array, "p"]:
         """Give the share of each patch's points of which something is true, (p,)."""
         return np.asarray(np.bincount(self.of_point, true_of, len(self.points)) / self.points)
 

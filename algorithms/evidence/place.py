@@ -110,12 +110,13 @@ def place_of(
     found = posterior(total, likeness_of(like[:, 0::2], like[:, 1::2]), calibration.weights)
     at_most = 1.0 - calibration.upper_95
     onto, back = RigidTransform.from_translation(target.origin_m), RigidTransform.from_translation(-source.origin_m)
+    by_evidence = found.poses[best] * np.exp(total - total[best])
     others = [
         OtherPlace(
             onto * poses[k] * back,
             float(found.poses[k]),
             float(total[k]),
-            bool(found.poses[k] > np.exp(total[k] - total[0])),
+            bool(found.poses[k] > by_evidence[k]),
         )
         for k in np.argsort(-found.poses, kind="stable").tolist()
         if k and found.poses[k] >= LEAST_PROBABILITY

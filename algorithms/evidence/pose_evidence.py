@@ -116,14 +116,15 @@ class PairEvidence:
         groups = _connected(patches.cubes[impossible])
         return (
             fitting[fitting > LEAST_FIT],
-            np.bincount(groups, through[impossible]),
-            np.bincount(groups, beside[impossible]),
+            # of no pieces bincount gives integers
+            np.bincount(groups, through[impossible]).astype(np.float64),
+            np.bincount(groups, beside[impossible]).astype(np.float64),
             _log_determinant(motion.apply(patches.centres), patches.normals @ rotation_matrix(motion).T, fits),
         )
 
     def _shares(
         self, moved: SurfaceIndex, fixed: SurfaceIndex, motion: RigidTransform, patches: Patches
-    ) -> tuple[Scalars, Scalars, Scalars]:
+    ) -> tuple[Array, Array, Array]:
         """Give the shares of each patch that fit, were looked through, and stand beside parallel surface."""
         laid = surface_outcomes(
             motion, moved, fixed, self._limits, points=FINAL_POINTS, across_m=self._limits.max_distance_m
