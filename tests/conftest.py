@@ -7,6 +7,7 @@ from pathlib import Path
 # by side. The service sets the same for its computations.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
@@ -14,6 +15,10 @@ from tests.servers.databases import new_database, postgres
 from tests.servers.object_server import objects
 
 __all__ = ["new_database", "objects", "postgres"]
+
+# no test depends on wall time: beside other load anything takes long
+hypothesis.settings.register_profile("without deadlines", deadline=None)
+hypothesis.settings.load_profile("without deadlines")
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG_FIRST = ("integration", "e2e", "property", "reference")

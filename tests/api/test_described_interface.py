@@ -37,7 +37,6 @@ TUS = {"Tus-Resumable": "1.0.0", "Upload-Length": "3", "Upload-Offset": "0", "Up
 RAW = ("application/offset+octet-stream", "application/octet-stream")
 EXAMPLES = hypothesis.settings(
     max_examples=REQUESTS,
-    deadline=None,
     derandomize=True,
     database=None,
     phases=[hypothesis.Phase.generate],

@@ -207,7 +207,7 @@ def _disguised(identifier: str) -> st.SearchStrategy[str]:
     )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_no_way_of_writing_a_request_leads_to_somebody_elses_things(
     world: TwoProjects, paths: dict[str, list[str]], data: st.DataObject

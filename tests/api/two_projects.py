@@ -4,6 +4,7 @@ import asyncio
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -91,7 +92,8 @@ class TwoProjects:
         return [self.file, self.finished, self.waiting, self.upload, self.key]
 
     def belongings(self) -> dict[str, Any]:
-        """Describe all that Alice has, as she sees it."""
+        """Describe all that Alice has, as she sees it; when her key was used last changes with her looking."""
+        key = self.keys.get(self.key)
         upload = self.alice.request("HEAD", f"/uploads/{self.upload}", headers=TUS).headers["upload-offset"]
         return {
             "files": self.alice.get("/files").json(),
@@ -99,7 +101,7 @@ class TwoProjects:
             "jobs": self.alice.get("/jobs").json(),
             "result": self.alice.get(f"/jobs/{self.finished}/results").content,
             "upload": upload,
-            "key": self.keys.get(self.key),
+            "key": key and replace(key, key=replace(key.key, last_used=None)),
         }
 
 

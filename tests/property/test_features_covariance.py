@@ -156,7 +156,7 @@ def test_covariance_without_waviness_is_the_formal_one():
     assert given_noise == pytest.approx(formal, rel=1e-9)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(
     angles=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
     shift=st.tuples(*[st.floats(-50.0, 50.0)] * 3),

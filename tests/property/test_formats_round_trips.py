@@ -75,7 +75,7 @@ def cells(scan: Scan) -> np.ndarray:
 
 @pytest.mark.parametrize("filename", WRITERS)
 @pytest.mark.parametrize("origin_m", [NEAR, FAR])
-@settings(max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 10_000))
 def test_coordinates_come_back(filename: str, origin_m: list[float], tmp_path: Path, seed: int) -> None:
     scan = made_scan(seed, origin_m)
@@ -98,7 +98,7 @@ def test_binary_formats_give_back_every_point_exactly_in_order(
 
 @pytest.mark.parametrize("filename", STRUCTURED)
 @pytest.mark.parametrize("origin_m", [NEAR, FAR])
-@settings(max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 10_000))
 def test_every_cell_of_the_grid_holds_its_point_again(
     filename: str, origin_m: list[float], tmp_path: Path, seed: int

@@ -52,7 +52,7 @@ def _motion(seed: int) -> RigidTransform:
     return RigidTransform.from_components(rng.uniform(-20.0, 20.0, 3), Rotation.from_rotvec(rng.uniform(-1.8, 1.8, 3)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS)
 def test_the_true_motion_is_among_those_that_pairs_of_pipes_propose(seed: int) -> None:
     lines, radii = _pipes(seed)
@@ -66,7 +66,7 @@ def test_the_true_motion_is_among_those_that_pairs_of_pipes_propose(seed: int) -
     assert ((turns < 1e-6) & (shifts < 1e-5)).any()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS)
 def test_moved_lines_correspond_to_themselves(seed: int) -> None:
     lines, radii = _pipes(seed)
@@ -78,7 +78,7 @@ def test_moved_lines_correspond_to_themselves(seed: int) -> None:
     np.testing.assert_array_equal(pairs, np.column_stack([np.arange(len(lines))] * 2))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS)
 def test_swapping_target_and_source_swaps_the_columns_of_correspondences(seed: int) -> None:
     lines, radii = _pipes(seed)
@@ -97,7 +97,7 @@ def test_swapping_target_and_source_swaps_the_columns_of_correspondences(seed: i
     assert {tuple(pair) for pair in forward.tolist()} == {tuple(pair[::-1]) for pair in backward.tolist()}
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS)
 def test_parallel_lines_leave_only_the_shift_along_them_free(seed: int) -> None:
     lines, radii = _pipes(seed)
@@ -111,7 +111,7 @@ def test_parallel_lines_leave_only_the_shift_along_them_free(seed: int) -> None:
     np.testing.assert_allclose(np.abs(free[3:, 0] @ direction), 1.0, atol=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS)
 def test_random_lines_leave_nothing_free(seed: int) -> None:
     assert free_freedoms(_features(*_pipes(seed))).shape == (6, 0)

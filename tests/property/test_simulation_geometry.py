@@ -25,7 +25,7 @@ SCANNER = VirtualScanner(rows=20, columns=48, mixed_pixels=False)
 unit = st.floats(-1.0, 1.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(unit, unit, unit), st.tuples(unit, unit, unit), st.sampled_from([10.0, 500_000.0]))
 def test_moving_scene_and_station_together_changes_no_measurement(
     turn: tuple[float, float, float], shift: tuple[float, float, float], reach_m: float
@@ -69,7 +69,7 @@ def _area(ring: np.ndarray) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 2**31), st.floats(1e-4, 5e-3))
 def test_noise_never_moves_a_point_off_its_nominal_ray(seed: int, std_m: float) -> None:
     scanner = replace(SCANNER, range_noise_std_m=std_m)
