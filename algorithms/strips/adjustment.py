@@ -23,11 +23,13 @@ from algorithms.arrays import Array, Flags, Matrices3, Matrix
 from algorithms.errors import NotConvergedError, TooFewCorrespondencesError
 from algorithms.progress import Progress
 from algorithms.strips.block import Block, Equations, Reduced, State, positive_solution
+from algorithms.strips.mixing import Mixing
 from algorithms.strips.options import CorrectionOptions
 
-MOST_ITERATIONS = 12
+MOST_ITERATIONS = 60
+"""Usual are three to six; what ties hardly tell, such as the bore-sight over level ground, takes many times more."""
 SETTLED_IN_STD = 0.01
-"""Steps below this share of the (conditional) standard deviations end an adjustment."""
+"""Steps by which no function of the unknowns moves by more than this share of its standard deviation end it."""
 NARROWING = 0.5
 """Robust weights narrow by this factor in each round."""
 SETTLED_SHARE = 0.9
@@ -170,14 +172,21 @@ class _Search:
         """Adjust until it settles, or roughly by one step; give equations there, reduced and whole normal matrix."""
         own = self.used.astype(np.float64) if weights is None else weights
         known = self.control_used.astype(np.float64) if control is None else control
-        share = np.inf
+        share, mixing = np.inf, Mixing()
         for _ in range(MOST_ITERATIONS):
             reduced, normal = self.linear(own, known)
-            step = positive_solution(normal, reduced.right - self.zero_weights * self.block.vector(self.state))
-            self.state = self.block.moved(self.state, step, self.block.plane_step(reduced, step))
+            at = self.block.vector(self.state)
+            step = positive_solution(normal, reduced.right - self.zero_weights * at)
+            planes = self.block.plane_step(reduced, step)
+            # (gᵀ step)² <= (gᵀ N⁻¹ g) (stepᵀ N step) for every g
+            share = float(np.sqrt(step @ normal @ step))
+            settled = rough or share < SETTLED_IN_STD
+            if not settled:
+                step, flat = mixing.mixed(at, step, self.state.planes.ravel(), planes.ravel(), normal)
+                planes = flat.reshape(-1, 3)
+            self.state = self.block.moved(self.state, step, planes)
             self.iterations += 1
-            share = float(np.abs(step * np.sqrt(np.diag(normal))).max())
-            if rough or share < SETTLED_IN_STD:
+            if settled:
                 return self.block.equations(self.state), reduced, normal
         raise NotConvergedError("the adjustment of the strips", MOST_ITERATIONS, share)
 
