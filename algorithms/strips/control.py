@@ -15,6 +15,8 @@ from algorithms.strips.strip import Strip
 FLAT = 0.02
 """Least ratio of the middle to the largest extent of control points that make a plane."""
 LEAST_NEAR = 6
+LEAST_FOR_BEND, BEND_FITS, FAR = 20, 5, 3.0
+"""Points that tell how a surface bends; fits of it, each without what is further off than so many deviations."""
 LEAST_SHARE = 0.4
 """Of the radius of other patches, to which small control planes are enlarged: their points are measured inside."""
 
@@ -60,11 +62,8 @@ class ControlPatch:
         """
         normal = _normal(self.points_m)
         if normal is None:
-            near = [
-                _around(strip.points, cell, self.middle_m, radius_m) for strip, cell in zip(strips, cells, strict=True)
-            ]
             # of each strip about its own middle: gaps between strips say nothing of the slope
-            centred = [points - points.mean(axis=0) for points in near if len(points) >= LEAST_NEAR]
+            centred = [points - points.mean(axis=0) for points in self._near(strips, cells, radius_m)]
             normal = _normal(np.concatenate(centred)) if centred else None
         if normal is None:
             return None
@@ -73,6 +72,50 @@ class ControlPatch:
                 f"control {self.name}", "its points lie on a wall", "give roofs, banks or level ground, seen from above"
             )
         return np.asarray(frames_of(normal[None] * np.sign(normal[2]))[0])
+
+    def on_plane(
+        self, frame: Matrix3, strips: Sequence[Strip], cells: Sequence[PointCells], radius_m: float
+    ) -> tuple[Points, Points]:
+        """Give its points and their standard deviations (k, 3) as a plane of the patch has them [m].
+
+        Single points, and points on a line, lie on a surface that is smooth but may bend; the plane through a bowl lies
+        above its middle. With q = a u² + b u v + c v², fitted to the points of all strips around, a known point is
+        moved along the normal by the mean (a + c) r² / 4 of q over the patch less q at the point.
+        """
+        near = self._near(strips, cells, radius_m)
+        if _normal(self.points_m) is not None or sum(len(points) for points in near) < LEAST_FOR_BEND:
+            return self.points_m, self.std_m
+        local = [(points - self.middle_m) @ frame for points in near]
+        own = (self.points_m - self.middle_m) @ frame
+        mean = np.array([0.25, 0.0, 0.25]) * radius_m**2
+        rows = mean - np.column_stack([own[:, 0] ** 2, own[:, 0] * own[:, 1], own[:, 1] ** 2])
+        bend, covariance = _bend(local)
+        variance = np.einsum("ki,ij,kj->k", rows, covariance, rows)
+        return (
+            self.points_m + (rows @ bend)[:, None] * frame[:, 2],
+            np.sqrt(self.std_m**2 + variance[:, None]),
+        )
+
+    def _near(self, strips: Sequence[Strip], cells: Sequence[PointCells], radius_m: float) -> list[Array]:
+        """Give the points of each strip that has enough of them around."""
+        near = [_around(strip.points, cell, self.middle_m, radius_m) for strip, cell in zip(strips, cells, strict=True)]
+        return [points for points in near if len(points) >= LEAST_NEAR]
+
+
+def _bend(local: Sequence[Array]) -> tuple[Vector3, Matrix3]:
+    """Fit a u² + b u v + c v² to points u, v, w of strips, each with its own height; give (a, b, c), covariance."""
+    u, v, w = np.concatenate(local).T
+    strips = np.repeat(np.arange(len(local)), [len(points) for points in local])
+    design = np.column_stack([u * u, u * v, v * v, u, v, strips[:, None] == np.arange(len(local))])
+    used = np.ones(len(w), dtype=np.bool_)
+    for _ in range(BEND_FITS):
+        unknowns = np.linalg.lstsq(design[used], w[used], rcond=None)[0]
+        off = np.abs(w - design @ unknowns)
+        used = off <= FAR * 1.4826 * np.median(off)
+    unknowns = np.linalg.lstsq(design[used], w[used], rcond=None)[0]
+    variance = float(((w - design @ unknowns)[used] ** 2).sum()) / max(int(used.sum()) - design.shape[1], 1)
+    cofactors = np.linalg.pinv(design[used].T @ design[used])
+    return unknowns[:3], variance * cofactors[:3, :3]
 
 
 def _normal(points: Points) -> Vector3 | None:

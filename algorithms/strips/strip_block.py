@@ -123,8 +123,9 @@ def _with_control(
         frames.append(frame[None])
         radii.append(each.radius_m(radius_m))
         patches.append(np.full(len(each.points_m), count, dtype=np.int64))
-        points.append(each.points_m)
-        stds.append(each.std_m)
+        places, deviations = each.on_plane(frame, strips, cells, radii[-1])
+        points.append(places)
+        stds.append(deviations)
         count += 1
     known = Control(np.concatenate(patches), np.concatenate(points), np.concatenate(stds))
     numbered = np.array(numbers, dtype=np.int64)
