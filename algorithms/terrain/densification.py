@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 from algorithms.arrays import Array, Flags, OtherPoints, Points
 from algorithms.deviations.rasters import Grid, GridValues
@@ -17,6 +18,9 @@ ENOUGH = 0.01
 
 Acceptance = Callable[[OverTriangles], Flags]
 """Tells which candidates are acceptable, from where they lie over their triangles."""
+Choice = Callable[[OverTriangles, Points, OtherPoints, Delaunay], Array]
+"""Gives for each triangle the number of the point that it takes, -1 for none, from where the points lie over their
+triangles, the points, the vertices and the triangulation."""
 
 
 def densified(vertices: OtherPoints, candidates: Points, accepts: Acceptance, progress: Progress) -> Array:
@@ -37,21 +41,39 @@ def densified(vertices: OtherPoints, candidates: Points, accepts: Acceptance, pr
     -------
     (k, 3) all points of the triangulation [m].
     """
-    grown: Array = vertices
+    return grown(vertices, candidates, lowest_of(accepts), progress)[0]
+
+
+def lowest_of(accepts: Acceptance) -> Choice:
+    """Choose of the acceptable points of each triangle the one that is lowest over its plane."""
+
+    def chooses(seen: OverTriangles, _left: Points, _vertices: OtherPoints, net: Delaunay) -> Array:
+        return np.asarray(least_in_triangles(seen.inside, seen.distances_m, accepts(seen), len(net.simplices)))
+
+    return chooses
+
+
+def grown(vertices: OtherPoints, candidates: Points, chooses: Choice, progress: Progress) -> tuple[Array, Array]:
+    """Add to each triangle, round after round, the point that is chosen for it, if any.
+
+    Returns
+    -------
+    (k, 3) all points of the triangulation, and (l, 3) the candidates that are not in it [m].
+    """
+    grows: Array = vertices
     left: Array = candidates
     for turn in range(MOST_ROUNDS):
-        net = triangulated(grown)
-        progress.report(turn / MOST_ROUNDS, f"triangulation of {len(grown)} points")
-        seen = over_triangles(left, grown, net)
-        found = least_in_triangles(seen.inside, seen.distances_m, accepts(seen), len(net.simplices))
+        net = triangulated(grows)
+        progress.report(turn / MOST_ROUNDS, f"triangulation of {len(grows)} points")
+        found = chooses(over_triangles(left, grows, net), left, grows, net)
         added = found[found >= 0]
-        grown = np.vstack([grown, left[added]])
+        grows = np.vstack([grows, left[added]])
         keeps = np.ones(len(left), dtype=np.bool_)
         keeps[added] = False
         left = left[keeps]
-        if len(added) < ENOUGH * len(grown) or len(left) == 0:
+        if len(added) < ENOUGH * len(grows) or len(left) == 0:
             break
-    return grown
+    return grows, left
 
 
 def near_or_below(distance_m: float, angle_rad: float) -> Acceptance:

@@ -15,6 +15,7 @@ from algorithms.terrain.filters.hierarchical import hierarchical
 from algorithms.terrain.filters.hull import hull
 from algorithms.terrain.filters.local_plane import local_plane
 from algorithms.terrain.filters.majority import majority
+from algorithms.terrain.filters.mdl import mdl
 from algorithms.terrain.filters.membrane import membrane
 from algorithms.terrain.filters.opening import opening
 from algorithms.terrain.filters.quantile import quantile
@@ -40,6 +41,7 @@ FILTERS: Mapping[str, Callable[[Points, Any, float, Progress], Flags]] = {
     "local-plane": local_plane,
     "spline": spline,
     "hull": hull,
+    "mdl": mdl,
     "majority": majority,
 }
 """What each filter of `TerrainFilter` runs."""

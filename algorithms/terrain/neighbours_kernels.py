@@ -116,3 +116,46 @@ def under_elements(
             if not out[i - start]:
                 break
     return out
+
+
+@njit(cache=True, nogil=True)
+def drops_by_distance(
+    points: Array,
+    cells: Array,
+    order: Array,
+    starts: Array,
+    columns: int,
+    edge: float,
+    step: float,
+    steps: int,
+    wanted: Array,
+    extra: Array,
+) -> Array:
+    """Give how far points lie above the lowest of the points around, ring by ring, (m, steps) [m]; NaN for none.
+
+    Parameters
+    ----------
+    step, steps
+        Width of a ring [m], and their number; ring k has distances from k to k + 1 steps.
+    wanted
+        (m,) the points.
+    extra
+        (n,) slope at each point, times distance taken off its height over the others.
+    """
+    rows = (len(starts) - 1) // columns
+    radius = step * steps
+    reach = math.ceil(radius / edge)
+    out = np.full((len(wanted), steps), np.nan)
+    for m in range(len(wanted)):
+        i = wanted[m]
+        r = cells[i] // columns
+        c = cells[i] % columns
+        first, last = max(0, c - reach), min(columns, c + reach + 1)
+        for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
+            for j in order[starts[rr * columns + first] : starts[rr * columns + last]]:
+                d = math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
+                k = int(d / step)
+                drop = points[i, 2] - points[j, 2] - extra[i] * d
+                if j != i and k < steps and not out[m, k] >= drop:
+                    out[m, k] = drop
+    return out

@@ -40,6 +40,9 @@ class SlopeFilter:
     """Allowed height at distance 0: noise and roughness [m]."""
     adaptive: bool = True
     """True: the slope of a rough model of the terrain is added (Sithole and Vosselman), so that steep ground stays."""
+    allowed_m: Annotated[tuple[float, ...], MinLen(2), MaxLen(200)] | None = None
+    """Allowed heights at distances from 0 to `radius_m`, evenly spaced, none lower than that before, such as a job with
+    `training` has learned; null: `offset_m` and `slope` say it [m]."""
 
 
 @dataclass(frozen=True)
@@ -227,6 +230,26 @@ class Hull:
 
 
 @dataclass(frozen=True)
+class MinimumDescription:
+    """A triangulation takes the points that make the shortest description of all, by the minimum description length."""
+
+    name: Literal["mdl"] = "mdl"
+    """The filter."""
+    corner_m: Length = 20.0
+    """Edge of the squares whose lowest points give the corners around the cloud their heights [m]."""
+    std_m: Length = 0.15
+    """Standard deviation of a ground point about the triangles [m]."""
+    slope: Slope = 0.08
+    """Usual bend of the terrain: height over distance of a new point from its triangle and its corners."""
+    object_height_m: Length = 20.0
+    """Range of the heights of objects; the larger, the sooner a point counts as ground [m]."""
+    tolerance_m: Length = 0.5
+    """Points within this height of the final triangulation are ground [m]."""
+    per_slope_m: Annotated[float, Ge(0.0), Le(1000.0)] = 1.25
+    """What a slope of 1 adds to that tolerance [m]."""
+
+
+@dataclass(frozen=True)
 class Majority:
     """What two of the filters `opening`, `tin` and `quantile` call ground; they err in different places."""
 
@@ -240,7 +263,7 @@ class Majority:
 
 TerrainFilter: TypeAlias = (
     Opening | SlopeFilter | Tin | Robust | Hierarchical | DualRank | BlockMinimum | Quantile
-    | Membrane | LocalPlane | Spline | Hull | Majority
+    | Membrane | LocalPlane | Spline | Hull | MinimumDescription | Majority
 )  # fmt: skip
 """All filters; `name` tells which."""
 EVERY_FILTER: Mapping[str, type[TerrainFilter]] = {each.name: each for each in get_args(TerrainFilter)}

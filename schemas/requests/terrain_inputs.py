@@ -10,6 +10,7 @@ from algorithms.terrain.options import Opening, TerrainFilter
 from schemas.requests.execution import FileOutputRequest
 from schemas.requests.method_options import options_model
 from schemas.requests.posed_stations import PosedStations
+from schemas.requests.register_inputs import ScanReference
 from schemas.values.base import RequestModel
 
 FILTERS = get_args(TerrainFilter)
@@ -36,6 +37,15 @@ class LinearPrediction(RequestModel):
     """Standard deviation of a point about the terrain [m]."""
 
 
+class TrainingTerrain(RequestModel):
+    """Measured terrain of which somebody has told ground and objects, z upwards, both in one frame."""
+
+    ground: ScanReference
+    """Points on the ground."""
+    objects: ScanReference
+    """Points on buildings, plants and all else above it."""
+
+
 class TerrainInputs(RequestModel):
     """A registered cloud, z upwards, and how its ground is found."""
 
@@ -43,6 +53,8 @@ class TerrainInputs(RequestModel):
     """Scans with poses, or the stations of a finished `register` job."""
     filter: FilterRequest = Field(default_factory=DefaultFilter)
     """How points on the ground are told from those on objects, with its options."""
+    training: TrainingTerrain | None = None
+    """Terrain from which the filter `slope` learns its allowed heights, with its radius; null: nothing is learned."""
     compare_filters: list[FilterName] = Field(default=[], max_length=20)
     """Other filters, with their usual options, whose ground is compared with that of the chosen one."""
     cell_m: float = Field(default=1.0, gt=0.0, le=1000.0)

@@ -21,7 +21,7 @@ ROUGH_SLOPE = 0.3
 def slope(points: Points, options: SlopeFilter, cell_m: float, progress: Progress) -> Flags:
     """Tell which points (n,) lie on the ground: z_p <= z_q + f(|pq|) for all points q within the radius.
 
-    f(d) = `offset_m` + `slope` · d; adaptive, the slope of a rough model at p is added.
+    f(d) = `offset_m` + `slope` · d, or what was learned; adaptive, the slope of a rough model at p is added.
 
     Parameters
     ----------
@@ -32,12 +32,25 @@ def slope(points: Points, options: SlopeFilter, cell_m: float, progress: Progres
     cell_m
         Edge of the cells of the rough model [m].
     """
-    extra = np.zeros(len(points))
-    if options.adaptive:
-        extra = _rough_slopes(points, options.radius_m, cell_m, ProgressSection(progress, 0.0, 0.3))
-    distances = np.linspace(0.0, options.radius_m, STEPS + 1)
-    allowed = options.offset_m + options.slope * distances
+    extra = added_slopes(points, options, cell_m, ProgressSection(progress, 0.0, 0.3))
+    distances, allowed = curve_of(options)
     return under_curve(points, distances, allowed, extra, ProgressSection(progress, 0.3, 1.0))
+
+
+def curve_of(options: SlopeFilter) -> tuple[Array, Array]:
+    """Give distances from 0 to the radius, evenly spaced, and the height differences allowed there, (k,) [m]."""
+    if options.allowed_m is not None:
+        allowed = np.maximum.accumulate(options.allowed_m)
+        return np.linspace(0.0, options.radius_m, len(allowed)), np.asarray(allowed)
+    distances = np.linspace(0.0, options.radius_m, STEPS + 1)
+    return distances, options.offset_m + options.slope * distances
+
+
+def added_slopes(points: Points, options: SlopeFilter, cell_m: float, progress: Progress) -> Scalars:
+    """Give the slope that the filter adds at each point (n,)."""
+    if not options.adaptive:
+        return np.zeros(len(points))
+    return _rough_slopes(points, options.radius_m, cell_m, progress)
 
 
 def under_curve(points: Points, distances: Array, allowed: Array, extra: Scalars, progress: Progress) -> Flags:

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from algorithms.terrain.options import SlopeFilter
 from schemas.requests.posed_stations import StationsOfJob
 from schemas.requests.terrain_inputs import ClassifiedOutput, TerrainInputs
 from schemas.results.terrain_result import TerrainDocument
-from service.errors import InvalidRequestError
+from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.inputs.check_stations import posed_station_faults
-from service.use_cases.inputs.validate_request import WRONG_FIELDS
+from service.use_cases.inputs.check_stations import posed_station_faults, scan_faults
+from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
 from service.use_cases.steps.posed_plan import PosesFirst
 from service.use_cases.steps.station_calls import scan_of
 
@@ -33,7 +34,8 @@ class TerrainPlan:
                 }
                 for station in inputs["stations"]
             ],
-            "inputs": {name: value for name, value in inputs.items() if name != "stations"},
+            "inputs": {name: value for name, value in inputs.items() if name not in {"stations", "training"}},
+            "training": {name: scan_of(job, {"scan": scan}) for name, scan in (inputs.get("training") or {}).items()},
             "left_out": job.get("left_out", {}),
             "wanted": (job.get("wanted") or {}).get("classified"),
         }
@@ -45,9 +47,18 @@ class TerrainPlan:
 
 
 def _check(inputs: TerrainInputs, stored: Stored) -> None:
-    if isinstance(inputs.stations, StationsOfJob):
-        return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = [] if isinstance(inputs.stations, StationsOfJob) else [
+        *posed_station_faults(inputs.stations, stored.files, "stations")
+    ]  # fmt: skip
+    if inputs.training is not None:
+        for name in ("ground", "objects"):
+            faults += scan_faults(getattr(inputs.training, name), stored.files, pointer_to("inputs", "training", name))
+        chosen = inputs.filter.model_dump()
+        if chosen["name"] != SlopeFilter.name:
+            why = f"the filter '{chosen['name']}' learns nothing: choose `{SlopeFilter.name}`, or leave this out"
+            faults.append(FieldFault("/inputs/training", why))
+        elif chosen["allowed_m"] is not None:
+            faults.append(FieldFault("/inputs/filter/allowed_m", "it is what `training` tells: give one of them"))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -10,9 +10,10 @@ from algorithms.arrays import Array, Points
 from algorithms.errors import AlgorithmError, CancelledError
 from algorithms.progress import NoProgress, ProgressSection
 from algorithms.terrain.ground import Ground, ground_of, row_beside
+from algorithms.terrain.learned_slope import LabelledTerrain, learned_slope
 from algorithms.terrain.linear_prediction import Covariance
 from algorithms.terrain.models import Canopy, TerrainModels, canopy_over, residuals_above, terrain_models
-from algorithms.terrain.options import EVERY_FILTER
+from algorithms.terrain.options import EVERY_FILTER, SlopeFilter, TerrainFilter
 from schemas.results.registration_result import Artifact
 from schemas.results.terrain_result import ComparedFilter, GroundResiduals, HeightFigures, TerrainDocument
 from service.formats.writers import ScalarField, writer_of
@@ -20,12 +21,13 @@ from service.ports import Json, StepContext
 from service.processes.terrain.pictures import Files, drawn
 from service.use_cases.steps.output_files import artifact, output_file
 from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, read_stations
+from service.use_cases.steps.run_features import read_stored_scan
 
 OBJECT, GROUND, LOW = 1, 2, 7
 """Classes of LAS: unclassified, ground, low point."""
 CLASSES = ScalarField("classification", "class: 2 ground, 7 low", "u1")
 HEIGHTS = ScalarField("above_ground_m", "height above the terrain [m]", "f4")
-READ, FILTERED, COMPARED, MODELLED, DRAWING = 0.2, 0.55, 0.7, 0.8, 0.9
+READ, LEARNED, FILTERED, COMPARED, MODELLED, DRAWING = 0.2, 0.3, 0.55, 0.7, 0.8, 0.9
 WITHIN_M = 0.1
 """Of the share of ground points near the terrain, as the source has it."""
 
@@ -41,8 +43,8 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
     job_id, inputs = arguments["job_id"], arguments["inputs"]
     frame = read_stations(context, arguments["stations"])
     points = np.concatenate([station.points() for station in frame.stations])
-    chosen = TypeAdapter(EVERY_FILTER[inputs["filter"]["name"]]).validate_python(inputs["filter"])
-    ground = ground_of(points, chosen, inputs["cell_m"], ProgressSection(context.progress, READ, FILTERED))
+    chosen = _chosen(context, arguments)
+    ground = ground_of(points, chosen, inputs["cell_m"], ProgressSection(context.progress, LEARNED, FILTERED))
     compared = _compared(context, points, ground, inputs)
     models = terrain_models(
         points,
@@ -78,6 +80,20 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"ground": document.ground}
+
+
+def _chosen(context: StepContext, arguments: Json) -> TerrainFilter:
+    """Give the filter, with what it learns from labelled terrain."""
+    inputs, training = arguments["inputs"], arguments["training"]
+    chosen: TerrainFilter = TypeAdapter(EVERY_FILTER[inputs["filter"]["name"]]).validate_python(inputs["filter"])
+    if not training or not isinstance(chosen, SlopeFilter):
+        return chosen
+    scans = [read_stored_scan(context, training[name]) for name in ("ground", "objects")]
+    origin = scans[0].origin_m
+    ground, objects = (scan.points + (scan.origin_m - origin) for scan in scans)
+    labels = np.arange(len(ground) + len(objects)) < len(ground)
+    known = LabelledTerrain(np.concatenate([ground, objects]), labels)
+    return learned_slope([known], chosen, inputs["cell_m"], ProgressSection(context.progress, READ, LEARNED))
 
 
 def _compared(context: StepContext, points: Points, ground: Ground, inputs: Json) -> list[ComparedFilter]:

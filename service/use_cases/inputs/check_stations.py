@@ -162,11 +162,12 @@ def _same_scan(first: tuple[str, Json], second: tuple[str, Json]) -> bool:
 
 
 def _file_faults(station: Station | PosedStation, files: FileStore, where: str) -> Iterable[FieldFault]:
-    yield from _scan_faults(station.scan, files, f"{where}/scan")
+    yield from scan_faults(station.scan, files, f"{where}/scan")
     yield from station_photo_faults(station.photos, station.scan, files, f"{where}/photos")
 
 
-def _scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[FieldFault]:
+def scan_faults(scan: ScanReference, files: FileStore, where: str) -> Iterable[FieldFault]:
+    """Name what is wrong with a scan; `where` points to it."""
     file = files.get(scan.file) if is_identifier(scan.file) else None
     if file is None:
         yield FieldFault(f"{where}/file", f"there is no file '{scan.file}'; POST /files uploads one")

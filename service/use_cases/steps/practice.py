@@ -147,16 +147,18 @@ def practise_on_networks() -> None:
 
 
 def practise_on_terrain() -> None:
-    """Find the ground of a tiny slope by all filters, predict it, and let it rain there."""
+    """Find the ground of a tiny slope by all filters, learn from it, predict it, and let it rain there."""
     from algorithms.progress import NoProgress
     from algorithms.terrain.drainage.rain import rain_on, runoff_of_rounds
     from algorithms.terrain.ground import ground_of
+    from algorithms.terrain.learned_slope import LabelledTerrain, learned_slope
     from algorithms.terrain.linear_prediction import Covariance
     from algorithms.terrain.models import terrain_models
-    from algorithms.terrain.options import EVERY_FILTER
+    from algorithms.terrain.options import EVERY_FILTER, SlopeFilter
 
     points = np.random.default_rng(0).uniform(0.0, 30.0, (900, 3)) * [1.0, 1.0, 0.01]
     grounds = [ground_of(points, chosen(), 1.0, NoProgress()).ground for chosen in EVERY_FILTER.values()]
+    learned_slope([LabelledTerrain(points, np.arange(900) < 450)], SlopeFilter(), 1.0, NoProgress())
     models = terrain_models(points, grounds[0], 1.0, Covariance(5.0, 1.0, 0.1), NoProgress())
     runoff_of_rounds(rain_on(models.dtm_m), 1)
 

@@ -58,6 +58,25 @@ def test_ground_models_and_drawings_come_out(service: RunningService, station: D
     assert float(header["xllcorner"]) == pytest.approx(SHIFT_M[0], abs=2.0)
 
 
+def test_the_slope_filter_learns_from_labelled_terrain(
+    service: RunningService, station: Document, tmp_path: Path
+) -> None:
+    points, ground = hills_with_houses(density=1.0, seed=5)
+    training = {}
+    for name, part in (("ground", points[ground]), ("objects", points[~ground])):
+        np.savetxt(tmp_path / f"{name}.xyz", part, fmt="%.3f")
+        training[name] = {"file": service.upload(tmp_path / f"{name}.xyz")["id"]}
+    inputs = {"stations": [station], "filter": {"name": "slope", "adaptive": False, "slope": 0.1}, "training": training}
+    result = run(service, "terrain", inputs, {"ground": {}, "points": {}, "filter": {}})
+    _, truth = hills_with_houses()
+    assert result["ground"] / result["points"] == pytest.approx(truth.mean(), abs=0.02)
+    allowed = result["filter"]["allowed_m"]
+    assert allowed == sorted(allowed)
+    problem = refusal(service, "terrain", {"stations": [station], "training": training})
+    assert "/inputs/training" in str(problem)
+    assert "learns nothing" in str(problem)
+
+
 def test_a_filter_that_is_none_is_refused(service: RunningService, station: Document) -> None:
     problem = refusal(service, "terrain", {"stations": [station], "filter": {"name": "wizardry"}})
     assert "/inputs/filter" in str(problem)

@@ -12,7 +12,7 @@ from tests.scenes.simulated_terrain import hills_with_houses
 LEAST_KAPPA = {
     "opening": 0.95, "slope": 0.75, "tin": 0.95, "robust": 0.85, "hierarchical": 0.9, "dual-rank": 0.5,
     "block-min": 0.05, "quantile": 0.8, "hull": 0.1, "membrane": 0.6, "local-plane": 0.6, "spline": 0.7,
-    "majority": 0.95,
+    "majority": 0.95, "mdl": 0.85,
 }  # fmt: skip
 """Worse than that a filter is broken; how good they are on measured terrain is another test."""
 
