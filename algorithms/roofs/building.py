@@ -14,6 +14,7 @@ from algorithms.meshing.repair import ears_of
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import PlanCell, area_of, divided, outline_of, rings_of, without_slivers
 from algorithms.roofs.planes import LEAST_NEIGHBOURS, TOLERANCE, RoofPlane, roof_planes
+from algorithms.roofs.surroundings import share_above
 
 ROOF, WALL, GROUND = "RoofSurface", "WallSurface", "GroundSurface"
 """As CityJSON calls them."""
@@ -21,6 +22,8 @@ JOINED_M = 0.05
 """Heights at one corner that differ by less than this beyond the noise are one."""
 AROUND_M, LOW = 3.0, 0.1
 """The ground is this quantile of the heights of points so near around the plan."""
+LEAST_RIM = 0.15
+"""A building stands above its surroundings along so much of its plan's rim; its neighbours may take the rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +97,19 @@ def modelled_building(points: Points, outline: Array, ground_m: float, options: 
     Raises
     ------
     InvalidInputError
-        Too few points are above the plan.
+        Too few points are above the plan, or what is there is terrain.
     """
     outline = outline if area_of(outline) > 0.0 else outline[::-1]
     high = points[points[:, 2] >= ground_m + options.least_height_m]
     over = high[inside_polygon(high[:, :2], outline)]
     if len(over) < LEAST_NEIGHBOURS:
         raise InvalidInputError("plan", f"only {len(over)} points of a roof lie over it", "check its coordinates")
+    share = share_above(points, outline, options.least_height_m)
+    if share is not None and share < LEAST_RIM:
+        raise InvalidInputError(
+            "plan", f"what lies over it stands above its surroundings along {100.0 * share:.0f} % of its sides only",
+            "terrain and yards are no buildings: check its coordinates, or lower `least_height_m`",
+        )  # fmt: skip
     planes, labels = roof_planes(over, options)
     if not planes:  # as the source: what has no plane gets a horizontal one
         heights = over[:, 2]

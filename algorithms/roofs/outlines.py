@@ -7,20 +7,27 @@ outlines are squared to their own main direction.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import binary_closing, binary_dilation, binary_opening, grey_closing, grey_opening, label
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening, label
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Array, Points, Scalars
+from algorithms.deviations.rasters import Grid
 from algorithms.errors import InvalidInputError
+from algorithms.progress import NoProgress
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import area_of
 from algorithms.roofs.planes import small_planes
+from algorithms.roofs.surroundings import share_above
+from algorithms.terrain.cell_heights import cells_over, filled, heights_on, lowest_heights
+from algorithms.terrain.filters.opening import object_cells
 
 CELL_SPACINGS = 1.5
 PLANE_SHARE = 0.25
 """Of the points of a cell on a roof so many lie in local planes; at ridges and eaves fewer, in trees hardly any."""
-LARGEST_BUILDING_M = 60.0
-"""What is narrower and stands out of the lowest points is no terrain."""
+LARGEST_BUILDING_M, STEEPEST_GROUND = 60.0, 0.15
+"""What is narrower and stands out of the lowest points by more than this slope times half its width is no terrain."""
+LEAST_RIM = 0.5
+"""A plan stands above its surroundings along so much of its rim."""
 CORNER_CELLS = 1.5
 """Corners of a rim count that lie so many cells off the line of the others."""
 LEAST_SIDE_CELLS = 2.0
@@ -55,44 +62,40 @@ def found_outlines(
     """
     spacing, _ = cKDTree(points[:, :2]).query(points[:: max(1, len(points) // 2000), :2], k=7)
     cell = CELL_SPACINGS * float(np.median(np.asarray(spacing)[:, -1])) * np.sqrt(np.pi / 7.0)
-    low = points[:, :2].min(axis=0) - 2.0 * cell
-    rows = ((points[:, :2] - low) / cell).astype(np.int64)
-    shape = tuple((rows.max(axis=0) + 3).tolist())
-    flat = np.ravel_multi_index((rows[:, 0], rows[:, 1]), shape)
-    terrain = _terrain(points, flat, shape, cell)
-    high = points[:, 2] > terrain.ravel()[flat] + options.least_height_m
+    grid = cells_over(points, cell)
+    flat = grid.cells_of(points)
+    above = points[:, 2] - _terrain_below(points, grid)
+    high = above > options.least_height_m
     _, plane = small_planes(points, options)
-    size = shape[0] * shape[1]
+    size = grid.rows * grid.columns
     counts = np.bincount(flat, minlength=size)
     roofs = np.bincount(flat, high & plane, minlength=size) >= PLANE_SHARE * np.maximum(counts, 1)
-    mask = binary_opening(
-        binary_closing(roofs.reshape(shape), np.ones((3, 3), dtype=np.bool_)), np.ones((3, 3), dtype=np.bool_)
-    )
-    parts, count = label(mask)
+    # a roof at the border of the points is none the less whole
+    mask = np.pad((roofs & (counts > 0)).reshape(grid.shape), 2)
+    mask = binary_opening(binary_closing(mask, np.ones((3, 3), dtype=np.bool_)), np.ones((3, 3), dtype=np.bool_))
+    parts, count = label(mask[2:-2, 2:-2])
     found: list[tuple[Array, float]] = []
     for number in range(1, count + 1):
-        part = parts == number
-        wide = binary_dilation(part, np.ones((3, 3), dtype=np.bool_)).ravel()[flat] & high
+        part = (parts == number).ravel()
+        wide = binary_dilation(part.reshape(grid.shape), np.ones((3, 3), dtype=np.bool_)).ravel()[flat] & high
         outline = _outline(points[wide, :2], cell)
-        if outline is not None and abs(area_of(outline)) >= least_area_m2:
-            found.append((outline, float(np.median(terrain[part]))))
+        if outline is None or abs(area_of(outline)) < least_area_m2:
+            continue
+        share = share_above(points, outline, options.least_height_m)
+        if share is None or share >= LEAST_RIM:
+            here = part[flat]
+            found.append((outline, float(np.median(points[here, 2] - above[here]))))
     if not found:
         raise InvalidInputError("plans", f"no roof of {least_area_m2:g} m² or more stands above the ground")
     found.sort(key=lambda each: -abs(area_of(each[0])))
     return [outline for outline, _ in found], [ground for _, ground in found]
 
 
-def _terrain(points: Points, flat: Array, shape: tuple[int, ...], cell_m: float) -> Array:
-    """Open the raster of the lowest points by a window larger than buildings."""
-    lowest = np.full(shape[0] * shape[1], np.inf)
-    np.minimum.at(lowest, flat, points[:, 2])
-    raster = lowest.reshape(shape)
-    known = np.isfinite(raster)
-    places = np.argwhere(known)
-    _, nearest = cKDTree(places).query(np.argwhere(~known))
-    raster[~known] = raster[tuple(places[nearest].T)]
-    window = min(int(LARGEST_BUILDING_M / cell_m) | 1, 2 * max(shape) + 1)
-    return np.asarray(grey_closing(grey_opening(raster, size=(window, window), mode="nearest"), size=(3, 3)))
+def _terrain_below(points: Points, grid: Grid) -> Scalars:
+    """Give the height of the terrain at each point (n,) [m], by openings that leave slopes (Kilian 1996)."""
+    lowest = lowest_heights(points, grid)
+    objects = object_cells(filled(lowest), grid, 0.5 * LARGEST_BUILDING_M, STEEPEST_GROUND, NoProgress())
+    return heights_on(filled(np.where(objects, np.nan, lowest)), grid, points)
 
 
 def _outline(places: Array, cell_m: float) -> Array | None:

@@ -10,7 +10,7 @@ NETWORK_STEPS = {"adjust", "calibrate-camera"}
 CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-planes", "model-roofs"}
 EDGE_STEPS = {EDGES, "calibrate-mount"}
 TERRAIN_STEPS = {"terrain", "drainage"}
-STRIP_STEPS = {"adjust-strips"}
+STRIP_STEPS, ROOF_STEPS = {"adjust-strips"}, {"model-roofs"}
 PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 
@@ -57,5 +57,7 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
         yield from (kernels.EDGES_OF_PHOTOS, kernels.LINES_OF_PHOTOS)
     if step in PAIR_STEPS and arguments["method"]["method"] in proposing_methods():
         yield kernels.METHODS
+    if step in ROOF_STEPS:
+        yield kernels.TERRAIN
     if step in CLOUD_STEPS or (arguments.get("options") or {}).get("cleaning"):
         yield kernels.CLOUDS

@@ -6,8 +6,11 @@ import pytest
 from algorithms.arrays import Array
 from algorithms.deviations.signed_distances import inside_polygon
 from algorithms.errors import InvalidInputError
+from algorithms.roofs.building import modelled_building
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.outlines import found_outlines
+from algorithms.roofs.partition import area_of
+from tests.scenes.simulated_terrain import hills_with_houses
 from tests.unit.algorithms.roofs.test_buildings import ELL, RECTANGLE, Height, ell, hip, scanned
 
 OPTIONS = RoofOptions(neighbourhood_m=1.2)
@@ -32,6 +35,42 @@ def test_the_outline_of_a_house_covers_its_plan_to_nine_tenths(outline: Array, h
     assert len(found) == len(plan)
     assert overlap(found, plan) > 0.9
     assert grounds[0] == pytest.approx(0.0, abs=0.1)
+
+
+def on_ground(height: Height, seed: int = 3) -> Array:
+    """Points all over a site of 120 m."""
+    places = np.random.default_rng(seed).uniform(-60.0, 60.0, (20_000, 2))
+    return np.column_stack([places, height(*places.T) + np.random.default_rng(seed + 1).normal(0.0, 0.02, 20_000)])
+
+
+def hill(x: Array, y: Array) -> Array:
+    return 9.0 * np.exp(-(x**2 + y**2) / (2.0 * 22.0**2))
+
+
+def terrace(x: Array, y: Array) -> Array:
+    """A yard of 20 m behind a wall of 3 m, on a slope that rises behind it."""
+    slope = 0.15 * np.maximum(y, 0.0)
+    return slope + np.where((np.abs(x) < 10.0) & (np.abs(y - 10.0) < 10.0), 3.0 - slope, 0.0)
+
+
+@pytest.mark.parametrize("height", [hill, terrace], ids=["hill", "terrace"])
+def test_terrain_that_stands_out_is_no_roof(height: Height) -> None:
+    points = on_ground(height)
+    with pytest.raises(InvalidInputError, match="no roof"):
+        found_outlines(points, RoofOptions(neighbourhood_m=1.5), 20.0)
+
+
+def test_houses_on_hills_are_found_each_by_itself() -> None:
+    points, _ = hills_with_houses(density=3.0)
+    outlines, _ = found_outlines(points, RoofOptions(neighbourhood_m=1.5), 20.0)
+    assert sorted(abs(area_of(each)) for each in outlines) == pytest.approx([120.0, 200.0, 252.0], rel=0.05)
+
+
+def test_a_plan_on_a_hill_without_a_house_is_refused() -> None:
+    points = on_ground(hill)
+    plan = np.array([[-8.0, -5.0], [8.0, -5.0], [8.0, 5.0], [-8.0, 5.0]])
+    with pytest.raises(InvalidInputError, match="stands above its surroundings along 0 %"):
+        modelled_building(points, plan, 0.0, OPTIONS)
 
 
 def test_a_meadow_has_no_house() -> None:
