@@ -101,12 +101,13 @@ def extract_features(
     surfaces = orient(cells, surfaces, sensor)
     noise = max(noise, typical_noise(cells, surfaces, sensor)) if options.point_std_m is None else options.point_std_m
     noise = max(noise, steps.std_m)  # points on one step do not scatter, and lie off it all the same
+    sweep = sweep_of(scan)
     progress.report(0.3, "planes")
     regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
         scan.points, cells, candidates_of(cells, regions), regions.normals, regions.centroids,
         regions.noise_std_m, thickness_m=thickness(regions.noise_std_m), sensor_m=sensor,
-        min_points=options.min_plane_points, steps=steps, sweep=sweep_of(scan),
+        min_points=options.min_plane_points, steps=steps, sweep=sweep,
     )  # fmt: skip
     if sensor is not None:
         edge_on = planes_seen_edge_on(fitted.normals, fitted.centroids, fitted.bases, fitted.extents, sensor)
@@ -141,6 +142,7 @@ def extract_features(
         sensor_std_m=sensor_std,
         rounding=_rounding(steps, fitted.rounding_covariances[kept]),
         plane_responses=None if scan.sensor_m is None else fitted.responses[kept],
+        sweep=sweep,
     )
 
 

@@ -11,6 +11,7 @@ from algorithms.features.mount_test import MountTest
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
+from algorithms.scans.instrument_errors import Sweep
 from algorithms.scans.range_image import SphericalRangeImage
 from algorithms.scans.surface_index import SurfaceIndex, surface_index
 
@@ -129,6 +130,8 @@ class ScanFeatures:
     plane_responses: Float64[Array, "p 3 11"] | None = None
     """(p, 3, 11) how each plane's (a1, a2, b) answer to errors of the instrument, `INSTRUMENT_ERRORS`, and to drifts,
     `DRIFT_ERRORS`, zero where the time of points is not known; None: the file does not tell where the scanner stood."""
+    sweep: Sweep | None = None
+    """When the instrument looked where; None: the file does not tell."""
 
     @property
     def spacing_m(self) -> float:

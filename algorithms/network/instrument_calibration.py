@@ -16,12 +16,19 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.arrays import Array, Matrix, Scalars
-from algorithms.errors import InvalidInputError
+from algorithms.errors import DegenerateGeometryError, InvalidInputError, TooFewCorrespondencesError
 from algorithms.network.instrument_normals import InstrumentNormals, columns_of, instrument_normals
-from algorithms.network.instrument_responses import ALL_ERRORS, tells_of_instruments, without_instrument_errors
+from algorithms.network.instrument_responses import (
+    ALL_ERRORS,
+    responses_of,
+    tells_of_instruments,
+    without_instrument_errors,
+)
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
+from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures, Tracks
 from algorithms.scans.instrument_errors import DriftError, InstrumentError
+from algorithms.targets.common_points import TargetSet
 
 DEFAULT_OPTIONS = AdjustmentOptions()
 POWER = 0.8
@@ -106,6 +113,8 @@ class InstrumentCalibration:
     """With instruments taken for errorless; the same tracks as `joint`, those that scans alone made."""
     joint: JointAdjustment
     """With the estimated errors taken off; its cofactors contain their uncertainty."""
+    of_surfaces: JointAdjustment | None
+    """The same by planes and pipes alone, for whoever adjusts the targets later; None: these leave a pose open."""
     covariance: Float64[Array, "c c"]
     """(c, c) of the estimated errors, in their order."""
     unknown_stations: tuple[int, ...]
@@ -132,7 +141,7 @@ def calibrate_instruments(
     sought: Sequence[SoughtError],
     options: AdjustmentOptions = DEFAULT_OPTIONS,
 ) -> InstrumentCalibration:
-    """Estimate errors of instruments and tripods from planes and pipes that several stations see.
+    """Estimate errors of instruments and tripods from planes, pipes and targets that several stations see.
 
     All are estimated first; of those that are not wanted in any case the ones stay that are significant, found one
     after the other, the most significant first.
@@ -177,13 +186,12 @@ def calibrate_instruments(
             break
         chosen[gone] = False
     covariance = _covariance(final, chosen, zeros)
-    cofactors = final.joint.solution.cofactors
-    if chosen.any():
-        cofactors = final.normals.pose_cofactors(cofactors, chosen, covariance / final.joint.variance_factor)
+    joint = _with_errors(final.joint, final.normals, chosen, covariance)
     return InstrumentCalibration(
         errors=errors,
         without=without,
-        joint=replace(final.joint, solution=replace(final.joint.solution, cofactors=cofactors)),
+        joint=joint,
+        of_surfaces=network.of_surfaces(final, chosen, covariance) if tracks.points else joint,
         covariance=covariance,
         unknown_stations=tuple(k for k in stations if features[k].plane_responses is None),
         converged=final.converged,
@@ -245,6 +253,53 @@ class _Network:
             start = {**self.start, **{k: joint.pose(k) for k in self.stations}}
             joint = adjust_jointly(features, self.tracks, self.stations, start, self.options)
         return _Estimate(values, joint, normals, converged=False)
+
+    def of_surfaces(self, final: _Estimate, chosen: Array, covariance: Matrix) -> JointAdjustment | None:
+        """Adjust the poses to planes and pipes alone, the errors taken off that targets helped to estimate."""
+        features = {
+            k: without_instrument_errors(each, _values_of(k, self.sought, final.values))
+            for k, each in self.features.items()
+        }
+        start = {**self.start, **{k: final.joint.pose(k) for k in self.stations}}
+        try:
+            joint = adjust_jointly(features, replace(self.tracks, points=()), self.stations, start, self.options)
+        except (DegenerateGeometryError, TooFewCorrespondencesError):
+            return None
+        return _with_errors(
+            joint, instrument_normals(features, joint, self.columns, len(self.sought)), chosen, covariance
+        )
+
+
+def _with_errors(
+    joint: JointAdjustment, normals: InstrumentNormals, chosen: Array, covariance: Matrix
+) -> JointAdjustment:
+    """Enlarge the cofactors of the poses by the uncertainty of the chosen errors."""
+    if not chosen.any():
+        return joint
+    cofactors = normals.pose_cofactors(joint.solution.cofactors, chosen, covariance / joint.variance_factor)
+    return replace(joint, solution=replace(joint.solution, cofactors=cofactors))
+
+
+def widened_by_tolerances(
+    features: Mapping[int, StationFeatures], sought: Sequence[SoughtError]
+) -> dict[int, TargetSet]:
+    """Give the targets of all stations with covariances that allow for errors as large as the makers' tolerances.
+
+    Parameters
+    ----------
+    features
+        Of each station.
+    sought
+        Errors that may be there.
+    """
+    tolerances = [each.tolerance for each in sought]
+    found = {}
+    for station, each in features.items():
+        reached = responses_of(each, TrackKind.POINT) * _values_of(station, sought, tolerances)
+        points = each.targets.points
+        wide = replace(points, covariances=points.covariances + reached @ np.swapaxes(reached, 1, 2))
+        found[station] = replace(each.targets, points=wide)
+    return found
 
 
 def _values_of(station: int, sought: Sequence[SoughtError], values: Sequence[float] | Array) -> Scalars:

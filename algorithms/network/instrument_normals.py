@@ -9,10 +9,13 @@ from scipy import linalg, sparse
 
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.arrays import Array, Matrix, Scalars
-from algorithms.network.instrument_responses import ALL_ERRORS, responses_of
+from algorithms.network.instrument_responses import ALL_ERRORS, responses_of, scale_responses_by
 from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.track_observations import Track, TrackGroup, TrackLayout
 from algorithms.network.tracks import StationFeatures
+from algorithms.scans.instrument_errors import InstrumentError
+
+SCALE = ALL_ERRORS.index(InstrumentError.RANGE_SCALE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,8 @@ def instrument_normals(
     layout = TrackLayout(features, joint.stations, joint.tracks)
     jacobians, residuals = [], []
     for group in layout.grouped(joint.tracks):
-        whitened, by_all = _whitened(features, joint, group, columns, unknowns, count)
+        tracks = [joint.tracks[k] for k in group.numbers]
+        whitened, by_all = _whitened(features, tracks, group, columns, unknowns, count)
         residuals.append(whitened)
         jacobians.append(by_all)
     jacobian = sparse.vstack(jacobians, format="csr")
@@ -82,7 +86,7 @@ def instrument_normals(
 
 def _whitened(
     features: Mapping[int, StationFeatures],
-    joint: JointAdjustment,
+    tracks: Sequence[Track],
     group: TrackGroup,
     columns: Int64[Array, "stations 11"],
     unknowns: Unknowns,
@@ -90,7 +94,8 @@ def _whitened(
 ) -> tuple[Scalars, sparse.csr_array]:
     """Give the whitened contradictions of a group and their derivatives (rows, u + c) by poses and errors."""
     observations = group.observations
-    tracks: Sequence[Track] = [joint.tracks[k] for k in group.numbers]
+    kind = tracks[0].kind
+    answers = {station: responses_of(features[station], kind) for station in {s for t in tracks for s, _ in t.members}}
     equations = observations.equations(unknowns)
     n, d = equations.residuals.shape
     own = np.zeros((n, d, d))
@@ -103,10 +108,13 @@ def _whitened(
         first = unknowns.first_columns(UnknownKind.POSE, derivative.numbers)
         free = first >= 0
         parts.append((rows[free], first[free, None] + np.arange(6), (whitening @ derivative.jacobians)[free]))
+    contradictions = np.einsum("nji,njk,nk->ni", whitening, whitening, equations.residuals)
     for member, by_feature in enumerate(equations.noise_jacobians):
-        answer = np.stack([
-            responses_of(features[track.members[member][0]], track.kind)[track.members[member][1]] for track in tracks
-        ])  # fmt: skip
+        seen = [track.members[member] for track in tracks]
+        answer = np.stack([answers[station][number] for station, number in seen])
+        # a scale shrinks the contradictions with all else: of arms as measured, noise alone would tell that it is -1
+        corrections = -np.einsum("nij,nkj,nk->ni", observations.covariances[member], by_feature, contradictions)
+        answer[:, :, SCALE] += scale_responses_by(features, kind, seen, corrections)
         own_columns = columns[observations.stations[:, member]]
         by_errors = np.where(own_columns[:, None, :] >= 0, -(whitening @ by_feature @ answer), 0.0)
         parts.append((rows, unknowns.count + np.maximum(own_columns, 0), by_errors))

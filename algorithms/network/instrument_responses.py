@@ -1,15 +1,22 @@
-"""How planes and pipes of a station answer to errors of its instrument, and what they are without them (MATH 6.8)."""
+"""How what a station sees answers to errors of its instrument, and what it is without them (MATH 6.8)."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Scalars, Vector3
+from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.network.track_observations import TrackKind
-from algorithms.network.tracks import StationFeatures, Tracks
-from algorithms.scans.instrument_errors import DRIFT_ERRORS, INSTRUMENT_ERRORS, instrument_displacements
+from algorithms.network.tracks import Member, StationFeatures, Tracks
+from algorithms.scans.instrument_errors import (
+    DRIFT_ERRORS,
+    INSTRUMENT_ERRORS,
+    Sweep,
+    drift_displacements,
+    instrument_displacements,
+)
 
 ALL_ERRORS = (*INSTRUMENT_ERRORS, *DRIFT_ERRORS)
 
@@ -40,19 +47,76 @@ def axis_responses(lines: Lines, sensor_m: Vector3) -> Float64[Array, "n 4 11"]:
     return found
 
 
+def target_responses(places: Points, sensor_m: Vector3, sweep: Sweep | None) -> Float64[Array, "n 3 11"]:
+    """Give how the coordinates of targets answer: a target is displaced as a point at its centre.
+
+    Parameters
+    ----------
+    places
+        (n, 3) centres, z along the instrument's vertical axis [m].
+    sensor_m
+        Where it stood [m].
+    sweep
+        When it looked where; None: nobody knows, and drifts have no effect.
+    """
+    arms = places - sensor_m
+    drifts = (
+        np.zeros((len(arms), 3, len(DRIFT_ERRORS))) if sweep is None else drift_displacements(arms, sweep.times(arms))
+    )
+    return np.concatenate([instrument_displacements(arms), drifts], axis=2)
+
+
 def responses_of(features: StationFeatures, kind: TrackKind) -> Array:
-    """Give (n, 3 or 4, 11) responses of a station's planes or lines; zero where its instrument's place is not known."""
+    """Give (n, 3 or 4, 11) how planes, lines or targets of a station answer; zero where its place is not known."""
     if kind is TrackKind.PLANE:
         if features.plane_responses is None:
             return np.zeros((len(features.planes), 3, len(ALL_ERRORS)))
         return features.plane_responses
+    if kind is TrackKind.POINT:
+        if features.sensor_m is None or features.plane_responses is None:
+            return np.zeros((len(features.targets), 3, len(ALL_ERRORS)))
+        return target_responses(features.targets.points.coordinates, features.sensor_m, features.sweep)
     if features.sensor_m is None or features.plane_responses is None:
         return np.zeros((len(features.lines), 4, len(ALL_ERRORS)))
     return axis_responses(features.lines, features.sensor_m)
 
 
+def scale_responses_by(
+    features: Mapping[int, StationFeatures], kind: TrackKind, members: Sequence[Member], corrections: Array
+) -> Array:
+    """Give how the answers (n, 3 or 4) to a range scale change where features are corrected, as by an adjustment.
+
+    A scale moves features away from the instrument: planes by its distance from them, the others by the arm to them.
+
+    Parameters
+    ----------
+    features
+        Of all stations.
+    kind
+        Of the features.
+    members
+        n of them.
+    corrections
+        (n, 3 or 4) of their error parameters.
+    """
+    changes = np.zeros_like(corrections)
+    for k, (station, number) in enumerate(members):
+        own, by = features[station], corrections[k]
+        if own.sensor_m is None or own.plane_responses is None:
+            continue
+        if kind is TrackKind.POINT:
+            changes[k] = by
+        elif kind is TrackKind.PLANE:
+            arm = own.planes.centroids[number] - own.sensor_m
+            changes[k, 2] = by[2] + by[:2] @ (own.planes.bases[number].T @ arm)
+        else:
+            along = own.lines.directions[number] @ (own.lines.anchors[number] - own.sensor_m)
+            changes[k, 2:] = by[2:] - along * by[:2]
+    return changes
+
+
 def tells_of_instruments(features: dict[int, StationFeatures], tracks: Tracks) -> Tracks:
-    """Keep the tracks that the scans alone made: planes, and lines that are axes of pipes.
+    """Keep the tracks that the scans alone made: planes, targets, and lines that are axes of pipes.
 
     Parameters
     ----------
@@ -108,4 +172,7 @@ def without_instrument_errors(features: StationFeatures, values: Scalars) -> Sta
         anchors=anchors,
         bases=np.stack([first, np.cross(directions, first)], axis=2),
     )
-    return replace(features, planes=corrected, lines=axes)
+    targets = features.targets
+    places = targets.points.coordinates - responses_of(features, TrackKind.POINT) @ values
+    points = replace(targets.points, coordinates=places)
+    return replace(features, planes=corrected, lines=axes, targets=replace(targets, points=points))

@@ -34,7 +34,7 @@ class RemovedMember:
     """A feature that does not fit the others of its track."""
 
     track: int
-    """Number of the track: those of planes, then those of lines."""
+    """Number of the track: those of planes, then those of lines, then those of targets."""
     member: Member
     statistic: float
     """T with the features that remain, variance factor included."""
@@ -119,6 +119,7 @@ def adjust_jointly(
     found = [
         *(largest_first(TrackKind.PLANE, members, features) for members in tracks.planes),
         *(largest_first(TrackKind.LINE, members, features) for members in tracks.lines),
+        *(largest_first(TrackKind.POINT, members, features) for members in tracks.points),
     ]
     search = _Search(features, found, stations, start, options)
     search.run(1.0)

@@ -15,6 +15,7 @@ from algorithms.network.instrument_calibration import (
     InstrumentCalibration,
     InstrumentSearch,
     calibrate_instruments,
+    widened_by_tolerances,
 )
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.links import StationLink
@@ -29,6 +30,7 @@ from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
 from algorithms.network.station_fusion import FusedStations, fused_stations, share_of_features, with_shared_scans
 from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.surface_decisions import decided_by_surfaces
+from algorithms.network.tied_network import RegisteredGroup, same_targets
 from algorithms.network.tracks import StationFeatures, Tracks, build_tracks
 
 DEFAULT_OPTIONS = AdjustmentOptions()
@@ -123,11 +125,14 @@ def register_network(
     start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
     tracks = build_tracks(features, kept, start)
     joint, remarks = _adjusted(features, tracks, stations, start, options)
-    calibration, words = _calibrated(features, tracks, stations, start, options, instruments)
+    calibration, words = _calibrated(features, tracks, stations, graph, options, instruments)
     remarks = (*remarks, *words)
     share = share_of_features(kept)
     if calibration is not None and instruments is not None and instruments.apply and calibration.estimated:
-        joint, share = calibration.joint, 1.0
+        if calibration.of_surfaces is None:
+            remarks = (*remarks, "the errors of the instrument are not taken off: planes and pipes leave a pose open")
+        else:
+            joint, share = calibration.of_surfaces, 1.0
     factor = loop_covariance_factor(kept)
     registered = adjust_pose_graph(with_shared_scans(kept), stations)
     fused = fused_stations(joint, registered, share)
@@ -194,7 +199,7 @@ def _calibrated(
     features: Mapping[int, StationFeatures],
     tracks: Tracks,
     stations: Sequence[int],
-    start: Mapping[int, RigidTransform],
+    graph: Solution,
     options: AdjustmentOptions,
     search: InstrumentSearch | None,
 ) -> tuple[InstrumentCalibration | None, tuple[str, ...]]:
@@ -202,10 +207,18 @@ def _calibrated(
     sought = [] if search is None else search.among(stations)
     if not sought:
         return None, ()
+    start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
+    size = 6 * (len(stations) - 1)
+    group = RegisteredGroup(
+        stations[0], {station: start[station] for station in stations[1:]}, graph.cofactors[:size, :size]
+    )
+    points = same_targets(widened_by_tolerances({k: features[k] for k in stations}, sought), group)
     try:
-        return calibrate_instruments(features, tracks, stations, start, sought, options), ()
+        return calibrate_instruments(features, replace(tracks, points=points), stations, start, sought, options), ()
     except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
-        return None, (f"errors of the instrument could not be looked for: planes and pipes alone do not do ({error})",)
+        return None, (
+            f"errors of the instrument could not be looked for: planes, pipes and targets alone do not do ({error})",
+        )
 
 
 def _uncontrolled(links: Sequence[StationLink], verdict: LoopVerdict, kept: Sequence[StationLink]) -> tuple[int, ...]:

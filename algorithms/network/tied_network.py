@@ -153,6 +153,23 @@ def tied_network(
     return _adjusted(world, [parts[k] for k in sorted(placed)], targets, control, holds=holds, remarks=remarks)
 
 
+def same_targets(targets: Mapping[int, TargetSet], group: RegisteredGroup) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """Say which targets of stations that scans register together are one point that two of them or more see.
+
+    Parameters
+    ----------
+    targets
+        Of the stations that have some, in their reduced frames; their covariances say how far apart one point may lie.
+    group
+        The stations.
+
+    Returns
+    -------
+    Of each such point station and number of its targets, at most one of a station.
+    """
+    return tuple(tuple(sorted(members)) for members in _points_of(group, targets).members if len(members) > 1)
+
+
 def _points_of(group: RegisteredGroup, targets: Mapping[int, TargetSet]) -> _World:
     """Merge the targets of stations that scans register together, in the frame of their base."""
     merged = _World()

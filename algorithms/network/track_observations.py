@@ -10,10 +10,12 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.observations.feature_tracks import FeatureTracks, MountShare
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.observations.point_point import PointPoint
 from algorithms.adjustment.observations.relative_poses import RelativePoses
 from algorithms.arrays import Array
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
+from algorithms.geometry.point_sets import PointSet
 from algorithms.network.tracks import Member, StationFeatures
 
 
@@ -22,6 +24,8 @@ class TrackKind(StrEnum):
 
     PLANE = "plane"
     LINE = "line"
+    POINT = "point"
+    """A survey target."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,11 @@ class TrackLayout:
         self._planes = Planes.joined([features[station].planes for station in stations])
         self._first_plane = _starts([len(features[station].planes) for station in stations])
         self._first_line = _starts([len(features[station].lines) for station in stations])
+        self._first_point = _starts([len(features[station].targets) for station in stations])
+        sets = [features[station].targets.points for station in stations]
+        self._points = PointSet(
+            np.concatenate([each.coordinates for each in sets]), np.concatenate([each.covariances for each in sets])
+        )
         mounts = _mounts_in(features, tracks)
         self._mount_covariances = [features[station].photo_covariances[photo] for station, photo in mounts]
         numbers = {mount: len(stations) + k for k, mount in enumerate(mounts)}
@@ -104,7 +113,11 @@ class TrackLayout:
 
     def _observations(self, kind: TrackKind, members: Sequence[tuple[Member, ...]]) -> FeatureTracks:
         stations = np.array([[self._place[station] for station, _ in entry] for entry in members], dtype=np.int64)
-        first = self._first_plane if kind is TrackKind.PLANE else self._first_line
+        first = {
+            TrackKind.PLANE: self._first_plane,
+            TrackKind.LINE: self._first_line,
+            TrackKind.POINT: self._first_point,
+        }[kind]
         rows = first[stations] + np.array([[number for _, number in entry] for entry in members], dtype=np.int64)
         k = rows.shape[1]
         targets, sources = np.repeat(rows[:, 0], k - 1), rows[:, 1:].ravel()
@@ -114,6 +127,9 @@ class TrackLayout:
                 self._planes.without_boundaries(targets), self._planes.without_boundaries(sources), pairs
             )
             return FeatureTracks(stations, planes, tuple(self._planes.covariances[rows[:, j]] for j in range(k)))
+        if kind is TrackKind.POINT:
+            points = PointPoint(self._points[targets], self._points[sources], pairs)
+            return FeatureTracks(stations, points, tuple(self._points.covariances[rows[:, j]] for j in range(k)))
         lines = LineLine(self._lines[targets], self._lines[sources], pairs)
         return FeatureTracks(
             stations, lines, tuple(self._lines.covariances[rows[:, j]] for j in range(k)), self._shares(rows)
@@ -133,7 +149,7 @@ class TrackLayout:
 
 
 def largest_first(kind: TrackKind, members: Sequence[Member], features: Mapping[int, StationFeatures]) -> Track:
-    """Give the track whose first member is the largest piece.
+    """Give the track whose first member is the largest piece, of targets the most precise one.
 
     The others are compared to it; chosen so, the linearisation does not depend on how stations are numbered.
     """
@@ -141,6 +157,8 @@ def largest_first(kind: TrackKind, members: Sequence[Member], features: Mapping[
     def size(member: Member) -> float:
         station, number = member
         of_station = features[station]
+        if kind is TrackKind.POINT:
+            return -float(np.trace(of_station.targets.points.covariances[number]))
         sizes = of_station.planes.areas_m2 if kind is TrackKind.PLANE else of_station.lines.lengths
         return float(sizes[number])
 

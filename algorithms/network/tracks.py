@@ -1,4 +1,4 @@
-"""Which features of many stations are one plane or line of the building (MATH 6.4)."""
+"""Which features of many stations are one plane or line of the building, or one target (MATH 6.4)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,9 +13,11 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import Lines, LineSource
 from algorithms.geometry.planes import Planes
 from algorithms.network.links import StationLink
+from algorithms.scans.instrument_errors import Sweep
+from algorithms.targets.common_points import TargetSet
 
 Member: TypeAlias = tuple[int, int]
-"""Station and number of its plane or line."""
+"""Station and number of its plane, line or target."""
 
 SAME_NORMAL_COSINE = np.cos(np.radians(15.0))
 """Planes of corresponding edges whose normals differ by more are not each other's partners."""
@@ -33,12 +35,22 @@ class StationFeatures:
     """(p, 3, 11) how planes answer to errors of the instrument and of the tripod (MATH 6.8); None: not known."""
     sensor_m: Vector3 | None = None
     """Where the instrument stood; None: not known."""
+    sweep: Sweep | None = None
+    """When it looked where; None: not known."""
+    targets: TargetSet = field(default_factory=TargetSet.none)
+    """Survey targets that were measured there."""
 
     @staticmethod
-    def of_features(features: ScanFeatures) -> "StationFeatures":
-        """Keep planes and lines and forget the rest."""
+    def of_features(features: ScanFeatures, targets: TargetSet | None = None) -> "StationFeatures":
+        """Keep planes and lines, and targets of the station, and forget the rest."""
         return StationFeatures(
-            features.planes, features.lines, features.photo_covariances, features.plane_responses, features.sensor_m
+            planes=features.planes,
+            lines=features.lines,
+            photo_covariances=features.photo_covariances,
+            plane_responses=features.plane_responses,
+            sensor_m=features.sensor_m,
+            sweep=features.sweep,
+            targets=TargetSet.none() if targets is None else targets,
         )
 
 
@@ -56,6 +68,8 @@ class Tracks:
     """Corresponding intersections of planes, which stand in the network as their planes."""
     lost_edges: int
     """Those of them of which a plane fell to a conflict."""
+    points: tuple[tuple[Member, ...], ...] = ()
+    """The same of survey targets, where they take part."""
 
 
 def build_tracks(

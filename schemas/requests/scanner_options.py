@@ -30,7 +30,7 @@ class ScannerTolerances(RequestModel):
 
 
 class ScannerOptions(RequestModel):
-    """Whether the instrument is in adjustment and the tripod stood still, told from planes of several stations."""
+    """Whether the instrument is in adjustment and the tripod stood still, by planes and targets of several stations."""
 
     estimate: Literal["auto", "none"] | list[InstrumentErrorName] = Field(default="none", max_length=5)
     """`auto`: all errors are looked for and the significant ones reported; a list: these are estimated whether they are
@@ -42,8 +42,9 @@ class ScannerOptions(RequestModel):
     """Order of the polynomials in time: 1 a steady turn, 2 with a bend as well (a tripod that settles). Every further
     coefficient makes the others less certain, and the limit of all tests higher."""
     apply: bool = False
-    """Whether the poses are those with the estimated errors taken off; they rest on planes and pipes alone then, as the
-    surfaces of pairs were compared as measured. Otherwise the errors are reported and nothing is changed."""
+    """Whether the poses are those with the estimated errors taken off, as are the targets that are adjusted with them;
+    they rest on planes, pipes and targets alone then, as the surfaces of pairs were compared as measured. Otherwise the
+    errors are reported and nothing is changed."""
     tolerances: ScannerTolerances = Field(default_factory=ScannerTolerances)
     """What the maker promises."""
     instruments: dict[str, list[StationName]] | None = Field(default=None, max_length=100)

@@ -42,7 +42,7 @@ class InstrumentErrorFigures(Document):
 
 
 class PoseWithInstrument(Document):
-    """What the estimated errors did to a station, both times adjusted to the same planes and pipes."""
+    """What the estimated errors did to a station, both times adjusted to the same planes, pipes and targets."""
 
     station: str
     """Its name."""
@@ -55,7 +55,7 @@ class PoseWithInstrument(Document):
 
 
 class Instruments(Document):
-    """Errors of instruments and tripods, told from planes and pipes that several stations see."""
+    """Errors of instruments and tripods, told from planes, pipes and targets that several stations see."""
 
     errors: list[InstrumentErrorFigures]
     """All that were looked for."""
@@ -68,9 +68,11 @@ class Instruments(Document):
     sigma0_with: float | None
     """The same with the estimated errors."""
     removed_without: int
-    """Planes and pipes that did not fit while instruments were taken for errorless."""
+    """Planes, pipes and targets that did not fit while instruments were taken for errorless."""
     removed_with: int
     """The same with the estimated errors."""
+    targets: int
+    """Survey targets, found or named, that took part because two stations or more see them."""
     poses: list[PoseWithInstrument]
     """Stations but the first."""
     unknown_stations: list[str]

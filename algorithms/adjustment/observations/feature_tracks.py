@@ -1,4 +1,4 @@
-"""A plane or line that many stations see: it is the same for all of them (MATH 3.1, 6.4).
+"""A plane, line or point that many stations see: it is the same for all of them (MATH 3.1, 6.4).
 
 The feature itself would be an unknown with one observation from each station. It is eliminated in advance: of k
 stations the first one's observation stands for it, which leaves k - 1 differences that have the error of the first one
@@ -11,6 +11,7 @@ pose near the identity among the poses.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -19,10 +20,15 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.linearised import Derivative, Equations, FeatureNoise
 from algorithms.adjustment.observations.plane_plane import PlanePlane
+from algorithms.adjustment.observations.point_point import PointPoint
 from algorithms.adjustment.observations.relative_motion import RelativeMotions
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.arrays import Array
+from algorithms.geometry.point_sets import PointSet
 from algorithms.geometry.rotations import cross_matrices
+
+Differences: TypeAlias = LineLine | PlanePlane | PointPoint
+"""What compares two members of a track."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +49,11 @@ class MountShare:
 
 @dataclass(frozen=True, eq=False)
 class FeatureTracks:
-    """n planes, or n lines, each seen from k stations (MATH 3.1, 6.4); a block has k - 1 differences of 3 or 4 rows."""
+    """n planes, lines or points seen from k stations (MATH 3.1, 6.4); a block has k - 1 differences of 3 or 4 rows."""
 
     stations: Int64[Array, "n k"]
     """(n, k) whose feature each member is; no station occurs twice in a track."""
-    differences: LineLine | PlanePlane
+    differences: Differences
     """n (k - 1) pairs, track by track: the first member (target) and each of the others (source) in their stations'
     frames. Pair k has number k on both sides."""
     covariances: tuple[Array, ...]
@@ -78,7 +84,7 @@ class FeatureTracks:
         return self.differences.extent_m()
 
     def equations(self, unknowns: Unknowns) -> Equations:
-        """Stack the differences of each track: those of `LineLine` or `PlanePlane` between its first member and others.
+        """Stack the differences of each track: those of its type of observation between its first member and others.
 
         Sources are moved into the target's frame beforehand, so that one call serves all pairs of stations: with the
         identity turned by w and shifted by d instead of R, t there is dt = d + S(w) t. The first member's error is in
@@ -93,9 +99,13 @@ class FeatureTracks:
         size = relative.residuals.shape[1]
         rows = (k - 1) * size
         by_pose = [by_first.reshape(n, rows, 6), *_in_own_rows(by_other.reshape(n, k - 1, size, 6))]
+        by_source = relative.source_jacobians
+        if isinstance(self.differences, PointPoint):
+            # errors of planes and lines refer to bases, which are turned along; those of points to the station's axes
+            by_source = by_source @ motions.rotations
         by_error = [
             np.ascontiguousarray(relative.target_jacobians).reshape(n, rows, size),
-            *_in_own_rows(relative.source_jacobians.reshape(n, k - 1, size, size)),
+            *_in_own_rows(by_source.reshape(n, k - 1, size, size)),
         ]
         residuals = relative.residuals.reshape(n, rows)
         by_mounts = []
@@ -123,13 +133,17 @@ def _in_own_rows(blocks: Array) -> list[Array]:
     return list(spread.reshape(others, n, others * size, width))
 
 
-def _moved(differences: LineLine | PlanePlane, motions: RelativeMotions) -> LineLine | PlanePlane:
+def _moved(differences: Differences, motions: RelativeMotions) -> Differences:
     """Move every source feature into its target's frame."""
     rotations, translations = motions.rotations, motions.translations
 
     def turned(vectors: Array) -> Array:
         return np.asarray(np.einsum("nij,nj->ni", rotations, vectors))
 
+    if isinstance(differences, PointPoint):
+        points = differences.source
+        moved = PointSet(turned(points.coordinates) + translations, points.covariances)
+        return replace(differences, source=moved)
     if isinstance(differences, PlanePlane):
         planes = differences.source
         return replace(
@@ -153,13 +167,15 @@ def _moved(differences: LineLine | PlanePlane, motions: RelativeMotions) -> Line
     )
 
 
-def _renumbered(differences: LineLine | PlanePlane, rows: Array) -> LineLine | PlanePlane:
+def _renumbered(differences: Differences, rows: Array) -> Differences:
     """Keep some pairs together with their features."""
     kept = np.flatnonzero(rows)
     pairs = np.repeat(np.arange(len(kept), dtype=np.int64)[:, None], 2, axis=1)
     if isinstance(differences, PlanePlane):
         target, source = (side.without_boundaries(kept) for side in (differences.target, differences.source))
         return replace(differences, target=target, source=source, pairs=pairs)
+    if isinstance(differences, PointPoint):
+        return PointPoint(differences.target[kept], differences.source[kept], pairs)
     return replace(differences, target=differences.target[kept], source=differences.source[kept], pairs=pairs)
 
 

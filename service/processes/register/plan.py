@@ -318,7 +318,7 @@ def _network_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) ->
     inputs = job["inputs"]
     arguments = {**_network_arguments(job, features), "pairs": pairs, "method": inputs["method"]}
     if inputs.get("scanner") is not None:
-        arguments["inputs"] = {"scanner": inputs["scanner"]}
+        arguments["inputs"] = {"scanner": inputs["scanner"], "targets": job["targets"]}
     return StepCall("adjust-network", arguments, "adjusting all stations", weight=NETWORK_WEIGHT)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from algorithms.arrays import Scalars
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.network.instrument_calibration import (
     FoundError,
@@ -11,7 +12,9 @@ from algorithms.network.instrument_calibration import (
     InstrumentSearch,
     SoughtError,
 )
+from algorithms.network.instrument_responses import ALL_ERRORS
 from algorithms.network.network_registration import NetworkRegistration
+from algorithms.network.track_observations import TrackKind
 from algorithms.scans.instrument_errors import (
     DRIFT_ERRORS,
     INSTRUMENT_ERRORS,
@@ -40,17 +43,17 @@ NAMES = {
     DriftError.HEADING_BEND: "bend of the heading",
 }
 TO_ADD = {
-    InstrumentError.VERTICAL_INDEX: "add stations at other distances from the same walls and ceilings, on both sides",
+    InstrumentError.VERTICAL_INDEX: "add stations at other distances from the same walls, ceilings or targets",
     InstrumentError.RANGE_OFFSET: "add stations between walls that face each other, near one of them and far from it",
     InstrumentError.RANGE_SCALE: "add control points or a measured length: stations of one instrument share the scale",
-    InstrumentError.COLLIMATION: "add surfaces seen steeply upwards, such as a ceiling above, from several headings",
-    InstrumentError.TRUNNION: "add surfaces well above and below the instrument, from several headings",
-    DriftError.TILT_X: "add planes in all directions around the set-up that other stations see as well",
-    DriftError.TILT_Y: "add planes in all directions around the set-up that other stations see as well",
-    DriftError.HEADING: "add upright planes in all directions around the set-up that other stations see as well",
-    DriftError.TILT_X_BEND: "add planes in all directions around the set-up that other stations see as well",
-    DriftError.TILT_Y_BEND: "add planes in all directions around the set-up that other stations see as well",
-    DriftError.HEADING_BEND: "add upright planes in all directions around the set-up that other stations see as well",
+    InstrumentError.COLLIMATION: "add surfaces or targets seen steeply upwards, from several headings",
+    InstrumentError.TRUNNION: "add surfaces or targets well above and below the instrument, from several headings",
+    DriftError.TILT_X: "add planes or targets all around the set-up that other stations see as well",
+    DriftError.TILT_Y: "add planes or targets all around the set-up that other stations see as well",
+    DriftError.HEADING: "add upright planes or targets all around the set-up that other stations see as well",
+    DriftError.TILT_X_BEND: "add planes or targets all around the set-up that other stations see as well",
+    DriftError.TILT_Y_BEND: "add planes or targets all around the set-up that other stations see as well",
+    DriftError.HEADING_BEND: "add upright planes or targets all around the set-up that other stations see as well",
 }
 BEYOND = 3.0
 """An error larger than so many tolerances is beyond what the maker promises."""
@@ -119,7 +122,7 @@ def instruments_document(result: NetworkRegistration, options: ScannerOptions, n
     if found is None:
         raise ValueError("nothing was looked for in this network")
     owners = {tuple(stations): name for name, stations in instruments_of(options, names).items()}
-    applied = options.apply and bool(found.estimated)
+    applied = is_applied(result, options)
     return Instruments(
         errors=[_figures(error, found, owners, names) for error in found.errors],
         recommendation=recommendation(found, names, applied=applied),
@@ -128,10 +131,24 @@ def instruments_document(result: NetworkRegistration, options: ScannerOptions, n
         sigma0_with=found.joint.solution.sigma0,
         removed_without=len(found.without.removed),
         removed_with=len(found.joint.removed),
+        targets=sum(track.kind is TrackKind.POINT for track in found.joint.tracks),
         poses=[_moved(found, station, names) for station in found.joint.stations[1:]],
         unknown_stations=[names[station] for station in found.unknown_stations],
         converged=found.converged,
     )
+
+
+def is_applied(result: NetworkRegistration, options: ScannerOptions) -> bool:
+    """Say whether the poses of a network are those with the estimated errors taken off."""
+    found = result.instruments
+    return options.apply and found is not None and bool(found.estimated) and found.of_surfaces is not None
+
+
+def errors_taken_off(result: NetworkRegistration, station: int, *, applied: bool) -> Scalars:
+    """Give the errors (11,) of a station's instrument and tripod that its pose is without, zero where it has them."""
+    if not applied or result.instruments is None:
+        return np.zeros(len(ALL_ERRORS))
+    return result.instruments.values(station)
 
 
 def _unit(error: InstrumentError | DriftError) -> tuple[str, float]:

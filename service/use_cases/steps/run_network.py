@@ -17,11 +17,17 @@ from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures
 from schemas.requests.scanner_options import ScannerOptions
 from service.ports import Json, StepContext
-from service.use_cases.documents.instrument_documents import instrument_search, instruments_document
+from service.use_cases.documents.instrument_documents import (
+    errors_taken_off,
+    instrument_search,
+    instruments_document,
+    is_applied,
+)
 from service.use_cases.documents.network_documents import network_document
 from service.use_cases.steps.feature_store import load_features
 from service.use_cases.steps.link_store import load_link
 from service.use_cases.steps.run_pair import method_of
+from service.use_cases.steps.station_targets import target_set
 
 KEPT_IN_MEMORY = 24
 """Scans whose surfaces are kept while stations are tested against each other."""
@@ -35,16 +41,18 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
         [link for link in stored_links(context, arguments["pairs"], names, status) if not link.of_targets]
         for status in ("accepted", "doubtful")
     )
+    inputs: Json = arguments.get("inputs", {})
     context.progress.report(0.0, "loading features")
     features: dict[int, StationFeatures] = {}
     origins: dict[int, Vector3] = {}
     for number in sorted({0, *(station for link in (*links, *doubtful) for station in link.stations)}):
         loaded = _features_of(context, arguments, number)
-        features[number], origins[number] = StationFeatures.of_features(loaded), loaded.origin_m
+        targets = target_set(inputs.get("targets", {}).get(names[number]), loaded.origin_m)
+        features[number], origins[number] = StationFeatures.of_features(loaded, targets), loaded.origin_m
     context.progress.report(0.3, "adjusting all stations")
     control = SurfaceControl(lru_cache(KEPT_IN_MEMORY)(lambda number: _features_of(context, arguments, number)))
     options = method_of(arguments["method"]).adjustment
-    asked = arguments.get("inputs", {}).get("scanner")
+    asked = inputs.get("scanner")
     scanner = None if asked is None else ScannerOptions.model_validate(asked)
     search = None if scanner is None or not scanner.asks else instrument_search(scanner, names)
     result = register_network(features, links, names, options, doubtful=doubtful, control=control, instruments=search)
@@ -57,11 +65,15 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     }
     key = f"jobs/{arguments['job_id']}/network.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
-    return {"network": key, "poses": _stored_poses(context, arguments["job_id"], result)}
+    applied = scanner is not None and is_applied(result, scanner)
+    return {"network": key, "poses": _stored_poses(context, arguments["job_id"], result, applied=applied)}
 
 
-def _stored_poses(context: StepContext, job_id: str, result: NetworkRegistration) -> str:
-    """Keep the poses between the reduced frames with their joint covariance, for targets and control."""
+def _stored_poses(context: StepContext, job_id: str, result: NetworkRegistration, *, applied: bool) -> str:
+    """Keep the poses between the reduced frames with their joint covariance, for targets and control.
+
+    With them the errors of the instruments that were taken off the poses, to be taken off the targets too.
+    """
     stations = [0, *(station for station in result.poses if station != 0)]
     key = f"jobs/{job_id}/network.npz"
     scratch = context.blobs.scratch()
@@ -71,6 +83,7 @@ def _stored_poses(context: StepContext, job_id: str, result: NetworkRegistration
             stations=np.array(stations, dtype=np.int64),
             matrices=np.array([result.poses[station].target_from_source.as_matrix() for station in stations]),
             covariance=result.covariance,
+            instrument_errors=np.array([errors_taken_off(result, station, applied=applied) for station in stations]),
         )
         context.blobs.put_file(key, scratch / "network.npz")
     finally:

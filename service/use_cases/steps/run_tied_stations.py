@@ -14,8 +14,10 @@ from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesErro
 from algorithms.geometry.point_sets import PointSet
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.topocentric import TopocentricFrame
+from algorithms.network.instrument_responses import without_instrument_errors
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
 from algorithms.network.tied_network import KnownTargets, RegisteredGroup, TiedNetwork, tied_network
+from algorithms.network.tracks import StationFeatures
 from algorithms.targets.common_points import TargetSet
 from schemas.results.control_result import ControlResult
 from service.ports import Json, StepContext
@@ -57,19 +59,24 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
     """Adjust stations, targets and control together, and store poses and documents."""
     names: list[str] = arguments["names"]
     inputs = arguments["inputs"]
-    origins = {
-        number: load_features(context.blobs.local_path(key)).origin_m
-        for number, key in enumerate(arguments["features"])
-    }
+    origins, sets = {}, {}
     place = {name: number for number, name in enumerate(names)}
     given = {place[name]: own for name, own in inputs["targets"].items()}
-    sets = {station: target_set(own, origins[station]) for station, own in given.items()}
+    for number, key in enumerate(arguments["features"]):
+        features = load_features(context.blobs.local_path(key))
+        origins[number] = features.origin_m
+        found = target_set(given.get(number), features.origin_m)
+        if found is not None:
+            sets[number] = StationFeatures.of_features(features, found)
+    for station, errors in _errors_taken_off(context, arguments).items():
+        if station in sets:
+            sets[station] = without_instrument_errors(sets[station], errors)
     control = _control(inputs)
     context.progress.report(0.3, "adjusting stations, targets and control")
     groups = _groups(context, arguments, names)
     why, tied = "", None
     try:
-        tied = tied_network({station: own for station, own in sets.items() if own is not None}, groups, control.known())
+        tied = tied_network({station: own.targets for station, own in sets.items()}, groups, control.known())
     except (TooFewCorrespondencesError, DegenerateGeometryError) as error:
         why = str(error)
     document = {
@@ -81,6 +88,14 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
     key = f"jobs/{arguments['job_id']}/tied.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
     return {"tied": key}
+
+
+def _errors_taken_off(context: StepContext, arguments: Json) -> dict[int, Array]:
+    """Give the errors of instruments that the poses of the network are without, by station."""
+    if arguments.get("network") is None:
+        return {}
+    with np.load(context.blobs.local_path(arguments["network"]), allow_pickle=False) as stored:
+        return dict(zip(stored["stations"].tolist(), stored["instrument_errors"], strict=True))
 
 
 def _control(inputs: Json) -> _Control:

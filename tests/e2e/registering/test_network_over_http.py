@@ -17,6 +17,7 @@ from tests.e2e.running.virtual_scans import SCANNER, simulate, write_scans
 pytestmark = pytest.mark.service
 
 SCENE, STATIONS = "pipe_hall", 3
+TARGETS = 6
 
 
 @pytest.fixture(scope="module")
@@ -45,14 +46,26 @@ def test_all_stations_are_registered_true_to_their_covariance(result: Document) 
         assert np.linalg.norm(error[3:]) < 0.003
 
 
+def stated_targets(places: np.ndarray, offset_m: float, rng: np.random.Generator) -> list[Document]:
+    """Measure targets by a scanner at the origin whose ranges are too long."""
+    ranges = np.linalg.norm(places, axis=1, keepdims=True)
+    seen = places * (1.0 + offset_m / ranges) + rng.normal(0.0, 0.0005, places.shape)
+    return [dict(zip("xyz", place, strict=True), name=f"T{k}", std=0.0005) for k, place in enumerate(seen.tolist())]
+
+
 def test_a_scanner_out_of_adjustment_is_found_and_said_and_changes_nothing_unless_asked(
     service: RunningService, tmp_path: Path
 ) -> None:
     scanner = replace(SCANNER, systematic=SystematicErrors(range_offset_m=0.005))
     scene = SCENES[SCENE]()
-    scans = list(simulate_stations(scene, scene.stations[:STATIONS], scanner, np.random.default_rng(1)))
+    rng = np.random.default_rng(1)
+    scans = list(simulate_stations(scene, scene.stations[:STATIONS], scanner, rng))
     files = [service.upload(path)["id"] for path in write_scans(tmp_path, scans)]
-    stations = [{"name": f"S{k}", "scan": {"file": file}} for k, file in enumerate(files)]
+    places = scene.stations[0].apply(rng.uniform([-6.0, -3.0, -1.0], [6.0, 3.0, 2.0], (TARGETS, 3)))
+    stations = [
+        {"name": f"S{k}", "scan": {"file": file}, "targets": stated_targets(pose.inv().apply(places), 0.005, rng)}
+        for k, (file, pose) in enumerate(zip(files, scene.stations, strict=False))
+    ]
     inputs = {"stations": stations, "scanner": {"estimate": "auto", "tripod": "auto"}}
     network = service.result(service.execute("register", inputs))["network"]
     assert "instruments" in network, network["remarks"]
@@ -61,6 +74,7 @@ def test_a_scanner_out_of_adjustment_is_found_and_said_and_changes_nothing_unles
     assert offset["significant"]
     assert abs(offset["value"] - 5.0) < 4.0 * offset["std"]
     assert "range offset" in found["recommendation"]
+    assert found["targets"] == TARGETS
     assert not found["applied"]
 
 

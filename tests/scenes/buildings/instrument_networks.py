@@ -1,6 +1,6 @@
 """Stations of one scanner in a hall, without points: planes through patches that the instrument's errors displace."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -8,12 +8,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.features.planes.plane_responses import plane_responses
 from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
+from algorithms.geometry.point_sets import PointSet
 from algorithms.network.tracks import StationFeatures, Tracks
 from algorithms.scans.instrument_errors import Sweep, drift_polynomials
+from algorithms.targets.common_points import TargetSet
 
 PATCHES_A_SIDE = 6
 PATCH_STD_M = 0.0005
 """Of the mean of a patch of some m²: noise of its points and waviness of the surface, as seen in well-built halls."""
+TARGET_RANGE_STD_M, TARGET_ANGLE_STD_RAD = 0.0003, 1.5e-5
+"""Of the centres of targets, which a scanner knows far better than single points."""
 BODIES = 12
 HALL_M = np.array([28.0, 18.0, 7.0])
 SWEEP = Sweep(-np.pi, 2.0 * np.pi)
@@ -70,6 +74,8 @@ def instrument_network(
     *,
     patch_std_m: float = PATCH_STD_M,
     upper: bool = True,
+    targets: int = 0,
+    planes: bool = True,
 ) -> InstrumentNetwork:
     """Scan a hall with bodies in it from stations of different height and heading.
 
@@ -85,6 +91,10 @@ def instrument_network(
         Standard deviation of patches.
     upper
         Whether ceiling and high walls are seen; else everything lies within a metre of the instruments' height.
+    targets
+        How many survey targets there are all over the hall, without names.
+    planes
+        Whether planes are tracked; else targets stand for themselves.
     """
     rectangles = _rectangles(upper, rng)
     poses, features, seen_by = [], {}, [[] for _ in rectangles]
@@ -103,8 +113,29 @@ def instrument_network(
             rows.append(_plane(middle, axes, sizes, pose, errors, drift, patch_std_m, rng))
         features[station] = _features(rows)
         poses.append(pose)
-    tracks = tuple(tuple(members) for members in seen_by if len(members) > 1)
-    return InstrumentNetwork(tuple(poses), features, Tracks(tracks, (), 0, 0, 0))
+    tracks = tuple(tuple(members) for members in seen_by if len(members) > 1) if planes else ()
+    points: tuple[tuple[tuple[int, int], ...], ...] = ()
+    if targets:
+        places = rng.uniform(
+            [1.0, 1.0, 0.3], HALL_M * [1.0, 1.0, 1.0 if upper else 0.35] - [1.0, 1.0, 0.3], (targets, 3)
+        )
+        for station, pose in enumerate(poses):
+            drift = errors.drifts_rad[station] if errors.drifts_rad else (0.0, 0.0, 0.0)
+            seen = _targets(places, pose, errors, drift, rng)
+            features[station] = replace(features[station], targets=seen, sweep=SWEEP)
+        points = tuple(tuple((station, k) for station in range(stations)) for k in range(targets))
+    return InstrumentNetwork(tuple(poses), features, Tracks(tracks, (), 0, 0, 0, points))
+
+
+def _targets(places, pose, errors, drift, rng) -> TargetSet:
+    """Measure targets: ranges to `TARGET_RANGE_STD_M`, directions to `TARGET_ANGLE_STD_RAD`."""
+    true = pose.inv().apply(places)
+    beams = true / np.linalg.norm(true, axis=1, keepdims=True)
+    along = beams[:, :, None] * beams[:, None, :]
+    across_m = TARGET_ANGLE_STD_RAD * np.linalg.norm(true, axis=1)[:, None, None]
+    covariances = TARGET_RANGE_STD_M**2 * along + across_m**2 * (np.eye(3) - along)
+    noise = np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=true.shape))
+    return TargetSet((None,) * len(places), PointSet(recorded(true, errors, drift) + noise, covariances))
 
 
 def _rectangles(upper: bool, rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:

@@ -5,12 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from algorithms.network.instrument_calibration import InstrumentCalibration, calibrate_instruments
+from algorithms.network.instrument_calibration import (
+    InstrumentCalibration,
+    calibrate_instruments,
+    widened_by_tolerances,
+)
 from algorithms.network.instrument_normals import columns_of, instrument_normals
-from algorithms.network.instrument_responses import ALL_ERRORS, without_instrument_errors
+from algorithms.network.instrument_responses import ALL_ERRORS, target_responses, without_instrument_errors
 from algorithms.network.joint_adjustment import adjust_jointly
+from algorithms.network.tied_network import RegisteredGroup, same_targets
 from algorithms.scans.instrument_errors import DriftError, InstrumentError
-from tests.scenes.buildings.instrument_networks import InstrumentNetwork, TrueErrors, instrument_network
+from tests.scenes.buildings.instrument_networks import (
+    SWEEP,
+    InstrumentNetwork,
+    TrueErrors,
+    instrument_network,
+    recorded,
+)
 from tests.scenes.buildings.instrument_tolerances import MGON, TOLERANCES, sought_in
 from tests.scenes.lines.line_scenes import KEEP_ALL, pose_error
 
@@ -32,6 +43,7 @@ def found_in(result: InstrumentCalibration, error, station: int = 0):
 
 
 TRUE = TrueErrors(vertical_index_rad=10.0 * MGON, range_offset_m=0.002)
+SHARED = {InstrumentError.VERTICAL_INDEX: 10.0 * MGON, InstrumentError.RANGE_OFFSET: 0.002}
 
 
 @pytest.fixture(scope="module")
@@ -135,9 +147,71 @@ def test_stations_whose_instrument_stood_nobody_knows_where_are_named() -> None:
     assert calibrated(replace(network, features=features)).unknown_stations == (2,)
 
 
+def with_targets(errors: TrueErrors, count: int = 12, **options) -> InstrumentNetwork:
+    return instrument_network(np.random.default_rng(5), errors, STATIONS, targets=count, **options)
+
+
+@pytest.mark.slow
+def test_targets_alone_tell_of_the_instrument() -> None:
+    network = with_targets(TRUE, planes=False)
+    result = calibrated(network)
+    assert {f.sought.error for f in result.errors if f.significant} == set(SHARED)
+    for error, truth in SHARED.items():
+        found = found_in(result, error)
+        assert abs(found.value - truth) < 3.0 * found.std
+    assert result.of_surfaces is None
+
+
+@pytest.mark.slow
+def test_targets_beside_planes_make_the_errors_better_known() -> None:
+    network = with_targets(TRUE, patch_std_m=0.0005)
+    both = calibrated(network)
+    planes = calibrated(replace(network, tracks=replace(network.tracks, points=())))
+    for error, truth in SHARED.items():
+        found = found_in(both, error)
+        assert found.std < 0.9 * found_in(planes, error).std
+        assert abs(found.value - truth) < 3.0 * found.std
+    # poses for whoever adjusts the targets later do not rest on them
+    assert both.of_surfaces is not None
+    for k in range(1, STATIONS):
+        for pose, covariance in ((j.pose(k), j.covariance(k)) for j in (both.joint, both.of_surfaces)):
+            error = pose_error(pose, network.start[k])
+            assert error @ np.linalg.solve(covariance, error) < 22.5  # 99.9 %, 6 degrees of freedom
+        gained = both.of_surfaces.covariance(k) - both.joint.covariance(k)
+        assert np.trace(gained[3:, 3:]) > 0.0
+
+
+def test_noise_tells_nothing_of_a_scale_that_all_stations_share() -> None:
+    network = with_targets(TrueErrors(), planes=False)
+    joint = adjust_jointly(network.features, network.tracks, network.stations, network.start, KEEP_ALL)
+    columns = columns_of(network.stations, [(str(InstrumentError.RANGE_SCALE), network.stations)])
+    normals = instrument_normals(network.features, joint, columns, 1)
+    assert normals.information[0, 0] < 1e-12 * normals.alone[0]
+
+
+def test_targets_answer_to_errors_as_recorded_points_do() -> None:
+    places = np.array([[4.0, 3.0, 2.0], [-6.0, 1.0, -1.2], [0.5, -9.0, 0.3]])
+    errors = TrueErrors(1e-6, 2e-6, 3e-6, 4e-6, 5e-6, ((1e-6, -2e-6, 3e-6, 2e-6, 1e-6, -1e-6),))
+    values = np.array([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 1e-6, -2e-6, 3e-6, 2e-6, 1e-6, -1e-6])
+    sensor = np.array([100.0, -50.0, 2.0])
+    moved = recorded(places, errors, errors.drifts_rad[0]) - places
+    np.testing.assert_allclose(target_responses(places + sensor, sensor, SWEEP) @ values, moved, atol=1e-9)
+
+
+def test_targets_of_a_scanner_out_of_adjustment_are_the_same_within_the_tolerances() -> None:
+    network = with_targets(TrueErrors(range_offset_m=0.008), count=20)
+    sought = sought_in(STATIONS)
+    poses = {k: network.start[k] for k in range(1, STATIONS)}
+    group = RegisteredGroup(0, poses, np.zeros((6 * len(poses), 6 * len(poses))))
+    stated = {k: each.targets for k, each in network.features.items()}
+    truth = set(network.tracks.points)
+    assert set(same_targets(widened_by_tolerances(network.features, sought), group)) == truth
+    assert set(same_targets(stated, group)) != truth
+
+
 @pytest.mark.slow
 def test_contradictions_answer_to_errors_as_their_derivatives_say() -> None:
-    network = network_of(TrueErrors(), patch_std_m=0.001)
+    network = with_targets(TrueErrors(), patch_std_m=0.001)
     stations = list(network.stations)
     joint = adjust_jointly(network.features, network.tracks, stations, network.start, KEEP_ALL)
     shared = [(str(each.error), each.stations) for each in sought_in(STATIONS, drifts=True, order=2)]

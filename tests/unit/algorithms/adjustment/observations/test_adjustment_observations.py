@@ -209,6 +209,33 @@ def test_derivatives_by_all_unknowns_of_a_network_agree_with_numerical_different
     np.testing.assert_allclose(analytic, numerical, atol=1e-8)
 
 
+def tracks_of_points(rng: np.random.Generator) -> FeatureTracks:
+    differences = point_point(rng, 0.05)
+    stations = np.tile(np.array([0, 1], dtype=np.int64), (4, 1))
+    return FeatureTracks(stations, differences, (differences.target.covariances, differences.source.covariances))
+
+
+def test_tracks_of_points_answer_to_poses_as_their_derivatives_say():
+    tracks = tracks_of_points(np.random.default_rng(21))
+    numerical = difference_quotient(lambda step: tracks.equations(NETWORK.moved(step)).residuals, NETWORK.count)
+    for derivative in tracks.equations(NETWORK).derivatives:
+        column = int(NETWORK.first_columns(derivative.kind, derivative.numbers)[0])
+        np.testing.assert_allclose(derivative.jacobians, numerical[:, :, column : column + 6], atol=1e-8)
+
+
+@pytest.mark.parametrize("side", ["target", "source"])
+def test_tracks_of_points_answer_to_errors_in_the_axes_of_their_stations(side: str):
+    tracks = tracks_of_points(np.random.default_rng(22))
+    differences = tracks.differences
+
+    def residuals(error: np.ndarray) -> np.ndarray:
+        moved = disturbed_points(getattr(differences, side), np.tile(error, (4, 1)))
+        return replace(tracks, differences=replace(differences, **{side: moved})).equations(NETWORK).residuals
+
+    jacobians = tracks.equations(NETWORK).noise_jacobians[0 if side == "target" else 1]
+    np.testing.assert_allclose(jacobians, difference_quotient(residuals, 3), atol=1e-8)
+
+
 @pytest.mark.parametrize("kind", ALL_TYPES)
 def test_a_problem_stacks_the_derivatives_of_free_unknowns_only(kind):
     observation = FACTORIES[kind][0](np.random.default_rng(13), 0.05)
