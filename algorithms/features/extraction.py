@@ -91,17 +91,20 @@ def extract_features(
     steps = coordinate_steps(scan)
     scan = _without_blurred_grid(scan, steps)
     cells, surfaces, noise = cut_into_cells(scan, options, steps.std_m)
-    sensor, sensor_std = scan.sensor_m, None
+    stood = sensor = scan.sensor_m
+    sensor_std = None
     if sensor is None:
         drawn = _flat_points(cells, surfaces, rng)
         guess = estimate_sensor_position(
             scan.points[drawn], surfaces.normals[cells.cell_of_point[drawn]], candidate_m=-scan.origin_m, rng=rng
         )
         sensor, sensor_std = guess.position_m, guess.std_m
+        # formats that name no instrument: what is seen from the origin of its file is in the instrument's axes
+        stood = guess.position_m if guess.confirms_candidate else None
     surfaces = orient(cells, surfaces, sensor)
     noise = max(noise, typical_noise(cells, surfaces, sensor)) if options.point_std_m is None else options.point_std_m
     noise = max(noise, steps.std_m)  # points on one step do not scatter, and lie off it all the same
-    sweep = sweep_of(scan)
+    sweep = sweep_of(replace(scan, sensor_m=stood))
     progress.report(0.3, "planes")
     regions = segment_planes(cells, surfaces, noise_std_m=noise, sensor_m=sensor, cap=CAP_POINTS, min_cells=MIN_CELLS)
     fitted, regions_fitted = fit_planes(
@@ -141,7 +144,7 @@ def extract_features(
         noise_std_m=_reported_noise(planes, noise, options),
         sensor_std_m=sensor_std,
         rounding=_rounding(steps, fitted.rounding_covariances[kept]),
-        plane_responses=None if scan.sensor_m is None else fitted.responses[kept],
+        plane_responses=None if stood is None else fitted.responses[kept],
         sweep=sweep,
     )
 

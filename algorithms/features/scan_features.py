@@ -129,7 +129,8 @@ class ScanFeatures:
     """What its coordinates are rounded to; None: not known."""
     plane_responses: Float64[Array, "p 3 11"] | None = None
     """(p, 3, 11) how each plane's (a1, a2, b) answer to errors of the instrument, `INSTRUMENT_ERRORS`, and to drifts,
-    `DRIFT_ERRORS`, zero where the time of points is not known; None: the file does not tell where the scanner stood."""
+    `DRIFT_ERRORS`, zero where the time of points is not known; None: the file does not tell where the scanner stood,
+    nor is it seen from its origin."""
     sweep: Sweep | None = None
     """When the instrument looked where; None: the file does not tell."""
 

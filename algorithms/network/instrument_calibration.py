@@ -27,7 +27,7 @@ from algorithms.network.instrument_responses import (
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures, Tracks
-from algorithms.scans.instrument_errors import DriftError, InstrumentError
+from algorithms.scans.instrument_errors import DriftError, InstrumentError, Sweep
 from algorithms.targets.common_points import TargetSet
 
 DEFAULT_OPTIONS = AdjustmentOptions()
@@ -119,6 +119,8 @@ class InstrumentCalibration:
     """(c, c) of the estimated errors, in their order."""
     unknown_stations: tuple[int, ...]
     """Stations whose file does not tell where the instrument stood: taken for errorless."""
+    sweeps: Mapping[int, Sweep | None]
+    """When the instrument looked where at each station; None where the file does not tell."""
     converged: bool
 
     @property
@@ -194,6 +196,7 @@ def calibrate_instruments(
         of_surfaces=network.of_surfaces(final, chosen, covariance) if tracks.points else joint,
         covariance=covariance,
         unknown_stations=tuple(k for k in stations if features[k].plane_responses is None),
+        sweeps={k: features[k].sweep for k in stations},
         converged=final.converged,
     )
 

@@ -121,6 +121,7 @@ def without_far_points(scan: Scan) -> tuple[Scan, FarPoints]:
         grid=None if scan.grid is None else ScanGrid(_renumbered(scan.grid.index, keep)),
         intensity=None if scan.intensity is None else scan.intensity[keep],
         color=None if scan.color is None else scan.color[keep],
+        times_s=None if scan.times_s is None else scan.times_s[keep],
         sensor_m=None if scan.sensor_m is None else scan.sensor_m + shift,
     )
     return kept, far

@@ -5,14 +5,14 @@ scanner system*, 2007, and of B. Muralikrishnan et al., NIST; of a scanner that 
 recorded minus true, in the frame whose origin is the instrument and whose z axis is its vertical axis.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Indices, Points, Scalars, Vector3
+from algorithms.arrays import Array, Floats32, Indices, Points, Scalars, Vector3
 from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.scans.scan import Scan
 
@@ -27,7 +27,15 @@ PIECES_OF_ORDER = 1024
 LEAST_ORDERED_TURN_RAD = 0.5
 """Points in a narrow field lie in one direction in any order: a smaller turn tells no time."""
 STEADY_TURN_RAD = 0.02
-"""Deviation of the columns' azimuths from a steady turn above which the columns tell no time."""
+"""Deviation of the columns' azimuths from a steady turn above which the columns tell no time; an instrument whose
+points have time stamps does not turn back by more."""
+MOST_STAMPS = 1_000_000
+"""Of so many points the time stamps are looked at."""
+LEAST_STAMPED_TURN_RAD = 0.1
+"""A smaller turn is not told from the spread of directions at one time."""
+MOST_OVERLAP_RAD = 0.35
+"""By so much an instrument may scan beyond the whole circle; who goes round more often has several times in one
+direction."""
 
 
 class InstrumentError(StrEnum):
@@ -83,14 +91,33 @@ STEADY_DRIFTS = DRIFT_ERRORS[:3]
 """Those of first order."""
 
 
+class TimeSource(StrEnum):
+    """What tells when a scanner looked where."""
+
+    TIME_STAMPS = "time-stamps"
+    """The time that the file has of each point."""
+    COLUMNS = "columns"
+    """The columns of the grid, measured one after the other in equal times."""
+    ORDER = "order"
+    """The order of the points in the file, as far as it goes round the instrument."""
+
+
 @dataclass(frozen=True)
 class Sweep:
-    """When a scanner looked where: it turns steadily from one azimuth on."""
+    """When a scanner looked where: it turns in one sense from one azimuth on."""
 
     start_rad: float
     """Azimuth of the first column."""
     turn_rad: float
     """Signed angle from the first to the last column, at most a whole circle."""
+    shares: tuple[float, ...] = (0.0, 1.0)
+    """Ascending shares of the turn, from 0 to 1..."""
+    moments: tuple[float, ...] = (0.0, 1.0)
+    """...and when it had come so far, 0 at the start, 1 at the end; between them it turns steadily."""
+    told_by: str = TimeSource.COLUMNS.value
+    """What tells so, by its `TimeSource`."""
+    duration_s: float | None = None
+    """From start to end [s]; None: nobody knows."""
 
     def times(self, points: Points) -> Scalars:
         """Give the times (n,) at which (n, 3) points about the instrument were measured, 0 at the start, 1 at the end.
@@ -100,28 +127,49 @@ class Sweep:
         angles = (np.arctan2(points[:, 1], points[:, 0]) - self.start_rad) * np.sign(self.turn_rad)
         circle, whole = 2.0 * np.pi, abs(self.turn_rad)
         margin = 0.5 * (circle - whole)
-        return np.asarray(np.clip(((angles + margin) % circle - margin) / whole, 0.0, 1.0))
+        come = np.clip(((angles + margin) % circle - margin) / whole, 0.0, 1.0)
+        return np.asarray(np.interp(come, self.shares, self.moments))
 
 
 def sweep_of(scan: Scan) -> Sweep | None:
-    """Find how the instrument turned, from the columns of a scan's grid or from the order of its points.
+    """Find how the instrument turned: by the time stamps of its points, else by the columns of its grid or their order.
 
     None where they do not tell: columns whose points lie on both sides of the axis, as of scanners that look over the
-    zenith, and points that are not in the order of their measurement.
+    zenith, an instrument that goes round more than once, and points without time stamps that are not in the order of
+    their measurement.
 
     Parameters
     ----------
     scan
         With the instrument's position.
     """
-    count = len(scan.points) if scan.grid is None else scan.grid.columns
-    if scan.sensor_m is None or count < 2:
+    if scan.sensor_m is None or len(scan.points) < 2:
         return None
+    if scan.times_s is not None:
+        return _sweep_in_time(scan, scan.sensor_m, scan.times_s)
+    count = len(scan.points) if scan.grid is None else scan.grid.columns
+    followed = None if count < 2 else _followed(scan.points, scan.sensor_m, _pieces(scan, count))
+    if followed is None:
+        return None
+    places, turned = followed
+    if scan.grid is None:
+        return _sweep_in_order(turned)
+    slope, start = np.polyfit(places, turned, 1)
+    if np.abs(turned - start - slope * places).max() > STEADY_TURN_RAD or slope == 0.0:
+        return None
+    whole = float(np.clip(slope * count, -2.0 * np.pi, 2.0 * np.pi))
+    return Sweep(float(start - 0.5 * slope), whole)
+
+
+def _followed(
+    points: Points, sensor_m: Vector3, pieces: Iterable[tuple[float, Indices]]
+) -> tuple[Float64[Array, "pieces"], Float64[Array, "pieces"]] | None:
+    """Follow the azimuth from piece to piece: their places and azimuths; None if one does not lie in one direction."""
     places, azimuths = [], []
-    for place, numbers in _pieces(scan, count):
+    for place, numbers in pieces:
         if len(numbers) == 0:
             continue
-        arms = scan.points[numbers] - scan.sensor_m
+        arms = points[numbers] - sensor_m
         flat = np.hypot(arms[:, 0], arms[:, 1])
         directions = arms[:, :2] / np.maximum(flat, LEAST_ARM_M)[:, None]
         mean = directions.mean(axis=0)
@@ -129,26 +177,48 @@ def sweep_of(scan: Scan) -> Sweep | None:
             return None
         places.append(place)
         azimuths.append(float(np.arctan2(mean[1], mean[0])))
-    if len(places) < 3:
-        return None
     # from piece to piece less than half a circle, so the turn can be followed
-    turned = np.unwrap(np.array(azimuths))
-    if scan.grid is None:
-        return _sweep_in_order(turned)
-    slope, start = np.polyfit(np.array(places), turned, 1)
-    if np.abs(turned - start - slope * np.array(places)).max() > STEADY_TURN_RAD or slope == 0.0:
+    return (np.array(places), np.unwrap(np.array(azimuths))) if len(places) > 2 else None
+
+
+def _sweep_in_time(scan: Scan, sensor_m: Vector3, times_s: Floats32) -> Sweep | None:
+    """Take the turn that the time stamps tell, however unsteady, whatever the order of the points."""
+    known = np.flatnonzero(np.isfinite(times_s))
+    known = known[:: max(1, len(known) // MOST_STAMPS)]
+    in_time = known[np.argsort(times_s[known], kind="stable")]
+    if len(in_time) < 2:
         return None
-    whole = float(np.clip(slope * count, -2.0 * np.pi, 2.0 * np.pi))
-    return Sweep(float(start - 0.5 * slope), whole)
+    moments = times_s[in_time].astype(np.float64)
+    first, duration = moments[0], moments[-1] - moments[0]
+    pieces = ((float(moments[numbers].mean()), in_time[numbers]) for numbers in _runs(len(in_time)))
+    followed = _followed(scan.points, sensor_m, pieces)
+    if followed is None or duration <= 0.0:
+        return None
+    at, turned = followed
+    whole = float(turned[-1] - turned[0])
+    come = np.maximum.accumulate((turned - turned[0]) * np.sign(whole))
+    back = (come - (turned - turned[0]) * np.sign(whole)).max()
+    if abs(whole) < LEAST_STAMPED_TURN_RAD or back > STEADY_TURN_RAD or abs(whole) > 2.0 * np.pi + MOST_OVERLAP_RAD:
+        return None
+    most = min(abs(whole), 2.0 * np.pi)
+    return Sweep(
+        start_rad=float(turned[0]),
+        turn_rad=float(np.copysign(most, whole)),
+        shares=tuple(np.minimum(come / most, 1.0).tolist()),
+        moments=tuple(((at - first) / duration).tolist()),
+        told_by=TimeSource.TIME_STAMPS.value,
+        duration_s=float(duration),
+    )
 
 
-def _sweep_in_order(turned: Scalars) -> Sweep | None:
+def _sweep_in_order(turned: Float64[Array, "pieces"]) -> Sweep | None:
     """Take the turn of the points' order; how many come back from each direction says nothing of its speed."""
     whole = float(turned[-1] - turned[0])
     back = np.diff(turned) * np.sign(whole) < -STEADY_TURN_RAD
     if abs(whole) < LEAST_ORDERED_TURN_RAD or back.any():
         return None
-    return Sweep(float(turned[0]), float(np.clip(whole, -2.0 * np.pi, 2.0 * np.pi)))
+    turn = float(np.clip(whole, -2.0 * np.pi, 2.0 * np.pi))
+    return Sweep(float(turned[0]), turn, told_by=TimeSource.ORDER.value)
 
 
 def _pieces(scan: Scan, count: int) -> Iterator[tuple[float, Indices]]:
@@ -158,9 +228,15 @@ def _pieces(scan: Scan, count: int) -> Iterator[tuple[float, Indices]]:
             numbers = scan.grid.index[:, column]
             yield float(column), numbers[numbers >= 0]
         return
+    for numbers in _runs(count):
+        yield float(numbers.mean()), numbers
+
+
+def _runs(count: int) -> Iterator[Indices]:
+    """Give short runs of so many numbers, spread evenly from the first to the last."""
     size = max(count // PIECES_OF_ORDER, 1)
     for first in np.unique(np.linspace(0, count - size, SAMPLED_COLUMNS).astype(np.int64)).tolist():
-        yield first + 0.5 * (size - 1), np.arange(first, first + size)
+        yield np.arange(first, first + size)
 
 
 def instrument_displacements(arms: Points) -> Float64[Array, "n 3 errors"]:

@@ -64,6 +64,9 @@ class Scan:
     """(n,) as in the file, no scale implied."""
     color: Colors | None = None
     """(n, 3) red, green, blue."""
+    times_s: Floats32 | None = None
+    """(n,) when each point was measured, from some moment on [s], NaN where its record does not tell; None: the file
+    has no times that differ."""
     sensor_m: Vector3 | None = None
     """Where the instrument stood, in the coordinates of `points` [m]; None when the file does not tell."""
     world_from_scan: RigidTransform | None = None

@@ -59,6 +59,8 @@ class SensorEstimate:
     """Share of points hidden behind others, seen from there (0 is perfect)."""
     std_m: float | None = None
     """Standard deviation of the position, all directions together [m] (`sensor_position_spread`); None without one."""
+    confirms_candidate: bool = False
+    """Whether the search itself, the candidate left aside, comes down beside it: the position is the candidate then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,16 +192,17 @@ def estimate_sensor_position(
     best = minima[0]
     best_share = float(fine.seen_from(best[None])[0, 0])
     std = position_std(fine.costs_near_surface, minima, minima_costs)
+    confirmed = False
     if candidate_m is not None:
         share, _, nearest = fine.seen_from(candidate_m[None])[0].tolist()
         # The file's own origin needs only be about as good as the best of thousands of tried positions.
         near = float(np.linalg.norm(candidate_m - best)) <= SAME_POSITION_M and share <= MAX_HIDDEN_SHARE
         good = near or share <= 1.5 * best_share + 0.01
         if good and NEAREST_SURFACE_M[0] < nearest < FAR_FROM_SURFACE_M:
-            best_share, best = share, candidate_m
+            best_share, best, confirmed = share, candidate_m, near
     if best_share > MAX_HIDDEN_SHARE:
         return SensorEstimate(None, best_share)
-    return SensorEstimate(np.asarray(best, dtype=np.float64), best_share, std)
+    return SensorEstimate(np.asarray(best, dtype=np.float64), best_share, std, confirmed)
 
 
 def _distinct(positions: Array, costs: Array, *, apart_m: float, most: int) -> list[int]:

@@ -37,7 +37,8 @@ class ScannerOptions(RequestModel):
     significant or not; `none`: nothing."""
     tripod: Literal["auto", "none"] = "none"
     """`auto`: a steady turn of each set-up during its scan is looked for, about three axes; the time of points is that
-    of their columns, or of their order in the file where it goes round the instrument; others cannot tell."""
+    of their time stamps (LAS, E57), else of their columns, else of their order in the file where it goes round the
+    instrument; others cannot tell."""
     tripod_order: Literal[1, 2] = 1
     """Order of the polynomials in time: 1 a steady turn, 2 with a bend as well (a tripod that settles). Every further
     coefficient makes the others less certain, and the limit of all tests higher."""

@@ -54,6 +54,18 @@ class PoseWithInstrument(Document):
     """Standard deviation of its position with them, all axes together [mm]."""
 
 
+class StationTime(Document):
+    """How it is known when the points of a station were measured, without which nothing is told of its tripod."""
+
+    station: str
+    """Its name."""
+    told_by: Literal["time-stamps", "columns", "order"] | None
+    """`time-stamps` of the points (LAS `gps_time`, E57 `timeStamp`), else the `columns` of the grid, else the `order`
+    of the points in the file; null: none of them tells."""
+    duration_s: float | None
+    """From the first point to the last [s]; null: the file does not tell."""
+
+
 class Instruments(Document):
     """Errors of instruments and tripods, told from planes, pipes and targets that several stations see."""
 
@@ -75,7 +87,9 @@ class Instruments(Document):
     """Survey targets, found or named, that took part because two stations or more see them."""
     poses: list[PoseWithInstrument]
     """Stations but the first."""
+    times: list[StationTime]
+    """Of all stations."""
     unknown_stations: list[str]
-    """Stations whose file does not tell where the instrument stood: taken for errorless."""
+    """Stations whose file does not tell where the instrument stood, nor is seen from its origin: held errorless."""
     converged: bool
     """Whether the estimate came to rest."""

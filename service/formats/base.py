@@ -84,6 +84,9 @@ class ScanRecords:
     """What the file says of instrument and time; None: nothing."""
     gps_time_s: tuple[float, float] | None = None
     """Least and largest time of a point; None: the file has no times."""
+    times_s: Floats32 | None = None
+    """(n,) when each record was measured, from some moment on [s], NaN where it does not tell; None: the file has no
+    times, or all are the same, or the records come in pieces."""
 
 
 @dataclass(frozen=True)
@@ -227,6 +230,7 @@ def cut(records: ScanRecords | RefusedScan) -> Iterator[ScanRecords]:
         part = slice(start, start + RECORDS_AT_ONCE)
         yield replace(
             records,
+            times_s=None,
             points=records.points[part].copy(),
             valid=None if records.valid is None else records.valid[part],
             row=None if records.row is None else records.row[part],

@@ -13,13 +13,14 @@ from service.errors import UnreadableFileError
 from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.crs_units import unit_of_crs
 from service.formats.e57_nodes import faults_named, instrument_of, number_of, opened, pose_of
-from service.formats.finishing import check_count, check_packing, colors_8bit
+from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.units import METRE, DeclaredUnit, UnknownUnit, not_understood
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 COLOR = ("colorRed", "colorGreen", "colorBlue")
 CELL = ("rowIndex", "columnIndex")
+TIME, TIME_INVALID = "timeStamp", "isTimeStampInvalid"
 INVALID = {"cartesianInvalidState": CARTESIAN, "sphericalInvalidState": SPHERICAL}
 # pye57 fills buffers of type 'l' (numpy's int64 on Linux) with a wrong stride; 'q' is as wide and works.
 BUFFER_TYPES = {
@@ -27,6 +28,8 @@ BUFFER_TYPES = {
     **dict.fromkeys(COLOR, "f"),
     **dict.fromkeys(CELL, "q"),
     **dict.fromkeys(INVALID, "h"),
+    TIME: "d",
+    TIME_INVALID: "h",
 }
 
 
@@ -75,7 +78,7 @@ class E57Reader:
             with faults_named(file, f"scan {index}"):
                 plan = _plan(file, data[index], index, limits)
                 for columns in _filled(image_file, plan):
-                    yield replace(_records(data[index], index, plan, columns), **said)
+                    yield replace(_records(data[index], index, plan, columns), times_s=None, **said)
 
 
 def _scan_nodes(file: ScanFile, image_file: Any, limits: ReadLimits) -> Any:
@@ -151,6 +154,7 @@ def _records(node: Any, index: int, plan: _Plan, columns: "_Columns") -> ScanRec
         column=columns.column,
         intensity=columns.intensity,
         color=columns.color,
+        times_s=None if columns.times is None else times_of(columns.times),
         # An identity pose says nothing: writers put it on any cloud. A grid, angles or a real pose speak of a set-up.
         sensor_in_scan_m=np.zeros(3) if structured or plan.coordinates == SPHERICAL or _moves(pose) else None,
         world_from_scan=pose,
@@ -199,6 +203,7 @@ class _Columns:
         self.row = np.empty(count, dtype=np.int32) if "rowIndex" in fields else None
         self.column = np.empty(count, dtype=np.int32) if "columnIndex" in fields else None
         self.valid = np.empty(count, dtype=np.bool_) if any(name in fields for name in INVALID) else None
+        self.times = np.empty(count) if TIME in fields else None
         self._largest_color = largest_color
 
     def take(self, piece: dict[str, Array], start: int, stop: int) -> None:
@@ -220,6 +225,10 @@ class _Columns:
         if self.valid is not None:
             state = next(piece[name] for name in INVALID if name in piece)
             self.valid[start:stop] = state[:length] == 0
+        if self.times is not None:
+            self.times[start:stop] = piece[TIME][:length]
+            if TIME_INVALID in piece:
+                self.times[start:stop][piece[TIME_INVALID][:length] != 0] = np.nan
 
 
 def _fill(image_file: Any, points_node: Any, fields: list[str], columns: _Columns) -> int:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Colors, Flags, Points, Vector3
+from algorithms.arrays import Array, Colors, Flags, Floats32, Points, Vector3
 from algorithms.scans.content_sums import content_of
 from algorithms.scans.scale_plausibility import scan_warnings
 from algorithms.scans.scan import Scan, ScanGrid
@@ -68,6 +68,7 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         grid=_grid(records, keep),
         intensity=None if records.intensity is None else records.intensity[chosen],
         color=None if records.color is None else records.color[chosen],
+        times_s=None if records.times_s is None else records.times_s[chosen],
         sensor_m=_sensor(records, low_m, high_m, origin_m),
         world_from_scan=records.world_from_scan,
     )
@@ -176,6 +177,17 @@ def check_packing(file: ScanFile, count: int, place: str) -> None:
     most = FREE_POINTS + MOST_POINTS_PER_BYTE * file.size
     if count > most:
         raise file.unreadable(f"{count} points packed into {file.size} bytes are no measurements", place)
+
+
+def times_of(seconds: Array) -> Floats32 | None:
+    """Give times (n,) from their first on, which single precision then keeps to a millisecond; None if none differ."""
+    known = np.isfinite(seconds)
+    if not known.any():
+        return None
+    first = seconds[known].min()
+    if seconds[known].max() == first:
+        return None
+    return np.where(known, seconds - first, np.nan).astype(np.float32)
 
 
 def colors_8bit(channels: Array, largest: float) -> Colors:

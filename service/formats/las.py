@@ -9,7 +9,7 @@ import numpy as np
 
 from algorithms.arrays import Array
 from service.formats.base import ReadLimits, ScanFile, ScanRecords
-from service.formats.finishing import check_count, check_packing, colors_8bit
+from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
 from service.formats.las_units import las_unit
 from service.formats.laz_chunks import check_chunk_table, check_layers
@@ -154,15 +154,19 @@ class _Piece:
     color: Array | None
     gps_time_s: tuple[float, float] | None
     """Least and largest; None: the point format has no times, or they are not finite."""
+    times_s: Array | None
+    """(n,) as stored; None: the point format has none."""
 
     @staticmethod
     def of(chunk: Any) -> "_Piece":
         names = set(chunk.point_format.dimension_names)
+        times = np.array(chunk["gps_time"], dtype=np.float64) if "gps_time" in names else None
         return _Piece(
             raw=np.column_stack([np.asarray(chunk[axis]) for axis in "XYZ"]),
             intensity=np.asarray(chunk["intensity"], dtype=np.float32),
             color=np.column_stack([chunk["red"], chunk["green"], chunk["blue"]]) if "red" in names else None,
-            gps_time_s=_span(np.asarray(chunk["gps_time"])) if "gps_time" in names else None,
+            gps_time_s=None if times is None else _span(times),
+            times_s=times,
         )
 
 
@@ -214,7 +218,12 @@ def _joined(pieces: list[_Piece], count: int, scales: Array, offsets: Array) -> 
         intensity=np.concatenate([piece.intensity for piece in pieces]),
         color=color,
         gps_time_s=_whole_span([piece.gps_time_s for piece in pieces]),
+        times_s=times_of(np.concatenate(times)) if len(times := _times(pieces)) == len(pieces) else None,
     )
+
+
+def _times(pieces: list[_Piece]) -> list[Array]:
+    return [piece.times_s for piece in pieces if piece.times_s is not None]
 
 
 def _whole_span(spans: list[tuple[float, float] | None]) -> tuple[float, float] | None:

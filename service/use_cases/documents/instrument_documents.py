@@ -22,9 +22,11 @@ from algorithms.scans.instrument_errors import (
     UNITS,
     DriftError,
     InstrumentError,
+    Sweep,
+    TimeSource,
 )
 from schemas.requests.scanner_options import ScannerOptions
-from schemas.results.instruments import InstrumentErrorFigures, Instruments, PoseWithInstrument
+from schemas.results.instruments import InstrumentErrorFigures, Instruments, PoseWithInstrument, StationTime
 
 MGON_PER_RAD = 1e3 * GON_PER_RAD
 THE_INSTRUMENT = "scanner"
@@ -133,6 +135,7 @@ def instruments_document(result: NetworkRegistration, options: ScannerOptions, n
         removed_with=len(found.joint.removed),
         targets=sum(track.kind is TrackKind.POINT for track in found.joint.tracks),
         poses=[_moved(found, station, names) for station in found.joint.stations[1:]],
+        times=[_time_of(found.sweeps[station], names[station]) for station in found.joint.stations],
         unknown_stations=[names[station] for station in found.unknown_stations],
         converged=found.converged,
     )
@@ -149,6 +152,12 @@ def errors_taken_off(result: NetworkRegistration, station: int, *, applied: bool
     if not applied or result.instruments is None:
         return np.zeros(len(ALL_ERRORS))
     return result.instruments.values(station)
+
+
+def _time_of(sweep: Sweep | None, name: str) -> StationTime:
+    if sweep is None:
+        return StationTime(station=name, told_by=None, duration_s=None)
+    return StationTime(station=name, told_by=TimeSource(sweep.told_by).value, duration_s=sweep.duration_s)
 
 
 def _unit(error: InstrumentError | DriftError) -> tuple[str, float]:

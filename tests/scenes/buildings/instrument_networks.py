@@ -122,7 +122,7 @@ def instrument_network(
         for station, pose in enumerate(poses):
             drift = errors.drifts_rad[station] if errors.drifts_rad else (0.0, 0.0, 0.0)
             seen = _targets(places, pose, errors, drift, rng)
-            features[station] = replace(features[station], targets=seen, sweep=SWEEP)
+            features[station] = replace(features[station], targets=seen)
         points = tuple(tuple((station, k) for station in range(stations)) for k in range(targets))
     return InstrumentNetwork(tuple(poses), features, Tracks(tracks, (), 0, 0, 0, points))
 
@@ -205,4 +205,4 @@ def _features(rows) -> StationFeatures:
         np.empty((0, 2)),
         np.zeros(count + 1, dtype=np.int64),
     )
-    return StationFeatures(planes, Lines.empty(), plane_responses=responses, sensor_m=np.zeros(3))
+    return StationFeatures(planes, Lines.empty(), plane_responses=responses, sensor_m=np.zeros(3), sweep=SWEEP)

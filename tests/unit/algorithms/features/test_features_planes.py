@@ -7,6 +7,11 @@ from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.planes.plane_boundaries import outline, signed_area
 from algorithms.progress import NoProgress
+from algorithms.scans.instrument_errors import TimeSource
+from algorithms.scans.scan import Scan
+from algorithms.simulation.scanner import VirtualScanner
+from algorithms.simulation.scanning import scan_scene
+from algorithms.simulation.scenes import SCENES
 from tests.scenes.lines.feature_scenes import SENSOR, cloud, rectangle, room, tube
 
 
@@ -90,6 +95,27 @@ def test_an_unknown_sensor_is_found_from_the_cloud():
     features = features_of(room(np.random.default_rng(5), noise_m=0.002), sensor_m=None)
     assert features.sensor_m is not None
     assert features.seen is not None
+
+
+@pytest.fixture(scope="module")
+def scanned_room():
+    scene = SCENES["office"]()
+    scanner = VirtualScanner(rows=150, columns=400)
+    return scan_scene(scene, scene.stations[0], scanner, np.random.default_rng(5))
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 2.5], ids=["origin", "beside it"])
+def test_a_cloud_tells_of_its_instrument_where_it_is_seen_from_the_origin_of_its_file(scanned_room, shift_m):
+    seconds = np.linspace(0.0, 100.0, len(scanned_room.points), dtype=np.float32)
+    cloud_of_las = Scan(
+        points=scanned_room.points + np.array([shift_m, 0.0, 0.0]), origin_m=np.zeros(3), times_s=seconds
+    )
+    features = extract_features(cloud_of_las, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
+    assert (features.plane_responses is None) == (shift_m > 0.0)
+    assert (features.sweep is None) == (shift_m > 0.0)
+    if features.sweep is not None:
+        assert features.sweep.told_by == TimeSource.TIME_STAMPS
+        assert features.sweep.duration_s == pytest.approx(100.0)
 
 
 def test_noise_is_that_of_the_points():

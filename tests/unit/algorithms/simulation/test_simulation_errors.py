@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.errors import InvalidInputError
 from algorithms.scans.instrument_errors import (
+    TimeSource,
     drift_displacements,
     instrument_displacements,
     sweep_of,
@@ -120,6 +121,39 @@ def test_points_without_columns_tell_the_time_by_their_order_and_not_in_any_othe
     assert sweep_of(replace(scan, points=scan.points[mixed], intensity=None, grid=None)) is None
     narrow = np.abs(np.arctan2(scan.points[:, 1], scan.points[:, 0])) < 0.1
     assert sweep_of(replace(scan, points=scan.points[narrow], intensity=None, grid=None)) is None
+
+
+def test_time_stamps_tell_the_time_in_any_order_of_the_points_and_however_unsteadily_the_scanner_turned() -> None:
+    room = SCENES["office"]()
+    scan = scan_scene(room, room.stations[0], replace(EXACT, rows=60, columns=500), RNG(5))
+    steady = sweep_of(scan)
+    assert steady is not None
+    shares = steady.times(scan.points)
+    true = np.where(shares < 0.4, 100.0 * shares, 40.0 + 300.0 * (shares - 0.4))  # faster from there on
+    mixed = RNG(1).permutation(len(scan.points))
+    stamped = replace(
+        scan, points=scan.points[mixed], intensity=None, grid=None, times_s=true[mixed].astype(np.float32)
+    )
+    sweep = sweep_of(stamped)
+    assert sweep is not None
+    assert (sweep.told_by, steady.told_by) == (TimeSource.TIME_STAMPS, TimeSource.COLUMNS)
+    assert sweep.duration_s == pytest.approx(220.0, rel=0.01)
+    inside = (shares > 0.02) & (shares < 0.98)
+    assert np.abs(sweep.times(scan.points) - true / 220.0)[inside].max() < 0.01
+    unknown = stamped.times_s.copy()
+    unknown[::3] = np.nan
+    assert sweep_of(replace(stamped, times_s=unknown)) is not None
+
+
+def test_a_scanner_that_goes_round_twice_has_no_one_time_for_a_direction() -> None:
+    room = SCENES["office"]()
+    scan = scan_scene(room, room.stations[0], replace(EXACT, rows=60, columns=500), RNG(5))
+    steady = sweep_of(scan)
+    assert steady is not None
+    times = steady.times(scan.points)
+    twice = np.concatenate([times, times + 1.0]).astype(np.float32)
+    both = replace(scan, points=np.tile(scan.points, (2, 1)), intensity=None, grid=None, times_s=twice)
+    assert sweep_of(both) is None
 
 
 @pytest.mark.parametrize("wrong", [{"range_offset_m": float("nan")}, {"range_scale_error": -1.0}], ids=str)

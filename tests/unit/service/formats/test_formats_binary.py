@@ -158,12 +158,16 @@ def test_an_absurd_pcd_header_is_refused(tmp_path: Path, header: str) -> None:
 # -- LAS
 
 
-def las(path: Path, offsets: list[float], points: np.ndarray, point_format: int = 3) -> Path:
+def las(
+    path: Path, offsets: list[float], points: np.ndarray, point_format: int = 3, times_s: list[float] | None = None
+) -> Path:
     header = laspy.LasHeader(point_format=point_format, version="1.2")
     header.offsets, header.scales = offsets, [0.001] * 3
     data = laspy.LasData(header)
     data.x, data.y, data.z = points.T
     data.intensity = np.arange(len(points), dtype=np.uint16)
+    if times_s is not None:
+        data.gps_time = times_s
     data.red = np.full(len(points), 0xFFFF, dtype=np.uint16)
     data.write(path)
     return path
@@ -183,6 +187,14 @@ def test_las_has_colour_and_intensity_but_no_sensor(tmp_path: Path) -> None:
     assert scan.color is not None
     assert scan.intensity is not None
     assert (scan.color[0].tolist(), scan.intensity.tolist(), scan.sensor_m) == ([255, 0, 0], [0, 1, 2, 3], None)
+
+
+def test_las_has_times_where_they_differ(tmp_path: Path) -> None:
+    times = [388_000_000.25, 388_000_007.5, 388_000_000.0, 388_000_001.0]
+    scan = read_scan(las(tmp_path / "a.las", [0.0, 0.0, 0.0], np.array(FOUR), times_s=times), "a.las")
+    assert scan.times_s is not None
+    assert scan.times_s.tolist() == [0.25, 7.5, 0.0, 1.0]
+    assert read_scan(las(tmp_path / "b.las", [0.0, 0.0, 0.0], np.array(FOUR)), "b.las").times_s is None
 
 
 def test_a_las_with_a_false_count_is_refused(tmp_path: Path) -> None:
@@ -308,6 +320,16 @@ def test_invalid_states_of_e57_are_no_points(tmp_path: Path) -> None:
     columns = cartesian([*FOUR, [5, 5, 5], [6, 6, 6]])
     columns["cartesianInvalidState"] = np.array([0, 0, 0, 0, 1, 2], dtype=np.uint16)
     assert read_scan(e57(tmp_path / "a.e57", columns), "a.e57").points.tolist() == FOUR
+
+
+def test_time_stamps_of_e57_are_those_of_the_points_that_are_left(tmp_path: Path) -> None:
+    columns = cartesian([[5, 5, 5], *FOUR])
+    columns["timeStamp"] = np.array([10.0, 20.0, 21.0, 99.0, 22.5])
+    columns["isTimeStampInvalid"] = np.array([0, 0, 0, 1, 0], dtype=np.uint16)
+    columns["cartesianInvalidState"] = np.array([2, 0, 0, 0, 0], dtype=np.uint16)
+    scan = read_scan(e57(tmp_path / "a.e57", columns), "a.e57")
+    assert scan.times_s is not None
+    np.testing.assert_array_equal(scan.times_s, np.array([10.0, 11.0, np.nan, 12.5], dtype=np.float32))
 
 
 def test_16_bit_colours_of_e57_become_8_bit(tmp_path: Path) -> None:

@@ -51,6 +51,10 @@ def test_errors_are_said_in_the_units_of_data_sheets_and_change_nothing(network:
     assert document.recommendation.startswith("significant: range offset")
     assert "range scale" in document.recommendation.partition("not determined")[2]
     assert not document.applied
+    assert document.targets == 0
+    assert [(each.station, each.told_by, each.duration_s) for each in document.times] == [
+        (name, "columns", None) for name in NAMES
+    ]
     plain = register_network(network.features, links_of(network), NAMES)
     assert np.array_equal(result.poses[2].covariance, plain.poses[2].covariance)
 

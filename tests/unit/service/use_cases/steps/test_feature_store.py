@@ -11,6 +11,7 @@ from algorithms.features.scan_features import ScanFeatures, SurfaceSample, Symme
 from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
+from algorithms.scans.instrument_errors import Sweep, TimeSource
 from service.names.feature_keys import feature_key
 from service.use_cases.steps.feature_store import load_features, save_features
 
@@ -66,6 +67,13 @@ def test_features_come_back_bit_for_bit(tmp_path: Path) -> None:
     features = some_features()
     save_features(tmp_path / "f.npz", features)
     assert same(load_features(tmp_path / "f.npz"), features)
+
+
+@pytest.mark.parametrize("duration_s", [None, 184.5])
+def test_when_the_scanner_looked_where_comes_back(tmp_path: Path, duration_s: float | None) -> None:
+    sweep = Sweep(0.5, -6.0, (0.0, 0.3, 1.0), (0.0, 0.6, 1.0), TimeSource.TIME_STAMPS.value, duration_s)
+    save_features(tmp_path / "f.npz", replace(some_features(), sweep=sweep))
+    assert load_features(tmp_path / "f.npz").sweep == sweep
 
 
 @pytest.mark.parametrize("count", [0, 2])
