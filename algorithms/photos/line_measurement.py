@@ -7,6 +7,7 @@ from jaxtyping import Float64
 
 from algorithms.arrays import Array, Flags, Indices, Scalars
 from algorithms.geometry.cameras import Camera
+from algorithms.photos.edge_chains import covered
 from algorithms.photos.edge_profile import (
     LEAST_WIDTH_PX,
     EdgePoints,
@@ -30,7 +31,7 @@ from algorithms.photos.line_fit import (
 from algorithms.photos.line_merging import merge_collinear, without_doubles
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.segment_tracking import walk_along
-from algorithms.photos.segments import ImageSegments, longest_first, no_segments
+from algorithms.photos.segments import ImageSegments, joined, longest_first, no_segments
 from algorithms.photos.systematic_errors import systematic_covariances
 
 CORNER_PX, CORNER_SHARE = 3.0, 0.1
@@ -51,6 +52,9 @@ LARGEST_STEP_PX = 1.0
 LARGEST_OFFSET_STD_PX = 0.5
 LARGEST_UNEXPLAINED_STD_PX = 0.26
 """Where more uncertainty is left that the noise does not explain, there is texture, not a straight edge [px]."""
+SURE_LENGTH, SURE_UNEXPLAINED = 2.0, 0.5
+"""A piece that was lost when it was followed is an edge all the same with so many times the least length, and with this
+part of the unexplained uncertainty."""
 HOPELESS = 3.0
 """Before pieces are joined and followed so many times that much is allowed: longer lines are more certain."""
 LEAST_SIGNIFICANCE = 6.0
@@ -153,38 +157,82 @@ def measure_lines(
     """Measure the straight edges on which first pieces lie.
 
     Pieces are brought onto their edges by the profile fit, joined where they continue each other, followed to their
-    ends, joined again, and fitted.
+    ends, joined again, and fitted. What is lost on this way, as between edges that crowd, but is long and straight
+    beyond doubt by itself, is an edge from the start to the end of its piece.
 
     Parameters
     ----------
     pieces
         (n, 4) x and y of both ends in the photo as taken [px].
     """
-    pieces = pieces[np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1]) >= SHORTEST_PX]
-    if len(pieces) == 0:
-        return no_segments()
+    lengths = np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1])
     noise = noise_std(grey)
+    found = _followed(grey, pieces[lengths >= SHORTEST_PX], camera, options, noise)
+    long = pieces[lengths >= SURE_LENGTH * options.min_length_px]
+    left = long[~covered(long, found.raw_ends.reshape(-1, 4), grey.shape)]
+    return longest_first(joined(found, _sure(grey, left, camera, options, noise)))[: options.max_segments]
+
+
+def _on_edges(
+    grey: GreyImage,
+    pieces: Float64[Array, "n 4"],
+    camera: Camera | None,
+    options: EdgeOptions,
+    noise: float,
+    rounds: int,
+) -> EdgeLines:
+    """Bring pieces onto their edges."""
     limit = np.array([grey.shape[1], grey.shape[0]]) - 1.0
     ends = ideal_from_image(np.clip(pieces.reshape(-1, 2), 0.0, limit), camera).reshape(-1, 2, 2)
     lines = _brighter_side_first(grey, lines_between(ends, FIRST_WIDTH_PX, FIRST_HALF_WIDTH_PX), camera)
     lines = _with_clear_sides(grey, lines, camera, noise)
-    lines = _settled(grey, lines, camera, options, noise, FIRST_ROUNDS)
+    return _settled(grey, lines, camera, options, noise, rounds)
+
+
+def _sure(
+    grey: GreyImage, pieces: Float64[Array, "n 4"], camera: Camera | None, options: EdgeOptions, noise: float
+) -> ImageSegments:
+    """Measure pieces as they are, and keep those that are edges beyond doubt."""
+    if len(pieces) == 0:
+        return no_segments()
+    lines = without_doubles(_on_edges(grey, pieces, camera, options, noise, FIRST_ROUNDS + ROUNDS))
+    lines = lines[lines.lengths >= SURE_LENGTH * options.min_length_px]
+    lines = _with_clear_sides(grey, lines, camera, noise)
+    return _measured(grey, lines, camera, options, noise, SURE_UNEXPLAINED * LARGEST_UNEXPLAINED_STD_PX)
+
+
+def _followed(
+    grey: GreyImage, pieces: Float64[Array, "n 4"], camera: Camera | None, options: EdgeOptions, noise: float
+) -> ImageSegments:
+    """Bring pieces onto their edges, join them and follow them to their ends."""
+    if len(pieces) == 0:
+        return no_segments()
+    lines = _on_edges(grey, pieces, camera, options, noise, FIRST_ROUNDS)
     for _ in range(WALKS):
         lines = without_doubles(merge_collinear(lines, options.max_gap_px))
         lines = walk_along(grey, _with_clear_sides(grey, lines, camera, noise), camera, options)
         lines = _settled(grey, lines, camera, options, noise, ROUNDS)
     lines = without_doubles(merge_collinear(lines, options.max_gap_px))
     lines = lines[lines.lengths >= options.min_length_px]
+    return _measured(grey, lines, camera, options, noise, LARGEST_UNEXPLAINED_STD_PX)
+
+
+def _measured(
+    grey: GreyImage, lines: EdgeLines, camera: Camera | None, options: EdgeOptions, noise: float, unexplained_px: float
+) -> ImageSegments:
+    """Fit lines without their ends, and keep those that are straight edges."""
     if len(lines) == 0:
         return no_segments()
     for _ in range(LAST_ROUNDS):
         step = _step(grey, _without_ends(lines), camera, options, noise)
         lines = _with_ends(step.lines, lines)
-    return _accepted(replace(step, lines=lines), camera, options, noise)
+    return _accepted(replace(step, lines=lines), camera, options, noise, unexplained_px)
 
 
-def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: float) -> ImageSegments:
-    """Keep the lines that are edges beyond doubt, the longest first."""
+def _accepted(
+    step: _Step, camera: Camera | None, options: EdgeOptions, noise: float, unexplained_px: float
+) -> ImageSegments:
+    """Keep the lines that are edges beyond doubt."""
     lines, fit, points = step.lines, step.fit, step.points
     count = len(lines)
     doubt = np.bincount(step.owners, points.contrast_variances, count) / np.bincount(step.owners, minlength=count) ** 2
@@ -196,7 +244,7 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
         & (points.edge_contrasts >= options.min_contrast)
         & (significance >= LEAST_SIGNIFICANCE)
         & (fit.covariances[:, 1, 1] < LARGEST_OFFSET_STD_PX**2)
-        & (_unexplained_std(fit, noise) < LARGEST_UNEXPLAINED_STD_PX)
+        & (_unexplained_std(fit, noise) < unexplained_px)
         & (np.abs(fit.angles) < LARGEST_LAST_TURN_RAD)
     )
     chosen = lines[good]
@@ -205,7 +253,7 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
     systematic = systematic_covariances(chosen, place_patches(chosen, camera), cut, displacement_stds(*widths))
     ends = chosen.centres[:, None] + chosen.extents[:, :, None] * chosen.directions[:, None]
     scale = GAUSSIAN_OF_ARCTAN if options.localisation == "arctan" else 1.0
-    segments = ImageSegments(
+    return ImageSegments(
         centres=chosen.centres,
         directions=chosen.directions,
         extents=chosen.extents,
@@ -216,4 +264,3 @@ def _accepted(step: _Step, camera: Camera | None, options: EdgeOptions, noise: f
         raw_ends=image_from_ideal(ends.reshape(-1, 2), camera).reshape(-1, 2, 2),
         composite=composite_edges(*widths),
     )
-    return longest_first(segments)[: options.max_segments]

@@ -88,7 +88,7 @@ def walk_along(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options
 
     The edge is there where a step of `STEP_PX` shows a good part of the line's contrast, with the same sign, and lies
     on the line. Of the runs of such steps, interrupted by at most `max_gap_px`, the one with the most steps between the
-    old ends is taken; lines without any vanish.
+    old ends is taken, and every other one that is long enough there to be an edge by itself; lines without any vanish.
     """
     if len(lines) == 0:
         return lines
@@ -123,8 +123,8 @@ def walk_along(grey: GreyImage, lines: EdgeLines, camera: Camera | None, options
     weight = np.bincount(run, between.astype(np.float64))
     run_owner = owners[np.searchsorted(run, np.arange(len(weight)))]
     best = np.lexsort((-weight, run_owner))
-    best = best[np.concatenate([[True], np.diff(run_owner[best]) != 0])[: len(best)]]
-    best = best[weight[best] > 0.0]
+    longest = np.concatenate([[True], np.diff(run_owner[best]) != 0])[: len(best)]
+    best = best[(longest & (weight[best] > 0.0)) | (STEP_PX * weight[best] >= options.min_length_px)]
     first, last = np.searchsorted(run, best, side="left"), np.searchsorted(run, best, side="right") - 1
     start = positions[first] - 0.5 * STEP_PX + missing[first]
     end = positions[last] + 0.5 * STEP_PX - missing[last]

@@ -1,6 +1,6 @@
 """Straight 2-D edges with uncertainty."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float64
@@ -78,6 +78,14 @@ class ImageSegments:
         """
         transfer = np.stack([self.extents, np.ones_like(self.extents)], axis=-1)
         return np.asarray(transfer @ self.covariances @ transfer.transpose(0, 2, 1))
+
+
+def joined(first: ImageSegments, second: ImageSegments) -> ImageSegments:
+    """Put two sets of edges one after the other."""
+    return ImageSegments(**{
+        field.name: np.concatenate([getattr(first, field.name), getattr(second, field.name)])
+        for field in fields(ImageSegments)
+    })  # fmt: skip
 
 
 def no_segments() -> ImageSegments:

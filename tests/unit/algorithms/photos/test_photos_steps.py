@@ -25,7 +25,7 @@ from algorithms.photos.line_fit import lines_between
 from algorithms.photos.line_merging import merge_collinear, without_doubles
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.segment_growing import grow_segments
-from algorithms.photos.segment_tracking import track_lines
+from algorithms.photos.segment_tracking import track_lines, walk_along
 from tests.scenes.photos.edge_images import rectangles
 
 
@@ -227,3 +227,19 @@ def test_a_missing_line_segment_detector_is_said_clearly(monkeypatch):
     monkeypatch.delattr(line_detectors.cv2, "createLineSegmentDetector")
     with pytest.raises(InvalidInputError, match="edge-chains"):
         line_detectors.lsd(step_image(0.2), EdgeOptions())
+
+
+@pytest.mark.parametrize(("second_px", "pieces"), [(60, 2), (15, 1)])
+def test_a_line_over_a_gap_becomes_an_edge_on_each_side_that_is_long_enough(second_px: int, pieces: int) -> None:
+    values = np.full((80, 320), 100.0)
+    for left, right in ((40, 160), (200, 200 + second_px)):
+        values[40:, left:right] = 160.0
+    values = cv2.GaussianBlur(values, (0, 0), 1.0) + np.random.default_rng(1).normal(0.0, 2.0, values.shape)
+    grey = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+    whole = lines_between(np.array([[[40.0, 39.5], [200.0 + second_px, 39.5]]]), 1.0, 3.5)
+    walked = walk_along(grey, whole, None, EdgeOptions(min_length_px=30.0))
+    ends = np.sort((walked.centres[:, 0, None] + walked.extents * walked.directions[:, :1]), axis=0)
+    assert len(walked) == pieces
+    np.testing.assert_allclose(ends[0], [40.0, 160.0], atol=4.0)
+    if pieces == 2:
+        np.testing.assert_allclose(ends[1], [200.0, 260.0], atol=4.0)
