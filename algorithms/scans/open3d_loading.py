@@ -1,11 +1,13 @@
 """The one place that imports open3d."""
 
 import ctypes
-import mimetypes
 import sys
 from functools import cache
 from importlib import import_module
 from types import ModuleType
+
+NOTEBOOK_VIEWER = "open3d.visualization.draw_plotly"
+NAMES_OF_VIEWER = ("get_plotly_fig", "draw_plotly", "draw_plotly_server")
 
 
 @cache
@@ -14,13 +16,14 @@ def import_open3d() -> ModuleType:
 
     The open3d wheel links against ``libusb-1.0.so.0`` for depth cameras and does not bring it, so on a bare Linux
     machine ``import open3d`` fails although nothing here touches a camera. The library of the package
-    ``libusb-package`` carries the same soname: loaded first and for everybody, it satisfies the linker. dash, which
-    open3d loads for its viewer, reads the system's list of media types, which a confined computation may not: there is
-    none for it.
+    ``libusb-package`` carries the same soname: loaded first and for everybody, it satisfies the linker.
+
+    Importing open3d also imports its viewer for notebooks, with dash, plotly, flask and hundreds of modules more, with
+    which nothing is shown here and which `pyproject.toml` leaves out: an empty module stands in its place.
 
     Returns
     -------
-    The module ``open3d``; the first call takes about two seconds, later ones nothing.
+    The module ``open3d``; the first call takes a third of a second, later ones nothing.
 
     Raises
     ------
@@ -31,8 +34,8 @@ def import_open3d() -> ModuleType:
         path = import_module("libusb_package").get_library_path()
         if path is not None:
             ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    known, mimetypes.knownfiles = mimetypes.knownfiles, []
-    try:
-        return import_module("open3d")
-    finally:
-        mimetypes.knownfiles = known
+    if NOTEBOOK_VIEWER not in sys.modules:
+        viewer = ModuleType(NOTEBOOK_VIEWER, "Left out.")
+        viewer.__dict__.update(dict.fromkeys(NAMES_OF_VIEWER))
+        sys.modules[NOTEBOOK_VIEWER] = viewer
+    return import_module("open3d")

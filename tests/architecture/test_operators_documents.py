@@ -1,10 +1,12 @@
 """What operators read is what there is: settings, compose files, images, units."""
 
 import configparser
+import importlib.util
 import ipaddress
 import os
 import re
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -163,6 +165,22 @@ def test_image_runs_as_an_ordinary_user_from_the_lock() -> None:
     dockerfile = (DOCKER / "Dockerfile").read_text()
     assert re.search(r"^USER [1-9]\d+$", dockerfile, re.MULTILINE)
     assert all("--locked" in line for line in dockerfile.splitlines() if "uv sync" in line)
+
+
+def test_what_the_image_leaves_out_of_open3d_is_there_and_needed_by_nothing_that_is_imported() -> None:
+    (removed,) = re.findall(r"(?m)^  && rm -r (.+)$", (DOCKER / "Dockerfile").read_text())
+    found = importlib.util.find_spec("open3d")
+    assert found is not None
+    assert found.origin is not None
+    folder = Path(found.origin).parent
+    assert [name for name in removed.split() if not (folder / name).exists()] == []
+    loaded = "from algorithms.scans.open3d_loading import import_open3d as load; load(); import sys\n"
+    loaded += (
+        "print(*(each.__file__ for each in list(sys.modules.values()) if getattr(each, '__file__', None)), sep='\\n')"
+    )
+    files = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    away = [folder / name for name in removed.split()]
+    assert [file for file in files.splitlines() if any(Path(file).is_relative_to(path) for path in away)] == []
 
 
 def test_images_of_others_are_named_by_their_digest() -> None:
