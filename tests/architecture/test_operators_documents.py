@@ -34,7 +34,20 @@ from service.settings import Settings
 
 WRITE = "run: uv run --no-sync python -m tests.architecture.settings_pages"
 DOCKER = ROOT / "docker"
-COMPOSE: dict[str, Any] = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+
+
+class ComposeLoader(yaml.SafeLoader):
+    """Reads what Compose adds to YAML: what replaces, and is not joined to, that of the file before."""
+
+
+ComposeLoader.add_constructor("!override", lambda loader, node: loader.construct_sequence(node))
+
+
+def compose_file(name: str) -> dict[str, Any]:
+    return dict(yaml.load((DOCKER / name).read_text(), ComposeLoader))  # noqa: S506 - it is a SafeLoader
+
+
+COMPOSE = compose_file("compose.yaml")
 SERVICES: dict[str, Any] = COMPOSE["services"]
 OURS = ("api-1", "api-2", "worker-1", "worker-2")
 
@@ -94,6 +107,7 @@ def test_containers_may_do_no_more_than_they_must(name: str) -> None:
     assert service["security_opt"] == ["no-new-privileges:true"]
     assert service["pids_limit"] > 0
     assert re.fullmatch(r"(\$\{\w+:-)?\d+[mg]\}?", service["mem_limit"])
+    assert {"max-size", "max-file"} <= service["logging"]["options"].keys()
     if name not in OURS:
         assert re.match(r"(?!0:|root)\w", service["user"])
 
@@ -122,6 +136,38 @@ def test_only_the_proxy_is_reached_from_outside() -> None:
     assert [name for name, service in SERVICES.items() if "ports" in service] == ["proxy"]
     assert COMPOSE["networks"]["back"]["internal"] is True
     assert {name for name in SERVICES if SERVICES[name].get("networks") == ["back"]} == {"postgres", "storage"}
+
+
+def test_only_where_it_is_asked_for_do_other_machines_reach_database_and_object_store() -> None:
+    shared = compose_file("compose.shared.yaml")
+    assert shared["services"].keys() == {"postgres", "storage"}
+    for service in shared["services"].values():
+        (port,) = service["ports"]
+        assert re.match(r"\$\{SHARED_LISTEN:\?", port)
+        assert set(service["networks"]) == {"back", *shared["networks"]}
+
+
+def test_workers_on_another_machine_are_those_of_the_first() -> None:
+    (there,) = compose_file("compose.workers.yaml")["services"].values()
+    here = SERVICES["worker-1"]
+    apart = {"depends_on", "networks", "volumes", "environment"}
+    assert there.keys() | apart == here.keys() | apart
+    assert {key: value for key, value in there.items() if key not in apart} == {
+        key: value for key, value in here.items() if key not in apart
+    }
+    first_machine = {"@postgres:": "@${SHARED_HOST:?address of the first machine}:"}
+    first_machine["//storage:"] = "//${SHARED_HOST:?address of the first machine}:"
+    for name, value in there["environment"].items():
+        expected = here["environment"][name]
+        for inside, outside in first_machine.items():
+            expected = expected.replace(inside, outside)
+        assert value == expected, name
+    ports = {
+        port.split(":")[-1]
+        for each in compose_file("compose.shared.yaml")["services"].values()
+        for port in each["ports"]
+    }
+    assert ports == set(re.findall(r"\}:(\d+)", f"{there['environment']}"))
 
 
 @pytest.mark.parametrize("name", OURS)
