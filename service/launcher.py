@@ -1,4 +1,4 @@
-"""`tieline serve`: prepare the database, then keep API and worker processes running until told to stop."""
+"""`tieline serve`: prepare the database, then become what keeps API and worker processes running."""
 
 import argparse
 import fcntl
@@ -6,17 +6,12 @@ import ipaddress
 import json
 import os
 import shutil
-import signal
 import socket
-import subprocess
 import sys
-import threading
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from typing import Any, NoReturn
 
-import httpx
 import sqlalchemy as sa
 import structlog
 import uvicorn
@@ -42,47 +37,12 @@ from service.use_cases.uploads.adopt_files import adopt_files
 
 DEFAULT_PLANS = "service.processes:PLANS"
 DEFAULT_APP = "service.main:app_from_environment"
-CHECK_INTERVAL_S = 0.2
-STOP_WITHIN_S = 8.0
-LONGEST_BACK_OFF_S = 30.0
-STEADY_AFTER_S = 10.0
-"""A process that lived so long is restarted at once when it dies."""
 THREAD_SWITCH_S = 0.0005
 """How long a thread of an API process may keep the others waiting: with the usual 5 ms a request that needs two threads
 takes ten times as long where others are answered."""
 ALLOCATION = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "262144"}
 """Else each of some dozens of threads keeps memory for itself, and large blocks stay when they are free."""
 log = structlog.get_logger()
-
-
-@dataclass
-class Supervised:
-    """One process that is to run all the time."""
-
-    name: str
-    command: Sequence[str]
-    environment: dict[str, str]
-    pass_fds: tuple[int, ...] = ()
-    process: subprocess.Popen[bytes] | None = None
-    started: float = 0.0
-    next_start: float = 0.0
-    failures: int = field(default=0)
-
-    def keep_running(self) -> None:
-        """Start it when it does not run; wait longer after each quick death."""
-        now = time.monotonic()
-        if self.process is not None and self.process.poll() is not None:
-            lived = now - self.started
-            self.failures = 0 if lived > STEADY_AFTER_S else self.failures + 1
-            self.next_start = now + (0.0 if self.failures == 0 else min(0.5 * 2**self.failures, LONGEST_BACK_OFF_S))
-            log.warning("process ended", name=self.name, code=self.process.returncode, restart_s=self.next_start - now)
-            self.process = None
-        if self.process is None and now >= self.next_start:
-            self.started = now
-            self.process = subprocess.Popen(  # noqa: S603 - our own modules
-                self.command, env=self.environment, pass_fds=self.pass_fds, start_new_session=True
-            )
-            log.info("process started", name=self.name, pid=self.process.pid)
 
 
 def keep_private(settings: Settings) -> None:
@@ -119,8 +79,10 @@ def prepare(settings: Settings) -> None:
 
 def serve(
     settings: Settings, *, steps: str = DEFAULT_STEPS, plans: str = DEFAULT_PLANS, app: str = DEFAULT_APP
-) -> None:
+) -> NoReturn:
     """Run the service until SIGTERM or SIGINT; stop all its processes within 10 s.
+
+    This process prepares all, and then executes `service.supervisor` in its place, which needs a fifth of its memory.
 
     Raises
     ------
@@ -131,30 +93,24 @@ def serve(
     OpenToAllError
         Others could reach it, and it asks for no keys.
     """
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
     configure_log()
     keep_private(settings)
-    with _only_one(settings), _listening_in_safety(settings) as listener:
+    with _only_one(settings) as lock, _listening_in_safety(settings) as listener:
         _remove_partial(settings)
-        url = f"http://{settings.host}:{listener.getsockname()[1]}"
-        supervised = _processes(settings, listener, steps, plans, app)
-        announcer = threading.Thread(target=_announce_when_ready, args=(url, stop), daemon=True)
-        announcer.start()
-        try:
-            while not stop.is_set():
-                for each in supervised:
-                    each.keep_running()
-                stop.wait(CHECK_INTERVAL_S)
-        finally:
-            _stop_all([each.process for each in supervised if each.process is not None])
-    log.info("service stopped")
+        processes = _processes(settings, listener, steps, plans, app)
+        place = ("--host", settings.host, "--port", str(listener.getsockname()[1]))
+        told = (word for each in processes for word in ("--process", json.dumps(each)))
+        for descriptor in (lock, listener.fileno()):
+            os.set_inheritable(descriptor, True)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        command = [sys.executable, "-m", "service.supervisor", *place, *told]
+        os.execve(sys.executable, command, _environment(settings))  # noqa: S606 - our own module
 
 
 @contextmanager
-def _only_one(settings: Settings) -> Iterator[None]:
-    """Keep a second service off the same data directory."""
+def _only_one(settings: Settings) -> Iterator[int]:
+    """Keep a second service off the same data directory, as long as the descriptor is open that is given."""
     with (settings.data_dir / LOCK).open("ab") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -164,7 +120,7 @@ def _only_one(settings: Settings) -> Iterator[None]:
         lock.truncate(0)
         lock.write(new_secret())
         lock.flush()
-        yield
+        yield lock.fileno()
 
 
 @contextmanager
@@ -209,49 +165,28 @@ def _remove_partial(settings: Settings) -> None:
         path.unlink(missing_ok=True)
 
 
-def _processes(settings: Settings, listener: socket.socket, steps: str, plans: str, app: str) -> list[Supervised]:
-    """Name the processes of the service; they read the same settings from the environment."""
+def _processes(settings: Settings, listener: socket.socket, steps: str, plans: str, app: str) -> list[dict[str, Any]]:
+    """Name the processes of the service, as `service.supervisor.Supervised` has them."""
+    parent = ("--parent", str(os.getpid()))
+    descriptor = listener.fileno()
+    api = (sys.executable, "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)
+    worker = (sys.executable, "-m", "service.worker", "--steps", steps, "--plans", plans, *parent)
+    of_api = {"command": api, "descriptors": [descriptor], "environment": ALLOCATION}
+    return [
+        *({"name": f"api-{i}", **of_api} for i in range(settings.api_processes)),
+        *({"name": f"worker-{i}", "command": (*worker, "--slot", str(i))} for i in range(settings.workers)),
+    ]
+
+
+def _environment(settings: Settings) -> dict[str, str]:
+    """Let all processes read the same settings."""
     environment = dict(os.environ)
     for name, value in settings.model_dump(mode="json").items():
         environment[f"TIELINE_{name.upper()}"] = value if isinstance(value, str) else json.dumps(value)
     counts = settings.data_dir.resolve() / "metrics"
     shutil.rmtree(counts, ignore_errors=True)  # of processes that are no more
     counts.mkdir(parents=True)
-    environment["PROMETHEUS_MULTIPROC_DIR"] = str(counts)
-    parent = ("--parent", str(os.getpid()))
-    descriptor = listener.fileno()
-    api = (sys.executable, "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)
-    worker = (sys.executable, "-m", "service.worker", "--steps", steps, "--plans", plans, *parent)
-    return [
-        *(Supervised(f"api-{i}", api, ALLOCATION | environment, (descriptor,)) for i in range(settings.api_processes)),
-        *(Supervised(f"worker-{i}", (*worker, "--slot", str(i)), environment) for i in range(settings.workers)),
-    ]
-
-
-def _stop_all(processes: Sequence[subprocess.Popen[bytes]]) -> None:
-    """Ask all to stop, and kill those that do not in time."""
-    for process in processes:
-        process.terminate()
-    deadline = time.monotonic() + STOP_WITHIN_S
-    for process in processes:
-        try:
-            process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            log.warning("process did not stop in time and is killed", pid=process.pid)
-            process.kill()
-            process.wait()
-
-
-def _announce_when_ready(url: str, stop: threading.Event) -> None:
-    """Print the address once the service answers that it is ready."""
-    while not stop.wait(CHECK_INTERVAL_S):
-        try:
-            if httpx.get(f"{url}/readyz", timeout=2.0).status_code == httpx.codes.OK:
-                sys.stdout.write(f"Tieline is ready at {url}\n")
-                sys.stdout.flush()
-                return
-        except httpx.TransportError:
-            continue
+    return {**environment, "PROMETHEUS_MULTIPROC_DIR": str(counts)}
 
 
 def _run_api(descriptor: int, app: str) -> None:

@@ -1,0 +1,68 @@
+"""What keeps the processes of the service running: it starts them again, stops them in time, and is small."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import psutil
+import pytest
+
+from service import supervisor
+from service.supervisor import Supervised
+
+LOADED = "import service.supervisor, sys; print(*sys.modules)"
+ENDS = [sys.executable, "-S", "-c", "raise SystemExit(3)"]
+STAYS = [sys.executable, "-S", "-c", "import os, time; print(os.environ['SAID'], flush=True); time.sleep(600)"]
+
+
+def test_it_loads_nothing_of_the_service_and_of_its_libraries() -> None:
+    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert {name for name in loaded if name.startswith("service")} == {"service", "service.supervisor"}
+    assert not {"structlog", "sqlalchemy", "pydantic", "asyncio", "numpy"} & set(loaded)
+
+
+def test_a_process_that_dies_at_once_is_started_again_later_and_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(supervisor.time, "monotonic", lambda: now)
+    one, pauses = Supervised("one", ENDS), []
+    for _ in range(3):
+        one.keep_running()
+        assert one.process is not None
+        assert one.process.wait() == 3
+        one.keep_running()
+        pauses.append(one.next_start - now)
+        now = one.next_start
+    assert pauses == [1.0, 2.0, 4.0]
+
+
+def test_one_that_was_steady_is_started_again_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(supervisor.time, "monotonic", lambda: now)
+    one = Supervised("one", ENDS)
+    one.keep_running()
+    assert one.process is not None
+    first = one.process.pid
+    one.process.wait()
+    now += supervisor.STEADY_AFTER_S + 1.0
+    one.keep_running()
+    assert one.process.pid != first
+    one.process.wait()
+
+
+def test_told_to_stop_it_stops_all_that_it_started() -> None:
+    process = {"name": "one", "command": STAYS, "environment": {"SAID": "here"}}
+    command = [sys.executable, "-m", "service.supervisor", "--host", "127.0.0.1", "--port", "1"]
+    with subprocess.Popen(
+        [*command, "--process", json.dumps(process)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        assert running.stdout.readline() == "here\n"
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(60.0) == 0
+        told = [json.loads(line) for line in running.stderr.read().splitlines()]
+    assert [line["event"] for line in told] == ["process started", "service stopped"]
+    assert told[0].keys() >= {"timestamp", "level", "logger", "name", "pid"}
+    assert not psutil.pid_exists(told[0]["pid"])
