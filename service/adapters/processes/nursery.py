@@ -6,9 +6,10 @@ A worker sends orders over a socket: ``{"number", "step"}`` with three descripto
 computation, ``{"kill": number}`` ends one with all that it started. Answers: ``{"ready"}`` once, ``{"number", "code"}``
 when a computation has ended.
 
-What only the last steps of a job need is loaded while the first ones run. Compiled kernels are loaded too, for a copy
-would load them anew each time; but where they are not compiled yet that takes minutes, in which no order would be
-followed. So a copy, the scout, tries it first, in an idle moment or after the first pair of scans.
+What only the last steps of a job need is loaded while the first ones run, and not before there are any. Compiled
+kernels are loaded too, for a copy would load them anew each time; but where they are not compiled yet that takes
+minutes, in which no order would be followed. So a copy, the scout, tries it first, in an idle moment or after the first
+pair of scans.
 
 `multiprocessing`'s fork server starts copies quickly enough, and there would be less to read here. But it inherits the
 worker's environment, whose secrets then stay in the memory of every copy; it reaps a copy at once, after which nobody
@@ -17,6 +18,7 @@ the first copy, or never.
 """
 
 import contextlib
+import ctypes
 import gc
 import json
 import os
@@ -219,7 +221,7 @@ class Nursery:
     @property
     def _patience_s(self) -> float | None:
         """How long to wait for an order before loading more; None: there is nothing to load now."""
-        if self._later is not None or (self._practice is not None and self._may_practise):
+        if (self._later is not None and self._running) or (self._practice is not None and self._may_practise):
             return SHORT_PAUSE_S
         if self._practice is None or self._scout is not None:
             return None
@@ -229,7 +231,7 @@ class Nursery:
 
     def _prepare(self) -> None:
         """Load more, once, for all computations to come."""
-        if self._later is not None:
+        if self._later is not None and self._running:
             load, self._later = self._later, None
         elif self._practice is not None and self._may_practise:
             load, self._practice = self._practice, None
@@ -242,9 +244,13 @@ class Nursery:
 
 
 def _freeze() -> None:
-    """Let later collections, in this process and its copies, touch (and so copy) nothing of what there is now."""
+    """Let later collections, in this process and its copies, touch (and so copy) nothing of what there is now, and give
+    back what loading has left free, which `MALLOC_TRIM_THRESHOLD_` would keep.
+    """
     gc.collect()
     gc.freeze()
+    with contextlib.suppress(OSError, AttributeError):  # only the GNU library has it
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _end(process: int) -> None:
