@@ -10,6 +10,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.adapters.database.changes import Changes
 from service.adapters.database.executors import clock
 from service.adapters.database.jobs import UNFINISHED, change_job
 from service.adapters.database.tables import executors, job_steps, jobs, lock_name, turns
@@ -54,11 +55,19 @@ class DatabaseSteps:
         self._engine = engine
         self._reading = engine.execution_options(reads_only=True)
         self._max_running_jobs = max_running_jobs
+        self._changes = Changes(engine)
 
     # turns
 
     def look(self) -> bool:
         """Tell whether anything waits."""
+        if not self._changes.may_be():
+            return False
+        found = self._waits()
+        self._changes.note(new=found)
+        return found
+
+    def _waits(self) -> bool:
         steps = sa.exists(sa.select(sa.literal(1)).where(job_steps.c.state == WAITING))
         fresh = sa.exists(sa.select(sa.literal(1)).select_from(jobs).where(UNPLANNED))
         with self._reading.begin() as connection:

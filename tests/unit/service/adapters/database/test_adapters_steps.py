@@ -1,5 +1,7 @@
 """The queue of steps: handed out in order to one worker each, recorded, taken back from the dead, on each database."""
 
+import math
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -8,6 +10,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
+from service.adapters.database import changes
 from service.adapters.database.executors import DatabaseExecutors
 from service.adapters.database.jobs import DatabaseJobStore, migrate
 from service.adapters.database.steps import DatabaseSteps
@@ -71,6 +74,27 @@ def stores(tmp_path: Path, new_database: NewDatabase) -> Iterator[Stores]:
     engine = connect(settings)
     yield Stores(engine)
     engine.dispose()
+
+
+def test_an_embedded_database_that_has_not_changed_is_not_asked_whether_anything_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(changes, "ANYWAY_S", math.inf)
+    settings = Settings(data_dir=tmp_path)
+    migrate(settings)
+    engine, other = connect(settings), connect(settings)
+    steps, asked = DatabaseSteps(engine, MOST), []
+    sa.event.listen(engine, "before_cursor_execute", lambda *told: asked.append(told[2]))
+    assert not steps.look()
+    time.sleep(2.0 * changes.SETTLED_S)
+    assert not steps.look()
+    so_far = len(asked)
+    assert not any(steps.look() for _ in range(5))
+    assert len(asked) == so_far
+    DatabaseJobStore(other).create_and_enqueue(JOB)
+    assert all(steps.look() for _ in range(2))
+    for each in (engine, other):
+        each.dispose()
 
 
 def test_each_step_is_handed_out_once(stores: Stores) -> None:
