@@ -1,23 +1,22 @@
 """A board's crossing in the intensities of its plane: two blurred edges by least squares."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from scipy import special
-from scipy.optimize import least_squares
 
 from algorithms.arrays import Array, Scalars, Vectors2
+from algorithms.targets.damped_fit import damped_fit
 
-Model: TypeAlias = Callable[[Array], tuple[Array, Array]]
-"""Gives intensities and their derivatives."""
 ANGLES = np.deg2rad(np.arange(0.0, 90.0, 7.5))
 SHIFTS = np.linspace(-0.16, 0.16, 5)
 """Of the first search, in sides of the board."""
 MOST_SEARCHED, LEAST_SEARCHED = 500, 12
 BLUR_PRIOR = 0.7
 """Standard deviation of the logarithm of the blur: it is the sampling's and the beam's, within a factor of two."""
+FIRST_EVALUATIONS, HOPELESS = 25, 0.4
+"""A crossing is found in so many; a template that with equal weights, which leave the least sum of squares, explains
+less than such a share of the intensities is not looked at more closely."""
 TEMPLATE_SHARE = 0.46
 """So far from the crossing, in sides, the board's own points are taken: its rim is blurred with what is behind."""
 
@@ -85,7 +84,7 @@ def searched_crossing(places: Vectors2, intensities: Scalars, size_m: float) -> 
 
 
 def fit_crossing(
-    places: Vectors2, intensities: Scalars, start: tuple[Array, float, float], blur_m: float
+    places: Vectors2, intensities: Scalars, start: tuple[Array, float, float], blur_m: float, reach_m: float
 ) -> CrossingFit | None:
     """Fit I = level + half contrast * erf(d1 / s1 sqrt 2) * erf(d2 / s2 sqrt 2) with d the distances from two edges.
 
@@ -102,10 +101,12 @@ def fit_crossing(
         Place, angle and correlation of `searched_crossing`.
     blur_m
         Expected standard deviation of the edges' blur: half the spacing of the points, or the beam's [m].
+    reach_m
+        So far from the start at most the crossing lies [m].
 
     Returns
     -------
-    The fit, or None where it does not settle near the start.
+    The fit, or None where it does not settle near the start. What is hopeless is fitted roughly.
     """
     place, angle, correlation = start
     level, half = float(np.mean(intensities)), float(np.sign(correlation) * np.std(intensities))
@@ -115,28 +116,19 @@ def fit_crossing(
     first = np.array([place[0], place[1], angle, angle + 0.5 * np.pi, level, half, np.log(blur_m), np.log(blur_m)])
     weights = np.full(len(places), 1.0 / unit)
     solution = first
-    for _ in range(3):
-        last: dict[bytes, tuple[Array, Array]] = {}
+    whole = float(np.sum((intensities - intensities.mean()) ** 2))
+    for most in (FIRST_EVALUATIONS, 60, 60):
 
-        def seen(x: Array, last: dict[bytes, tuple[Array, Array]] = last) -> tuple[Array, Array]:
-            # the solver asks for residuals and derivatives of the same place one after the other
-            key = x.tobytes()
-            if key not in last:
-                last.clear()
-                last[key] = _model(x, places)
-            return last[key]
-
-        def residuals(x: Array, weights: Array = weights, seen: Model = seen) -> Array:
-            return np.append((seen(x)[0] - intensities) * weights, (x[6:] - first[6:]) / BLUR_PRIOR)
-
-        def jacobian(x: Array, weights: Array = weights, seen: Model = seen) -> Array:
+        def model(x: Array, weights: Array = weights) -> tuple[Scalars, Array]:
+            value, derivatives = _model(x, places)
             prior = np.zeros((2, 8))
             prior[[0, 1], [6, 7]] = 1.0 / BLUR_PRIOR
-            return np.vstack([seen(x)[1] * weights[:, None], prior])
+            residuals = np.append((value - intensities) * weights, (x[6:] - first[6:]) / BLUR_PRIOR)
+            return residuals, np.vstack([derivatives * weights[:, None], prior])
 
-        fitted = least_squares(residuals, solution, jac=jacobian, method="lm", x_scale="jac", max_nfev=60)
-        solution = fitted.x
-        if not np.all(np.isfinite(solution)):
+        solution = damped_fit(model, solution, most_evaluations=most).solution
+        # also what is no number is not near
+        if not float(np.linalg.norm(solution[:2] - place)) <= reach_m:
             return None
         values, _ = _model(solution, places)
         misfits = intensities - values
@@ -145,9 +137,10 @@ def fit_crossing(
         between = _spread(misfits, (share >= 0.15) & (share <= 0.85))
         variances = (1.0 - share) * dark**2 + share * bright**2 + 4.0 * share * (1.0 - share) * between**2
         weights = 1.0 / np.sqrt(np.maximum(variances, (1e-4 * unit) ** 2))
+        if np.sum(misfits**2) > (1.0 - HOPELESS) * whole:
+            break
     values, derivatives = _model(solution, places)
     misfits = intensities - values
-    whole = float(np.sum((intensities - intensities.mean()) ** 2))
     half = abs(float(solution[5]))
     return CrossingFit(
         place=solution[:2],

@@ -6,7 +6,7 @@ from scipy import ndimage
 from algorithms.arrays import Array, Points
 from algorithms.errors import InvalidInputError
 from algorithms.progress import NoProgress, Progress
-from algorithms.targets.board_template import TEMPLATE_SHARE, CrossingFit, fit_crossing, searched_crossing
+from algorithms.targets.board_template import HOPELESS, TEMPLATE_SHARE, CrossingFit, fit_crossing, searched_crossing
 from algorithms.targets.found import Candidate, FoundTarget, RejectedCandidate
 from algorithms.targets.options import TargetKind
 from algorithms.targets.seen_cloud import SeenCloud
@@ -30,6 +30,8 @@ OUTER, BEYOND = (0.30, 0.46), (0.56, 0.85)
 LEAST_OUTER, MOST_BEYOND = 0.5, 0.5
 """Correlation with the template there: the pattern must be as large as the board, and no larger."""
 MOST_OFF_PLANE = 0.15
+REACH = 0.25
+"""A crossing lies within so many sides of where it is looked for."""
 INNER, LEAST_AREA = 0.22, 0.7
 """About the crossing, in sides, the points are counted that tell how many the whole board should hold, and the share of
 them that it must hold."""
@@ -201,9 +203,11 @@ def _fitted(
         inside = np.abs((places - place) @ normals).max(axis=1) < TEMPLATE_SHARE * size_m
         if np.count_nonzero(inside) < 4 * LEAST_IN_QUADRANT:
             return None
-        fit = fit_crossing(places[inside], values[inside], (place, angle, start[2]), blur_m)
-        if fit is None or float(np.linalg.norm(fit.place - start[0])) > 0.25 * size_m:
+        fit = fit_crossing(places[inside], values[inside], (place, angle, start[2]), blur_m, REACH * size_m)
+        if fit is None or float(np.linalg.norm(fit.place - start[0])) > REACH * size_m:
             return None
+        if fit.agreement < HOPELESS:
+            break
         place, angle = fit.place, float(fit.angles_rad[0])
     return fit
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage, special, stats
-from scipy.optimize import least_squares
 
 from algorithms.arrays import Array, Matrix3, Scalars, Vector3, Vectors2
+from algorithms.targets.damped_fit import damped_fit
 from algorithms.targets.options import TargetKind
 from algorithms.targets.seen_cloud import SeenCloud
 from algorithms.targets.tangent_plane import TangentPlane, plane_across, plane_through
@@ -21,6 +21,8 @@ POINTS_OF_A_TAIL = 30
 """Pixels that a tail is told from."""
 HOPELESS = 0.4
 """A shape that explains less of the intensities than this is not looked at more closely."""
+WORTH_A_SECOND_LOOK = 0.9
+"""A tail that with the scatter expected leaves more of the sum of squares will not be worth it with the one found."""
 TAIL_SIGNIFICANCE, TAIL_WORTH, MOST_TAIL = 0.001, 0.8, 0.4
 """A tail explains significantly more, and leaves at most so much of the sum of squares: what else the shape does not
 explain of many pixels would be taken for one."""
@@ -120,14 +122,15 @@ def fit_spot(
     silent = _silent_directions(directions, rows, columns, (index < 0) & ~ndimage.binary_fill_holes(there))
     directions = np.vstack([directions, silent])
     values, around = (np.append(part, np.zeros(len(silent))) for part in (values, around))
-    fit = _best(directions, values, around, plane, middle, step_m, SpotShape(kind, size_m, _slope(middle)))
+    shape = SpotShape(kind, size_m, _slope(middle))
+    fit = _best(directions, values, around, plane, middle, step_m, shape)
     if fit is None:
         return None
     if kind is TargetKind.RETRO_CYLINDER and fit[2] > HOPELESS:
         # how far the axis lies behind the foil follows from where the pixels lie beside it, and that from the plane
         for _ in range(2):
             plane = _through_axis(plane, fit[0], inside, own, size_m)
-            fit = _best(directions, values, around, plane, middle, step_m, SpotShape(kind, size_m, _slope(middle)))
+            fit = _best(directions, values, around, plane, middle, step_m, shape)
             if fit is None:
                 return None
     solution, covariance, agreement, rms, tail = fit
@@ -358,17 +361,21 @@ def _best(
     own = np.deg2rad([0.0, 22.5, 45.0, 67.5]) if size_m > 4.0 * step_m else np.zeros(1)
     begins = own[:, None] if flat else shape.begins[None, :]
     problem = SpotModel(places, values, around, shape, unit, own_is_free=not flat or len(own) > 1)
-    plain = min((problem.solved(np.append(first, begin)) for begin in begins), key=lambda trial: trial[1])
-    solution, omega, covariance = plain
+    plain = min((problem.roughly(np.append(first, begin)) for begin in begins), key=lambda trial: trial.omega)
+    solution, omega, covariance = problem.solved(plain)
     tail = 0.0
     n = len(values)
     whole = float(np.sum((values - values.mean()) ** 2))
     if n >= POINTS_OF_A_TAIL and omega < (1.0 - HOPELESS) * whole:
+        without = solution, omega
         for side in (-1.0, 1.0):
-            begin = np.concatenate([plain[0], [0.1, side * max(2.0 * step_m, 0.5 * size_m)]])
-            other = problem.solved(begin)
+            begin = np.concatenate([without[0], [0.1, side * max(2.0 * step_m, 0.5 * size_m)]])
+            rough = problem.roughly(begin)
+            if rough.omega > WORTH_A_SECOND_LOOK * without[1]:
+                continue
+            other = problem.solved(rough)
             freedom = n - len(begin)
-            gain = (plain[1] - other[1]) / 2.0 / max(other[1] / freedom, 1e-300)
+            gain = (without[1] - other[1]) / 2.0 / max(other[1] / freedom, 1e-300)
             if (
                 0.0 < other[0][-2] < MOST_TAIL
                 and other[1] < TAIL_WORTH * omega
@@ -384,6 +391,17 @@ def _best(
 
 
 @dataclass(frozen=True, eq=False)
+class RoughFit:
+    """A solution where the scatter of the intensities was not known yet."""
+
+    start: Array
+    """What was known before."""
+    solution: Array
+    omega: float
+    """Sum of squares."""
+
+
+@dataclass(frozen=True, eq=False)
 class SpotModel:
     """Intensities by centre (2), level, height, blur and the shape's own; share and place of a tail."""
 
@@ -396,11 +414,15 @@ class SpotModel:
     """Range of the intensities."""
     own_is_free: bool
 
-    def solved(self, start: Array) -> tuple[Array, float, Array]:
-        """Give the solution, its sum of squares, and the covariance (2, 2) of the centre."""
+    def roughly(self, start: Array) -> "RoughFit":
+        """Solve where the intensities scatter as expected."""
         solution, omega, _ = self._solved(start, start, EXPECTED_SCATTER)
-        scatter = max(float(np.sqrt(omega / len(self.values))) / self.unit, LEAST_SCATTER)
-        return self._solved(solution, start, scatter)
+        return RoughFit(start, solution, omega)
+
+    def solved(self, rough: "RoughFit") -> tuple[Array, float, Array]:
+        """Give the solution, its sum of squares, and the covariance (2, 2) of the centre, with the scatter found."""
+        scatter = max(float(np.sqrt(rough.omega / len(self.values))) / self.unit, LEAST_SCATTER)
+        return self._solved(rough.solution, rough.start, scatter)
 
     def _solved(self, begin: Array, start: Array, scatter: float) -> tuple[Array, float, Array]:
         """Solve where the intensities scatter by so much of their range, and the start is what is known before."""
@@ -415,32 +437,22 @@ class SpotModel:
             out[free] = x
             return out
 
-        last: dict[bytes, tuple[Scalars, Array]] = {}
-
-        def seen(x: Array) -> tuple[Scalars, Array]:
-            # the solver asks for residuals and derivatives of the same place one after the other
-            key = x.tobytes()
-            if key not in last:
-                last.clear()
-                last[key] = self.intensities(whole(x))
-            return last[key]
-
-        def residuals(x: Array) -> Array:
-            return np.append((seen(x)[0] - self.values) / self.unit, known @ (whole(x) - start))
-
-        def jacobian(x: Array) -> Array:
-            return np.vstack([seen(x)[1] / self.unit, known])[:, free]
+        def model(x: Array) -> tuple[Scalars, Array]:
+            now = whole(x)
+            value, derivatives = self.intensities(now)
+            residuals = np.append((value - self.values) / self.unit, known @ (now - start))
+            return residuals, np.vstack([derivatives / self.unit, known])[:, free]
 
         size, unit = self.shape.size_m, self.unit
         scale = np.ones(len(start))
         scale[:4] = size, size, unit, unit
         if self._has_tail(start):
             scale[-1] = size
-        fitted = least_squares(residuals, begin[free], jacobian, method="lm", x_scale=scale[free], max_nfev=40)
-        solution = whole(fitted.x)
+        fitted = damped_fit(model, begin[free], most_evaluations=40, scale=scale[free])
+        solution = whole(fitted.solution)
         n = len(self.values)
-        misfits = np.asarray(fitted.fun)[:n]
-        design = np.asarray(fitted.jac)
+        misfits = fitted.residuals[:n]
+        design = fitted.jacobian
         inverse = np.linalg.pinv(design.T @ design + 1e-12 * np.diag(1.0 / scale[free] ** 2), hermitian=True)
         gain = design @ inverse
         leverage = np.minimum(np.einsum("ij,ij->i", gain[:n], design[:n]), 0.95)

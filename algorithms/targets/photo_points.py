@@ -203,7 +203,7 @@ def _fitted_board(sight: Sight, places: Array, grey: Array, turn: float, sign: f
         inside = np.abs((places - place) @ _axes(turn)).max(axis=1) < TEMPLATE_SHARE * size
         if np.count_nonzero(inside) < 4 * 6:
             return "its squares hold too few pixels"
-        fit = fit_crossing(places[inside], grey[inside], (place, turn, sign), BLUR_PX * sight.pixel_m)
+        fit = fit_crossing(places[inside], grey[inside], (place, turn, sign), BLUR_PX * sight.pixel_m, size)
         if fit is None or float(np.linalg.norm(fit.place)) > 0.5 * size:
             return "the brightness of its window is not that of a board"
         place, turn = fit.place, float(fit.angles_rad[0])

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from algorithms.arrays import Array, Flags, Scalars, Vectors2
-from algorithms.targets.board_template import Model
 from algorithms.targets.bright_spot import SpotShape
+from algorithms.targets.damped_fit import damped_fit
 from algorithms.targets.options import TargetKind
 
 KNOWN_BLUR = 0.4
@@ -157,29 +156,18 @@ class SquareModel:
         # what is known before weighs against the noise, which the first fit tells
         for _ in range(2):
             prior[np.arange(4), np.arange(2, 6)] = noise / self._known
-            last: dict[bytes, tuple[Scalars, Array]] = {}
 
-            def seen(y: Array, last: dict[bytes, tuple[Scalars, Array]] = last) -> tuple[Scalars, Array]:
-                # the solver asks for residuals and derivatives of the same place one after the other
-                key = y.tobytes()
-                if key not in last:
-                    last.clear()
-                    last[key] = self.brightness(y)
-                return last[key]
+            def model(y: Array, prior: Array = prior) -> tuple[Scalars, Array]:
+                value, derivatives = self.brightness(y)
+                return np.append(value - self.grey, prior @ (y - first)), np.vstack([derivatives, prior])
 
-            def residuals(y: Array, prior: Array = prior, seen: Model = seen) -> Array:
-                return np.append(seen(y)[0] - self.grey, prior @ (y - first))
-
-            def jacobian(y: Array, prior: Array = prior, seen: Model = seen) -> Array:
-                return np.vstack([seen(y)[1], prior])
-
-            fitted = least_squares(residuals, x, jacobian, method="lm", x_scale="jac", xtol=1e-6, max_nfev=40)
-            x = fitted.x
+            fitted = damped_fit(model, x, most_evaluations=40, x_tolerance=1e-6)
+            x = fitted.solution
             if not np.all(np.isfinite(x)) or float(np.linalg.norm(x[:2] - self.start[:2])) > self.size_m:
                 return None
-            misfits = np.asarray(fitted.fun)[:n]
+            misfits = fitted.residuals[:n]
             noise = max(float(np.sqrt(np.sum(misfits**2) / max(n - len(x), 1))), 0.3)
-        design = np.asarray(fitted.jac)
+        design = fitted.jacobian
         gain = design @ np.linalg.pinv(design.T @ design, hermitian=True)
         leverage = np.minimum(np.einsum("ij,ij->i", gain[:n], design[:n]), 0.95)
         meat = gain * np.append(misfits / (1.0 - leverage), np.full(4, noise))[:, None]

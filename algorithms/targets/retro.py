@@ -2,6 +2,7 @@
 pixel (Haring 2003).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ EIGHT = np.ones((3, 3), dtype=np.int8)
 
 
 @dataclass(frozen=True, eq=False)
-class _Spot:
+class BrightSpot:
     """A bright spot in the raster."""
 
     rows: slice
@@ -56,21 +57,17 @@ class _Spot:
     """Within these: which pixels are brighter than halfway to the surroundings."""
 
 
-def find_retro_targets(
-    cloud: SeenCloud, size_m: float, kind: TargetKind, *, progress: Progress | None = None
-) -> list[Candidate]:
-    """Find retro-reflective targets of one size.
+def bright_spots(cloud: SeenCloud) -> list[BrightSpot]:
+    """Find what is much brighter than its surroundings: retro-reflective targets of all kinds and sizes are among it.
 
     Parameters
     ----------
     cloud
         The scan about its instrument, structured and with intensities.
-    size_m
-        Side of the squares, or diameter and height of the cylinders [m].
-    kind
-        Squares or cylinders.
-    progress
-        Is told the spots that were looked at.
+
+    Returns
+    -------
+    The brightest first.
 
     Raises
     ------
@@ -86,10 +83,29 @@ def find_retro_targets(
             "retro-reflective targets are measured in the scanner's raster, and it has none",
             "give it structured",
         )
-    listener = progress or NoProgress()
     there = cloud.index >= 0
-    values = np.where(there, cloud.intensity[np.maximum(cloud.index, 0)], 0.0)
-    spots = _spots(values, there)
+    return _spots(np.where(there, cloud.intensity[np.maximum(cloud.index, 0)], 0.0), there)
+
+
+def find_retro_targets(
+    cloud: SeenCloud, spots: Sequence[BrightSpot], size_m: float, kind: TargetKind, *, progress: Progress | None = None
+) -> list[Candidate]:
+    """Find retro-reflective targets of one size.
+
+    Parameters
+    ----------
+    cloud
+        The scan about its instrument.
+    spots
+        What is bright in it.
+    size_m
+        Side of the squares, or diameter and height of the cylinders [m].
+    kind
+        Squares or cylinders.
+    progress
+        Is told the spots that were looked at.
+    """
+    listener = progress or NoProgress()
     found: list[Candidate] = []
     for number, spot in enumerate(spots):
         listener.report(number / len(spots), "retro-reflective targets")
@@ -99,7 +115,7 @@ def find_retro_targets(
     return found
 
 
-def _spots(values: Array, there: Array) -> list[_Spot]:
+def _spots(values: Array, there: Array) -> list[BrightSpot]:
     """Find connected pixels that are much brighter than what surrounds them, the brightest first.
 
     Where much is bright, a target is a part of it: what is brighter than half of a part's height stands for itself, and
@@ -118,7 +134,7 @@ def _spots(values: Array, there: Array) -> list[_Spot]:
         for number, (rows, columns) in enumerate(ndimage.find_objects(parts), 1):
             mask = parts[rows, columns] == number
             if np.count_nonzero(mask) >= LEAST_PIXELS:
-                spots.append(_Spot(rows, columns, mask))
+                spots.append(BrightSpot(rows, columns, mask))
                 peaks.append(float(values[rows, columns][mask].max()))
         bright &= ~ndimage.binary_dilation(high, EIGHT, iterations=BLUR_PX)
     return [spots[k] for k in np.argsort(-np.asarray(peaks), kind="stable")[:MOST_LOOKED_AT]]
@@ -155,7 +171,7 @@ def _surroundings(values: Array, there: Array) -> Array:
     return np.asarray(whole[: values.shape[0], : values.shape[1]])
 
 
-def _tested(cloud: SeenCloud, spot: _Spot, size_m: float, kind: TargetKind) -> Candidate | None:
+def _tested(cloud: SeenCloud, spot: BrightSpot, size_m: float, kind: TargetKind) -> Candidate | None:
     """Measure a spot and test whether it is a target of the size; None where it is nothing worth a word."""
     index = cloud.index[spot.rows, spot.columns]
     numbers = index[spot.mask & (index >= 0)]
@@ -228,7 +244,7 @@ def _wrong_coverage(pixels: int, expected: tuple[float, float], size_m: float) -
     return None
 
 
-def _cut_off(cloud: SeenCloud, spot: _Spot, points: Array, size_m: float) -> str | None:
+def _cut_off(cloud: SeenCloud, spot: BrightSpot, points: Array, size_m: float) -> str | None:
     """Say that the spot is cut off by what stands before it, or by the end of the scan; or nothing."""
     rows, columns = (slice(part.start - 2, part.stop + 2) for part in (spot.rows, spot.columns))
     if min(rows.start, columns.start) < -1 or np.any(
@@ -265,7 +281,7 @@ def _wrong_intensities(fit: SpotFit, size_m: float, kind: TargetKind) -> str | N
     return None
 
 
-def _wrong_shape(spot: _Spot, pixel: Array, ranges: Array, size_m: float) -> str | None:
+def _wrong_shape(spot: BrightSpot, pixel: Array, ranges: Array, size_m: float) -> str | None:
     """Say why a spot is not as large as the target, or nothing.
 
     Parameters
@@ -292,7 +308,7 @@ def _wrong_shape(spot: _Spot, pixel: Array, ranges: Array, size_m: float) -> str
     return None
 
 
-def _measured(cloud: SeenCloud, spot: _Spot, range_m: float, size_m: float, kind: TargetKind) -> SpotFit | None:
+def _measured(cloud: SeenCloud, spot: BrightSpot, range_m: float, size_m: float, kind: TargetKind) -> SpotFit | None:
     """Fit the spot in the window of its pixels and some around them."""
     window = tuple(
         slice(max(0, part.start - RIM_PX), min(length, part.stop + RIM_PX))

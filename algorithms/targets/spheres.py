@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, OtherPoints, Points, Scalars, Vector3
+from algorithms.arrays import Array, Flags, OtherPoints, Points, Scalars, Vector3
 from algorithms.progress import NoProgress, Progress
+from algorithms.scans.surface_cells import SurfaceCells, cell_surfaces
 from algorithms.scans.voxel_grid import hash_into_voxels
 from algorithms.targets.found import Candidate, FoundTarget, RejectedCandidate
 from algorithms.targets.options import TargetKind
@@ -16,6 +17,8 @@ POINTS_ACROSS = 2.5
 """Of a sphere at least so many points must lie along its radius."""
 MEAN_CELL, NORMAL_RADIUS, VOTE_CELL = 0.25, 0.6, 0.25
 """In radii: cells whose points are averaged, neighbourhoods of normals, cells of votes."""
+FLAT_BLOCK, FLATTER = 1.25, 0.5
+"""In blocks of so many radii a surface is flat that bends by less than such a part of the sphere."""
 NEIGHBOURS = 16
 CELLS_AT_ONCE = 1 << 17
 """Bounds the memory."""
@@ -105,17 +108,35 @@ def voted_centres(points: Points, radius_m: float) -> OtherPoints:
     means = hashed.moments[:, 1:4]
     if len(means) < LEAST_VOTES:
         return np.empty((0, 3))
-    tree = cKDTree(means)
+    curved = np.flatnonzero(~_in_flat_blocks(means, radius_m))
+    if len(curved) < LEAST_VOTES:
+        return np.empty((0, 3))
+    tree = cKDTree(means, balanced_tree=False, compact_nodes=False)
     parts = [
-        _votes(tree, means, slice(start, start + CELLS_AT_ONCE), radius_m)
-        for start in range(0, len(means), CELLS_AT_ONCE)
+        _votes(tree, means, curved[start : start + CELLS_AT_ONCE], radius_m)
+        for start in range(0, len(curved), CELLS_AT_ONCE)
     ]
     votes = np.concatenate(parts)
     return _gathered(votes, radius_m * VOTE_CELL) if len(votes) else votes
 
 
-def _votes(tree: cKDTree, means: Points, which: slice, radius_m: float) -> OtherPoints:
-    """Give the centres (k, 3) of the spheres that touch the surface in some of its means [m]."""
+def _in_flat_blocks(means: Points, radius_m: float) -> Flags:
+    """Tell which local means (n,) lie in blocks that hold a plane and nothing else.
+
+    A sphere's cap of any radius a has the standard deviation a² / (r sqrt 48) across its plane and a / 2 along it.
+    """
+    hashed = hash_into_voxels(means, FLAT_BLOCK * radius_m)
+    alone = np.empty((len(hashed.keys), 0), dtype=np.int32)
+    blocks = SurfaceCells(hashed.cell_of_point, hashed.moments, alone, FLAT_BLOCK * radius_m)
+    surfaces = cell_surfaces(blocks, cap=np.inf, min_count=float(LEAST_VOTES))
+    flat = surfaces.residual_std_m * radius_m * np.sqrt(3.0) < FLATTER * surfaces.width_std_m**2
+    return np.asarray(flat[hashed.cell_of_point])
+
+
+def _votes(tree: cKDTree, means: Points, which: Array, radius_m: float) -> OtherPoints:
+    """Give the centres (k, 3) of the spheres that touch the surface in some of its means [m], where such a sphere is
+    nearer to the means around than their plane is.
+    """
     count = min(NEIGHBOURS, len(means))
     neighbours: Array = np.asarray(
         tree.query(means[which], k=count, distance_upper_bound=NORMAL_RADIUS * radius_m)[1]
@@ -126,10 +147,13 @@ def _votes(tree: cKDTree, means: Points, which: slice, radius_m: float) -> Other
     around = np.where(there[:, :, None], means[np.minimum(neighbours, len(means) - 1)], 0.0)
     middle = around.sum(axis=1) / there.sum(axis=1)[:, None]
     off = np.where(there[:, :, None], around - middle[:, None], 0.0)
-    _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", off, off))
+    sizes, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", off, off))
     normals = axes[:, :, 0]
     normals = normals * -np.sign(np.einsum("ij,ij->i", normals, middle))[:, None]
-    return np.asarray(middle - radius_m * normals)
+    centres = middle - radius_m * normals
+    apart = np.where(there, np.linalg.norm(off + radius_m * normals[:, None], axis=2), 0.0)
+    misses = np.where(there, apart - (apart.sum(axis=1) / there.sum(axis=1))[:, None], 0.0)
+    return np.asarray(centres[np.einsum("ij,ij->i", misses, misses) < sizes[:, 0]])
 
 
 def _gathered(votes: Points, cell_m: float) -> OtherPoints:
