@@ -239,9 +239,9 @@ def change_job(
 ) -> Job | None:
     """Change an unfinished job; None when it is gone or final. The one place where status moves forward."""
     which = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED), sa.true() if condition is None else condition)
-    if not connection.execute(sa.update(jobs).where(which).values(values)).rowcount:
+    row = connection.execute(sa.update(jobs).where(which).values(values).returning(*jobs.c)).mappings().one_or_none()
+    if row is None:
         return None
-    row = connection.execute(JOB, {"id": job_id}).mappings().one()
     job = _job_of(row, connection.execute(FILES_OF_JOB, {"id": job_id}).scalars())
     if "status" in values:
         note_change(connection, job)

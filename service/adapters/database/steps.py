@@ -11,7 +11,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.adapters.database.changes import Changes
-from service.adapters.database.executors import clock
+from service.adapters.database.executors import clock, present
 from service.adapters.database.jobs import UNFINISHED, change_job
 from service.adapters.database.tables import executors, job_steps, jobs, lock_name, turns
 from service.adapters.database.totals import add_to_totals, read_totals
@@ -231,10 +231,11 @@ class DatabaseSteps:
 
 def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
     """Give the projects of which something waits, and what each of them has."""
-    columns = (jobs.c.owner, sa.func.count().label("number"))
-    steps = sa.select(*columns).select_from(STEPS_OF_JOBS).where(OURS).group_by(jobs.c.owner)
-    running = {row.owner: row.number for row in connection.execute(steps.where(job_steps.c.state == RUNNING))}
-    waiting = set(connection.execute(steps.where(job_steps.c.state == WAITING)).scalars())
+    runs, waits = (sa.func.sum(sa.case((job_steps.c.state == state, 1), else_=0)) for state in (RUNNING, WAITING))
+    steps = sa.select(jobs.c.owner, runs.label("running"), waits.label("waiting")).select_from(STEPS_OF_JOBS)
+    unfinished = steps.where(OURS, job_steps.c.state.in_((RUNNING, WAITING))).group_by(jobs.c.owner)
+    rows = connection.execute(unfinished).all()
+    running, waiting = {row.owner: row.running for row in rows}, {row.owner for row in rows if row.waiting}
     fresh = set(connection.execute(sa.select(jobs.c.owner).where(UNPLANNED).distinct()).scalars())
     begun = {row.owner: row.begun for row in connection.execute(sa.select(turns))}
     return [ProjectShare(owner, running.get(owner, 0), begun.get(owner, 0.0)) for owner in waiting | fresh]
@@ -242,7 +243,7 @@ def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
 
 def _first_step(connection: sa.Connection, owner: str) -> sa.RowMapping | None:
     """Find the waiting step of a project that comes first; in the order of `service.use_cases.jobs.turns`."""
-    since = clock(connection) - HELD_BACK_S
+    since = present(connection) - HELD_BACK_S
     held_back = sa.case((sa.and_(job_steps.c.deaths > 0.0, job_steps.c.waiting_since > since), 1), else_=0)
     query = (
         sa.select(job_steps, jobs.c.urgency, jobs.c.created, held_back.label("held_back"))
@@ -286,7 +287,7 @@ def _claim(connection: sa.Connection, executor_id: str, step: sa.RowMapping, now
     )
     if job is None:
         return None
-    moment = clock(connection)
+    moment = present(connection)
     waiting = sa.and_(_at(place), job_steps.c.state == WAITING)
     values = {"state": RUNNING, "executor": executor_id, "begun": moment}
     if not connection.execute(sa.update(job_steps).where(waiting).values(values)).rowcount:
