@@ -5,8 +5,8 @@ uv run pytest -n0 -s -m benchmark tests/benchmark/test_worker_load.py
 Claiming, turns between projects, reports of progress, what comes next of a job, heartbeats and callbacks are the
 service's own, in threads of a few processes with the connections of one worker each. Steps of a pair of scans sleep as
 long as they took (`STEPS`), times a factor for each row: longer, as of scans of more points, where many workers share
-this one machine, whose processors their side of the queue needs most; shorter, with jobs that come as much sooner, where
-few workers would take long to show anything.
+this one machine, whose processors their side of the queue needs most; shorter, with jobs that come as much sooner,
+where few workers would take long to show anything.
 """
 
 import asyncio
@@ -390,8 +390,8 @@ def test_workers_that_a_burst_awaits(server: PostgresServer, burst: str, tmp_pat
         shares, waits = window.shares(), window.first_waits_s("small")
         of_burst = [number for owner, number in shares.items() if owner != "small"]
         notes.append(
-            f"{workers} workers: of each project of the burst {min(of_burst)} to {max(of_burst)} steps begin; of {SMALL} "
-            f"jobs that another one sends then the first begins after {waits[0]:.2f} s, {waits.size} of them within "
+            f"{workers} workers: of each project of the burst {min(of_burst)} to {max(of_burst)} steps begin; of "
+            f"{SMALL} jobs that another one sends then the first begins after {waits[0]:.2f} s, {waits.size} of them within "
             f"{waits[-1]:.1f} s"
         )
         assert max(of_burst) <= 1.25 * min(of_burst) + 2
