@@ -391,8 +391,8 @@ def test_workers_that_a_burst_awaits(server: PostgresServer, burst: str, tmp_pat
         of_burst = [number for owner, number in shares.items() if owner != "small"]
         notes.append(
             f"{workers} workers: of each project of the burst {min(of_burst)} to {max(of_burst)} steps begin; of "
-            f"{SMALL} jobs that another one sends then the first begins after {waits[0]:.2f} s, {waits.size} of them within "
-            f"{waits[-1]:.1f} s"
+            f"{SMALL} jobs that another one sends then the first begins after {waits[0]:.2f} s, {waits.size} of them "
+            f"within {waits[-1]:.1f} s"
         )
         assert max(of_burst) <= 1.25 * min(of_burst) + 2
         assert window.busy > 0.75
