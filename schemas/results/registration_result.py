@@ -197,7 +197,7 @@ class Pair(Document):
     place: Place | None = Field(
         default=None,
         description="How probable the pose is by the evidence, beside others; information, no part of the status. "
-        "Null: there is no pose.",
+        "Null: there is no pose, or the evidence is not calibrated.",
     )
     start: StartDocument | None = Field(
         default=None, description="The start that somebody chose; null: the scans alone were asked."
