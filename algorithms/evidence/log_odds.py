@@ -45,6 +45,8 @@ class Weights:
     """Taken off each pose: what being chosen gives it."""
     repetition: float
     """Log-odds that a building repeats itself under a motion under which neither scan is like itself."""
+    told_apart: float
+    """How much of what is impossible in a repetition of the best pose, and not in that, speaks against it."""
     elsewhere: float
     """Log-odds that another place, which neither scan shows, looks like this one."""
 

@@ -107,7 +107,7 @@ def place_of(
     total = parts.total
     best = int(np.argmax(total))
     like = self_likeness(poses, poses[best : best + 1], target, source)[:, 0]
-    found = posterior(total, likeness_of(like[:, 0::2], like[:, 1::2]), calibration.weights)
+    found = posterior(parts, likeness_of(like[:, 0::2], like[:, 1::2]), calibration.weights)
     at_most = 1.0 - calibration.upper_95
     onto, back = RigidTransform.from_translation(target.origin_m), RigidTransform.from_translation(-source.origin_m)
     by_evidence = found.poses[best] * np.exp(total - total[best])

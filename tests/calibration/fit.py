@@ -19,7 +19,7 @@ from algorithms.evidence.log_odds import Counts, Weights, log_odds
 from algorithms.evidence.posterior import likeness_of, odds_beside
 from tests.calibration.frozen import ARCHIVE, LIKE_POSES, Frozen
 
-START = Weights(4.0, 2.0, 0.5, 1.0, 0.15, 1.5, 0.1, 0.1, 1.0, 0.05, 6.0, -3.0, -6.0)
+START = Weights(4.0, 2.0, 0.5, 1.0, 0.15, 1.5, 0.1, 0.1, 1.0, 0.05, 6.0, -3.0, 0.3, -6.0)
 POSITIVE = {field.name for field in fields(Weights)} - {"repetition", "elsewhere", "chosen"}
 """Constants that are fitted by their logarithms."""
 RIDGE = 0.02
@@ -77,13 +77,15 @@ class Pairs:
 
     def probabilities(self, weights: Weights) -> tuple[Scalars, Scalars, Array]:
         """Give (h,) probability of each pose, (n,) that of none of them, and (n,) the number of the best pose."""
-        total = log_odds(self.counts, weights).total
+        evidence = log_odds(self.counts, weights)
+        total = evidence.total
         highest = np.maximum.reduceat(total, self.starts)
         order = np.lexsort((np.arange(len(total)), -total, self.pair))
         best = order[self.starts]
         column = np.minimum(best - self.starts, LIKE_POSES - 1)
         likeness = self.likeness[np.arange(len(total)), column[self.pair]]
-        odds = odds_beside(total, highest[self.pair], likeness, weights)
+        impossible = evidence.impossible
+        odds = odds_beside(total, impossible, highest[self.pair], impossible[best][self.pair], likeness, weights)
         odds[best] = 1.0
         none = np.exp(np.clip(-highest, -500.0, 500.0)) + np.exp(weights.elsewhere)
         whole = np.add.reduceat(odds, self.starts) + none

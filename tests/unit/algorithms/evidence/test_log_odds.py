@@ -7,13 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from algorithms.evidence.log_odds import Counts, Weights, log_odds
+from algorithms.evidence.log_odds import Counts, LogOdds, Weights, log_odds
 from algorithms.evidence.pose_evidence import PoseEvidence
 from algorithms.evidence.posterior import posterior
 from algorithms.matching.line_evidence import LineEvidence
 
-WEIGHTS = Weights(4.0, 2.0, 0.5, 1.0, 0.15, 1.5, 0.1, 0.2, 1.0, 0.05, 6.0, -3.0, -6.9)
+WEIGHTS = Weights(4.0, 2.0, 0.5, 1.0, 0.15, 1.5, 0.1, 0.2, 1.0, 0.05, 6.0, -3.0, 2.0, -6.9)
 PLAIN = PoseEvidence(np.array([3.0, 8.0]), np.array([1.0]), np.array([0.0]), LineEvidence(5, 4), 9, 20.0)
+
+
+def evidence(*values: float, impossible: tuple[float, ...] = ()) -> LogOdds:
+    """Poses of given log-odds, of which so much speaks against each."""
+    against = np.array(impossible) if impossible else np.zeros(len(values))
+    nothing = np.zeros(len(values))
+    return LogOdds(np.array(values) - against, against, nothing, nothing, nothing)
 
 
 def total(*poses: PoseEvidence) -> np.ndarray:
@@ -55,7 +62,7 @@ def test_five_pieces_in_free_space_cost_five_times_as_much_as_one() -> None:
 @given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=8), st.data())
 def test_probabilities_sum_to_one_and_the_likeliest_is_the_best(values: list[float], data: st.DataObject) -> None:
     likeness = np.array([data.draw(st.floats(0.0, 5.0)) for _ in values])
-    found = posterior(np.array(values), likeness, WEIGHTS)
+    found = posterior(evidence(*values), likeness, WEIGHTS)
     assert found.poses.sum() + found.none + found.elsewhere == pytest.approx(1.0)
     assert found.poses[found.best] == found.poses.max()
 
@@ -63,14 +70,22 @@ def test_probabilities_sum_to_one_and_the_likeliest_is_the_best(values: list[flo
 @given(st.floats(0.0, 40.0), st.floats(0.0, 10.0))
 def test_more_for_the_best_pose_never_makes_it_less_probable(lead: float, more: float) -> None:
     likeness = np.zeros(2)
-    before, after = (posterior(np.array([5.0 + each, 5.0]), likeness, WEIGHTS).poses[0] for each in (lead, lead + more))
+    before, after = (posterior(evidence(5.0 + each, 5.0), likeness, WEIGHTS).poses[0] for each in (lead, lead + more))
     assert after >= before - 1e-12
 
 
 def test_in_a_building_that_looks_like_itself_no_lead_makes_a_pose_certain() -> None:
-    alike, unlike = (posterior(np.array([80.0, 30.0]), np.array([0.0, like]), WEIGHTS).poses[0] for like in (4.5, 0.0))
+    alike, unlike = (posterior(evidence(80.0, 30.0), np.array([0.0, like]), WEIGHTS).poses[0] for like in (4.5, 0.0))
     assert alike < 0.7 < unlike
 
 
 def test_a_pose_that_chance_makes_is_no_pose() -> None:
-    assert posterior(np.array([-4.0, -5.0]), np.zeros(2), WEIGHTS).none > 0.9
+    assert posterior(evidence(-4.0, -5.0), np.zeros(2), WEIGHTS).none > 0.9
+
+
+def test_of_a_repetition_that_stands_in_free_space_less_is_left() -> None:
+    alike = np.array([0.0, 4.5])
+    clean, stained = (
+        posterior(evidence(80.0, 30.0, impossible=(0.0, against)), alike, WEIGHTS).poses[1] for against in (0.0, -5.0)
+    )
+    assert stained < 0.01 * clean
