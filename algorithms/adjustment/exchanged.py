@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.external_reliability import component_effects
+from algorithms.adjustment.inverse import DenseInverse, Information
 from algorithms.adjustment.mount_errors import with_less_trust
 from algorithms.adjustment.observations.line_line import LineLine
 from algorithms.adjustment.observations.plane_plane import PlanePlane
@@ -111,8 +112,8 @@ def _told(solution: Solution, used: PairProblem) -> Solution:
         unknowns=unknowns,
         # conditions bᵀ dx = 0 on changes of the pose, as conditions on those of its inverse
         held=np.linalg.solve(turn.T, solution.held),
-        cofactors=turn @ solution.cofactors @ turn.T,
-        normal_matrix=whitened.T @ whitened,
+        inverse=DenseInverse(turn @ solution.cofactors @ turn.T),
+        information=Information(whitened.T @ whitened),
         system=system,
         whitening=whitening,
         linear_step=None,

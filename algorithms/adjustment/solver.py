@@ -3,18 +3,23 @@
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.inverse import MOST_DENSE, DenseInverse, Information, Inverse, SparseInverse
 from algorithms.adjustment.problem import LinearSystem, Problem
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.adjustment.weights import Whitening, whitening_of
 from algorithms.arrays import Array
 from algorithms.errors import DegenerateGeometryError
+
+if TYPE_CHECKING:
+    from algorithms.adjustment.hybrid.sparse_factor import Elimination, SymmetricFactor
 
 STEP_IN_STD = 1e-8
 """A step below this share of the standard deviations changes nothing that anyone could see."""
@@ -42,8 +47,8 @@ SMALLEST_PIVOT = 1e-13
 FREE_SHARE = 1e-11
 """Eigenvalues of the scaled normal matrix below this share of the largest belong to what is free."""
 
-MOST_DENSE = 300
-"""Up to so many unknowns the normal equations are kept dense."""
+MOST_DECOMPOSED = 1800
+"""Up to so many unknowns all that is free is found by eigenvectors, which take O(u³)."""
 
 FIRST_DAMPING, DAMPING_GROWTH, MOST_DAMPING = 1e-3, 10.0, 1e9
 """Damping of the scaled normal equations after a step that made the residuals worse, and its changes."""
@@ -64,10 +69,10 @@ class Solution:
     """Adjusted values."""
     held: Array
     """(u, k) columns b of the conditions bᵀ dx = 0 under which it was found."""
-    cofactors: Array
-    """(u, u) Q, the covariance of the free unknowns for sigma0 = 1; for the held conditions b, Q b = 0."""
-    normal_matrix: Array
-    """(u, u) N = Jᵀ P J."""
+    inverse: Inverse
+    """Q, the covariance of the free unknowns for sigma0 = 1; for the held conditions b, Q b = 0."""
+    information: Information
+    """N = Jᵀ P J."""
     system: LinearSystem
     """Residuals, derivatives and covariances at the solution."""
     whitening: Whitening
@@ -79,6 +84,16 @@ class Solution:
     converged: bool
     linear_step: Array | None = None
     """(u,) step from the start values, all of it taken for linear; None where observations were linearised anew."""
+
+    @cached_property
+    def cofactors(self) -> Array:
+        """(u, u) all of Q; of many stations rather ask `inverse` for the blocks that matter."""
+        return self.inverse.whole()
+
+    @property
+    def normal_matrix(self) -> Array:
+        """(u, u) N, zeros written out."""
+        return self.information.dense
 
     @property
     def pose(self) -> RigidTransform:
@@ -108,8 +123,8 @@ def solve(
     """Iterate dx = -(Jᵀ P J)⁻¹ Jᵀ P r with R <- Exp(w) R, t <- t + dt, X <- X + dX until the steps vanish.
 
     Residuals, derivatives and weights are evaluated anew in every round; a step that makes the residuals worse is
-    taken back and damped (Marquardt). The normal equations are sparse and bordered by the held conditions. O(m) for
-    sparse networks, O(u³) for their full inverse.
+    taken back and damped (Marquardt). The normal equations are sparse and bordered by the held conditions. O(m) and the
+    elements of the factor for sparse networks without conditions, O(u³) for a whole inverse.
 
     Parameters
     ----------
@@ -141,9 +156,10 @@ def solve(
     linear_step: Array | None = np.zeros(start.count)
     travelled = np.zeros(start.count)
     omega = _omega(whitening, system)
+    equations: NormalEquations | None = None
     while not converged and iterations < max_iterations:
         iterations += 1
-        equations = NormalEquations(whitening, system, held, damping)
+        equations = NormalEquations(whitening, system, held, damping, equations)
         step = equations.step()
         step_std = equations.length_in_std(step)
         share = float(np.abs(step / scales).max(initial=0.0))
@@ -171,12 +187,12 @@ def solve(
             settled = False
         omega = _omega(whitening, system)
         converged = settled and undamped
-    final = NormalEquations(whitening, system, held, 0.0)
+    final = NormalEquations(whitening, system, held, 0.0, equations)
     return Solution(
         unknowns=unknowns,
         held=held,
-        cofactors=final.cofactors(),
-        normal_matrix=final.matrix,
+        inverse=final.inverse(),
+        information=final.information,
         system=system,
         whitening=whitening,
         omega=omega,
@@ -193,7 +209,27 @@ class NormalEquations:
     Up to a few hundred unknowns dense matrices are some ten times faster than sparse ones, whose overhead is fixed.
     """
 
-    def __init__(self, whitening: Whitening, system: LinearSystem, held: Array, damping: float) -> None:
+    def __init__(
+        self,
+        whitening: Whitening,
+        system: LinearSystem,
+        held: Array,
+        damping: float,
+        before: "NormalEquations | None" = None,
+    ) -> None:
+        """Set the equations up and factorise them.
+
+        Parameters
+        ----------
+        whitening, system
+            Of the observations.
+        held
+            (u, k) columns b of conditions bᵀ dx = 0.
+        damping
+            Added to the diagonal of the scaled matrix.
+        before
+            Those of an earlier round, whose order of elimination is kept where the pattern is the same.
+        """
         few = isinstance(whitening.matrix, np.ndarray) or system.jacobian.shape[1] <= MOST_DENSE
         jacobian: Any = whitening.matrix @ (system.dense_jacobian if few else system.jacobian)
         self._jacobian = jacobian
@@ -203,30 +239,54 @@ class NormalEquations:
         self._scale = 1.0 / np.sqrt(np.maximum(diagonal, SMALLEST_SHARE * diagonal.max(initial=0.0)))
         border = np.linalg.qr(held * self._scale[:, None])[0] if held.shape[1] else held
         scaled = self._normal * self._scale[:, None] * self._scale[None, :]
+        self.ordering: Elimination | None = None
+        """Order of elimination of sparse equations without conditions."""
+        self._factor: SymmetricFactor | None = None
         if isinstance(scaled, np.ndarray):
             solver = _dense_solver(scaled + damping * np.eye(len(scaled)), border)
+        elif held.shape[1]:
+            solver = _bordered_solver(scaled + damping * sparse.eye_array(len(self._scale)), border)
         else:
-            solver = _sparse_solver(scaled + damping * sparse.eye_array(len(self._scale)), border)
+            solver = self._sparse_solver(damping, None if before is None else before.ordering)
         self._scaled, self._border = scaled, border
         if solver is None:
             raise self.undetermined("a combination of unknowns that no observation depends on")
         self._solver = solver
 
     @property
-    def matrix(self) -> Array:
-        """(u, u) N = Jᵀ P J."""
-        return self._normal if isinstance(self._normal, np.ndarray) else np.asarray(self._normal.toarray())
+    def information(self) -> Information:
+        """N = Jᵀ P J, (u, u)."""
+        return Information(self._normal if isinstance(self._normal, np.ndarray) else sparse.csc_array(self._normal))
+
+    def _sparse_solver(self, damping: float, ordering: "Elimination | None") -> Callable[[Array], Array] | None:
+        """Factorise N without conditions; the solver is for the scaled equations, as those of the others are."""
+        from algorithms.adjustment.hybrid.sparse_factor import Elimination, SymmetricFactor  # loads compiled loops
+
+        matrix = sparse.csc_array(self._normal)
+        matrix.sort_indices()
+        if ordering is None or not ordering.has_pattern_of(matrix):
+            ordering = Elimination.of_pattern(matrix)
+        added = np.full(matrix.shape[1], damping)
+        factor = SymmetricFactor.of_matrix(matrix, ordering, added, SMALLEST_PIVOT)
+        self.ordering, self._factor = ordering, factor
+        if factor.helped.any():
+            return None
+        return lambda right: factor.solved(right / self._scale[:, None]) / self._scale[:, None]
 
     def undetermined(self, what: str) -> DegenerateGeometryError:
-        """Find what the observations and the conditions leave free, or hold least. O(u³).
+        """Find what the observations and the conditions leave free, or hold least. O(u³) for up to 1800 unknowns.
 
         Parameters
         ----------
         what
             Names it in words.
         """
-        dense = self._scaled if isinstance(self._scaled, np.ndarray) else self._scaled.toarray()
         u, k = self._border.shape
+        if self._factor is not None and u > MOST_DECOMPOSED:
+            free = self._factor.free_directions()
+            advice = "add observations, or a datum that holds it"
+            return DegenerateGeometryError(u - free.shape[1], (what,), free, advice, parameters=u)
+        dense = self._scaled if isinstance(self._scaled, np.ndarray) else self._scaled.toarray()
         allowed = np.linalg.svd(self._border, full_matrices=True)[0][:, k:] if k else np.eye(u)
         values, vectors = np.linalg.eigh(allowed.T @ dense @ allowed)
         free = values < FREE_SHARE * max(values[-1], np.finfo(np.float64).tiny)
@@ -247,10 +307,12 @@ class NormalEquations:
         """Give the length of a step in units of its standard deviation, sqrt(dxᵀ N dx)."""
         return float(np.linalg.norm(self._jacobian @ step))
 
-    def cofactors(self) -> Array:
-        """Give Q, (u, u), the inverse of N under the conditions."""
+    def inverse(self) -> Inverse:
+        """Give Q, the inverse of N under the conditions."""
+        if self._factor is not None:
+            return SparseInverse(self._factor)
         inverse = self._solved(np.diag(self._scale))
-        return np.asarray(0.5 * (inverse + inverse.T))
+        return DenseInverse(np.asarray(0.5 * (inverse + inverse.T)))
 
     def _solved(self, right: Array) -> Array:
         return np.asarray(self._solver(right) * self._scale[:, None])
@@ -267,11 +329,10 @@ def _dense_solver(matrix: Array, border: Array) -> Callable[[Array], Array] | No
     return lambda right: np.asarray(linalg.lu_solve(factors, np.pad(right, ((0, k), (0, 0))))[:u])
 
 
-def _sparse_solver(matrix: sparse.sparray, border: Array) -> Callable[[Array], Array] | None:
+def _bordered_solver(matrix: sparse.sparray, border: Array) -> Callable[[Array], Array] | None:
     u, k = border.shape
-    if k:
-        conditions = sparse.csc_array(border)
-        matrix = sparse.block_array([[matrix, conditions], [conditions.T, None]])
+    conditions = sparse.csc_array(border)
+    matrix = sparse.block_array([[matrix, conditions], [conditions.T, None]])
     try:
         factors = splu(sparse.csc_array(matrix))
     except RuntimeError:  # an exactly singular factor: SuperLU has no other way to say so

@@ -279,8 +279,8 @@ def _with_errors(
     """Enlarge the cofactors of the poses by the uncertainty of the chosen errors."""
     if not chosen.any():
         return joint
-    cofactors = normals.pose_cofactors(joint.solution.cofactors, chosen, covariance / joint.variance_factor)
-    return replace(joint, solution=replace(joint.solution, cofactors=cofactors))
+    inverse = normals.pose_cofactors(joint.solution.inverse, chosen, covariance / joint.variance_factor)
+    return replace(joint, solution=replace(joint.solution, inverse=inverse))
 
 
 def widened_by_tolerances(

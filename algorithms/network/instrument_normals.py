@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy import linalg, sparse
 
+from algorithms.adjustment.inverse import EnlargedInverse, Inverse
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
-from algorithms.arrays import Array, Matrix, Scalars
+from algorithms.arrays import Array, Scalars
 from algorithms.network.instrument_responses import ALL_ERRORS, responses_of, scale_responses_by
 from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.track_observations import Track, TrackGroup, TrackLayout
@@ -31,10 +32,9 @@ class InstrumentNormals:
     by_error: Float64[Array, "u c"]
     """(u, c) how the poses answer to a unit of each error, -N⁻¹ JᵀPG."""
 
-    def pose_cofactors(self, cofactors: Array, chosen: Array, covariance: Array) -> Matrix:
-        """Enlarge the cofactors (u, u) of the poses by what the chosen errors, with a covariance, do to them."""
-        by_chosen = self.by_error[:, chosen]
-        return np.asarray(cofactors + by_chosen @ covariance @ by_chosen.T)
+    def pose_cofactors(self, inverse: Inverse, chosen: Array, covariance: Array) -> Inverse:
+        """Enlarge the cofactors of the poses by what the chosen errors, with a covariance, do to them."""
+        return EnlargedInverse(inverse, self.by_error[:, chosen], covariance)
 
 
 def instrument_normals(

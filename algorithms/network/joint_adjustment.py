@@ -1,8 +1,8 @@
 """One adjustment of all stations to everything that two or more of them see (MATH 3.1, 4, 6.4).
 
 Unknowns are the poses only: planes and lines are eliminated track by track (`FeatureTracks`), so the normal equations
-have six unknowns for each station, are sparse, and cost O(sum of k³ over tracks) to build and O(n³) once for the
-covariance of n stations (3000 unknowns for 500 stations).
+have six unknowns for each station, are sparse, and cost O(sum of k³ over tracks) to build. Of their inverse the blocks
+of stations that see something together are computed, which is what tests and covariances need (`Inverse`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class JointAdjustment:
     stations: tuple[int, ...]
     """Numbers of the stations; the first one is fixed."""
     solution: Solution
-    """Poses in the order of `stations`, with cofactors."""
+    """Poses in the order of `stations`, with the inverse of the normal equations."""
     tracks: tuple[Track, ...]
     """Those that were used, with the members that were used."""
     removed: tuple[RemovedMember, ...]
@@ -79,8 +79,7 @@ class JointAdjustment:
         first = int(self.solution.unknowns.first_columns(UnknownKind.POSE, place)[0])
         if first < 0:
             return np.zeros((6, 6))
-        columns = slice(first, first + 6)
-        return np.asarray(self.solution.cofactors[columns, columns] * self.variance_factor)
+        return np.asarray(self.solution.inverse.blocks(first + np.arange(6)[None])[0] * self.variance_factor)
 
 
 def adjust_jointly(
@@ -214,7 +213,7 @@ class _Search:
         """Estimate the variance factor from the tracks in use (MATH 4.8)."""
         solution = self.solved(rough=True)
         tests = [
-            TrackTests(group.observations, solution.unknowns, solution.cofactors, in_solution=True).of_tracks()
+            TrackTests(group.observations, solution.unknowns, solution.inverse, in_solution=True).of_tracks()
             for group in self._groups(self.active())
         ]
         statistics = np.concatenate([test.statistics for test in tests])
@@ -235,7 +234,7 @@ class _Search:
         active = self.active()
         failing: list[tuple[float, int, Member]] = []
         for group in self._groups(active):
-            tests = TrackTests(group.observations, solution.unknowns, solution.cofactors, in_solution=True)
+            tests = TrackTests(group.observations, solution.unknowns, solution.inverse, in_solution=True)
             size = group.observations.stations.shape[1]
             for slot in range(1 if size == 2 else 0, size):  # of two members either may be wrong: one test
                 members = tests.of_members(slot)
@@ -271,7 +270,7 @@ class _Search:
         ]
         found = []
         for group in self._groups(tracks):
-            tests = TrackTests(group.observations, solution.unknowns, solution.cofactors, in_solution=False)
+            tests = TrackTests(group.observations, solution.unknowns, solution.inverse, in_solution=False)
             members = tests.of_members(group.observations.stations.shape[1] - 1)
             for k, place in enumerate(group.numbers):
                 number, member = candidates[place]

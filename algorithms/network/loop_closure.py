@@ -164,7 +164,7 @@ def agreeing_links(
         free = [(int(c), d.jacobians[0]) for c, d in zip(columns, equations.derivatives, strict=True) if c >= 0]
         jacobian = np.hstack([by_pose for _, by_pose in free])
         rows = np.concatenate([np.arange(first, first + 6) for first, _ in free])
-        covariance = covariance + jacobian @ graph.cofactors[np.ix_(rows, rows)] @ jacobian.T
+        covariance = covariance + jacobian @ graph.inverse.blocks(rows[None])[0] @ jacobian.T
         residual = equations.residuals[0]
         if float(residual @ np.linalg.solve(covariance, residual)) / variance_factor <= critical:
             found.append(number)

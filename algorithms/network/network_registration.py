@@ -1,14 +1,13 @@
 """Many stations from registered pairs: loops, start values, one adjustment, and what became of each station."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.adjustment.solver import Solution
-from algorithms.arrays import Array
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.instrument_calibration import (
@@ -27,7 +26,13 @@ from algorithms.network.loop_closure import (
     loop_covariance_factor,
 )
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
-from algorithms.network.station_fusion import FusedStations, fused_stations, share_of_features, with_shared_scans
+from algorithms.network.station_fusion import (
+    FusedStations,
+    StationCovariances,
+    fused_stations,
+    share_of_features,
+    with_shared_scans,
+)
 from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.surface_decisions import decided_by_surfaces
 from algorithms.network.tied_network import RegisteredGroup, same_targets
@@ -62,8 +67,8 @@ class NetworkRegistration:
     """What the reader should know, in words."""
     instruments: InstrumentCalibration | None = None
     """Errors of instruments and tripods; None: nobody asked, or they could not be looked for, `remarks` says why."""
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(6 k, 6 k) of the poses of all stations but the first, in their order."""
+    covariances: StationCovariances | None = None
+    """Of the poses of all stations but the first, in their order; None: there is no other."""
 
     @property
     def variance_factor(self) -> float:
@@ -110,7 +115,8 @@ def register_network(
         verdict = decided_by_surfaces(links, verdict, names, control)
     usable = [link for number, link in enumerate(links) if number not in verdict.rejected]
     stations = connected_stations(usable, 0)
-    kept = [link for link in usable if link.target in stations]
+    inside = set(stations)
+    kept = [link for link in usable if link.target in inside]
     fixed = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
     if not kept:
         unsought = "errors of the instrument cannot be looked for: nothing is registered"
@@ -149,7 +155,7 @@ def register_network(
         difference_factor=fused.factor,
         remarks=(*remarks, *_in_words(fused, joint)),
         instruments=calibration,
-        covariance=fused.covariance * factor,
+        covariances=fused.covariances.scaled(factor),
     )
 
 

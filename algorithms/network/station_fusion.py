@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, stats
+from jaxtyping import Float64
+from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.adjustment.inverse import Information, Inverse
 from algorithms.adjustment.solver import Solution
-from algorithms.arrays import Array
+from algorithms.arrays import Array, Matrix
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.links import StationLink
@@ -22,6 +24,30 @@ CONTRADICTION_ALPHA = 0.001
 """Probability with which two good estimates are taken to contradict each other."""
 LEAST_SHARE = 0.01
 """An adjustment with less of the information is left out: what little it tells is not worth its errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class StationCovariances:
+    """Covariances of the poses of k stations: those of each, and all together where that is asked for."""
+
+    inverse: Inverse
+    """Of normal equations whose first 6 k unknowns are the poses."""
+    count: int
+    """k."""
+    factor: float
+    """Variance factor."""
+
+    def of_each(self) -> Float64[Array, "k 6 6"]:
+        """Give the covariance of every pose by itself."""
+        return np.asarray(self.factor * self.inverse.blocks(np.arange(6 * self.count).reshape(-1, 6)))
+
+    def together(self) -> Matrix:
+        """Give the covariance (6 k, 6 k) of all poses. O(k²) of memory."""
+        return np.asarray(self.factor * self.inverse.whole()[: 6 * self.count, : 6 * self.count])
+
+    def scaled(self, factor: float) -> "StationCovariances":
+        """Multiply them by a factor."""
+        return StationCovariances(self.inverse, self.count, self.factor * factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +60,8 @@ class FusedStations:
     """Weight of the adjustment to lines and planes, 0..1; the rest is that of the registrations."""
     factor: float
     """By which covariances were multiplied because the two adjustments differ by more than chance; 1: they do not."""
-    covariance: Array
-    """(6 k, 6 k) of all of them."""
+    covariances: StationCovariances
+    """Of all of them."""
 
 
 def with_shared_scans(links: Sequence[StationLink]) -> list[StationLink]:
@@ -68,7 +94,10 @@ def share_of_features(links: Sequence[StationLink]) -> float:
 
 
 def fused_stations(joint: JointAdjustment | None, graph: Solution, share: float) -> FusedStations:
-    """Mix the poses of the two adjustments: N = ω N1 + (1 - ω) N2, which never promises too much. O(n³) for n stations.
+    """Mix the poses of the two adjustments: N = ω N1 + (1 - ω) N2, which never promises too much.
+
+    N1 and N2 are the normal equations, which many stations leave sparse; mounts of photos, which only the first has,
+    stay among its unknowns.
 
     Parameters
     ----------
@@ -82,22 +111,35 @@ def fused_stations(joint: JointAdjustment | None, graph: Solution, share: float)
     base = [graph.unknowns.poses[k] for k in range(1, len(graph.unknowns.poses))]
     size = 6 * len(base)
     if joint is None or not joint.solution.converged or share < LEAST_SHARE:
-        alone = graph.cofactors[:size, :size]
+        alone = StationCovariances(graph.inverse, len(base), 1.0)
         return FusedStations(_estimates(base, np.zeros(size), alone), 0.0, 1.0, alone)
-    away = np.concatenate(
-        [_motion(joint.pose(station), own) for station, own in zip(joint.stations[1:], base, strict=True)]
-    )
-    features = joint.solution.cofactors[:size, :size] * joint.variance_factor
+    adjusted = [joint.solution.unknowns.poses[k] for k in range(1, len(base) + 1)]
+    away = np.concatenate([_motion(pose, own) for pose, own in zip(adjusted, base, strict=True)])
     if share > 1.0 - LEAST_SHARE:
+        features = StationCovariances(joint.solution.inverse, len(base), joint.variance_factor)
         return FusedStations(_estimates(base, away, features), 1.0, 1.0, features)
-    registrations = graph.cofactors[:size, :size]
-    differing = float(away @ linalg.solve(features + registrations, away, assume_a="pos"))
+    known, weight = joint.solution.information, 1.0 / joint.variance_factor
+    told = weight * _reduced(known, away)
+    registered = np.concatenate([graph.information.times(away), np.zeros(len(told) - size)])
+    # (C1 + C2)⁻¹ = N1 (N1 + N2)⁻¹ N2
+    both = known.mixed(weight, graph.information, 1.0).inverse()
+    differing = float(told @ both.times(registered))
     factor = differing / size if differing > stats.chi2.isf(CONTRADICTION_ALPHA, size) else 1.0
-    known = share * linalg.inv(features)
-    normal = known + (1.0 - share) * linalg.inv(registrations)
-    mixed = linalg.solve(normal, known @ away, assume_a="sym")
-    covariance = linalg.inv(normal) * factor
-    return FusedStations(_estimates(base, mixed, covariance), share, factor, covariance)
+    mixture = known.mixed(share * weight, graph.information, 1.0 - share).inverse()
+    covariances = StationCovariances(mixture, len(base), factor)
+    return FusedStations(_estimates(base, mixture.times(share * told)[:size], covariances), share, factor, covariances)
+
+
+def _reduced(known: Information, away: Array) -> Array:
+    """Give N1 times a motion of the stations, mounts of photos eliminated; zero for these (MATH 6.4)."""
+    u, size = known.matrix.shape[0], len(away)
+    motion = np.concatenate([away, np.zeros(u - size)])
+    if u > size:
+        mounts = Information(known.matrix[size:, size:])
+        motion[size:] = -mounts.inverse().times(known.times(motion)[size:])
+    told = known.times(motion)
+    told[size:] = 0.0
+    return told
 
 
 def _motion(pose: RigidTransform, base: RigidTransform) -> Array:
@@ -105,13 +147,14 @@ def _motion(pose: RigidTransform, base: RigidTransform) -> Array:
     return np.concatenate([turn, np.asarray(pose.translation) - np.asarray(base.translation)])
 
 
-def _estimates(base: Sequence[RigidTransform], motions: Array, covariance: Array) -> tuple[PoseEstimate, ...]:
+def _estimates(
+    base: Sequence[RigidTransform], motions: Array, covariances: StationCovariances
+) -> tuple[PoseEstimate, ...]:
     found = []
-    for k, pose in enumerate(base):
-        own = slice(6 * k, 6 * k + 6)
-        turn, shift = np.split(motions[own], 2)
+    for pose, motion, own in zip(base, motions.reshape(-1, 6), covariances.of_each(), strict=True):
+        turn, shift = motion[:3], motion[3:]
         moved = RigidTransform.from_components(
             np.asarray(pose.translation) + shift, Rotation.from_rotvec(turn) * pose.rotation
         )
-        found.append(PoseEstimate(moved, covariance[own, own]))
+        found.append(PoseEstimate(moved, own))
     return tuple(found)

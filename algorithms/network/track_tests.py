@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.adjustment.gross_errors import log_probability, quadratic_forms
+from algorithms.adjustment.inverse import Inverse
 from algorithms.adjustment.observations.feature_tracks import FeatureTracks
 from algorithms.adjustment.unknowns import UnknownKind, Unknowns
 from algorithms.arrays import Array, Scalars
@@ -38,13 +39,13 @@ class TrackTests:
         The tracks.
     unknowns
         Adjusted values.
-    cofactors
-        (u, u) Q of the free unknowns.
+    inverse
+        Q of the free unknowns.
     in_solution
         Whether the solution rests on all members; else on all but the tested ones.
     """
 
-    def __init__(self, tracks: FeatureTracks, unknowns: Unknowns, cofactors: Array, *, in_solution: bool) -> None:
+    def __init__(self, tracks: FeatureTracks, unknowns: Unknowns, inverse: Inverse, *, in_solution: bool) -> None:
         equations = tracks.equations(unknowns)
         n, d = equations.residuals.shape
         self._residuals = equations.residuals
@@ -68,8 +69,9 @@ class TrackTests:
             axis=1,
         )
         jacobian[np.broadcast_to(fixed[:, None, :], jacobian.shape)] = 0.0
-        columns[fixed] = 0
-        of_poses = cofactors[columns[:, :, None], columns[:, None, :]]
+        # in place of a fixed pose stands a free one of the same track, whose cofactors are known, with derivatives zero
+        columns = np.where(fixed, columns.max(axis=1, keepdims=True), columns)
+        of_poses = inverse.blocks(columns)
         through_poses = jacobian @ of_poses @ np.swapaxes(jacobian, 1, 2)
         self._weights = np.linalg.inv(own)
         self._varying = own - through_poses if in_solution else own + through_poses

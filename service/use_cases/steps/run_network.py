@@ -82,7 +82,7 @@ def _stored_poses(context: StepContext, job_id: str, result: NetworkRegistration
             scratch / "network.npz",
             stations=np.array(stations, dtype=np.int64),
             matrices=np.array([result.poses[station].target_from_source.as_matrix() for station in stations]),
-            covariance=result.covariance,
+            covariance=np.zeros((0, 0)) if result.covariances is None else result.covariances.together(),
             instrument_errors=np.array([errors_taken_off(result, station, applied=applied) for station in stations]),
         )
         context.blobs.put_file(key, scratch / "network.npz")

@@ -12,7 +12,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import NetworkRegistration, register_network
 from algorithms.network.pose_graph import adjust_pose_graph
-from algorithms.network.station_fusion import with_shared_scans
+from algorithms.network.station_fusion import fused_stations, with_shared_scans
 from tests.scenes.buildings.station_networks import StationNetwork, station_network
 from tests.scenes.lines.line_scenes import pose_error
 
@@ -86,6 +86,23 @@ def test_registrations_by_surfaces_alone_give_the_poses_themselves(network: Stat
     assert result.feature_share == 0.0
     assert np.abs(pose_error(result.poses[3].target_from_source, graph.unknowns.poses[3])).max() < 1e-9
     assert "the registrations of pairs, which use the surfaces too, the rest" in result.remarks[0]
+
+
+def test_the_mixture_is_the_intersection_of_the_two_covariances(network: StationNetwork) -> None:
+    result, share = registered(network, 0.4), 0.4
+    graph = adjust_pose_graph(with_shared_scans(network.links), list(range(len(network.names))))
+    assert result.joint is not None
+    fused = fused_stations(result.joint, graph, share)
+    size = 6 * (len(network.names) - 1)
+    features = result.joint.solution.cofactors[:size, :size] * result.joint.variance_factor
+    expected = np.linalg.inv(share * np.linalg.inv(features) + (1.0 - share) * np.linalg.inv(graph.cofactors))
+    scales = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        fused.covariances.together() / np.outer(scales, scales), fused.factor * expected / np.outer(scales, scales),
+        atol=1e-9,
+    )  # fmt: skip
+    for k, own in enumerate(fused.covariances.of_each()):
+        np.testing.assert_allclose(own, fused.covariances.together()[6 * k : 6 * k + 6, 6 * k : 6 * k + 6], rtol=1e-12)
 
 
 def test_a_mixture_never_promises_more_than_both_together(network: StationNetwork) -> None:
