@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy import stats
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.observations.relative_poses import RelativePoses
 from algorithms.adjustment.solver import Solution
 from algorithms.adjustment.unknowns import UnknownKind
-from algorithms.geometry.poses import PoseEstimate
+from algorithms.arrays import Array
+from algorithms.geometry.rotations import cross_matrices
 from algorithms.network.links import StationLink
 from algorithms.network.wrong_links import Blame, wrong_links
 
@@ -90,9 +91,10 @@ def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVer
     rejected: dict[int, str] = {}
     alternatives: dict[int, tuple[int, ...]] = {}
     kept, factor, loops = list(range(len(links))), 1.0, tuple[Loop, ...]()
+    closings = _Closings(links, FLOOR_NOISES)
     while True:
         fresh = {key: way for way in short_loops(links, kept) if (key := frozenset(way.links)) not in tested}
-        tested |= {key: (way, _closing(links, way, FLOOR_NOISES)) for key, way in fresh.items()}
+        tested |= dict(zip(fresh, zip(fresh.values(), closings.of([*fresh.values()]), strict=True), strict=True))
         if not loops:  # later rounds hold few loops, and what was removed has spoilt some of the first ones
             factor = _variance_factor(np.array([closing.statistic for _, closing in tested.values()]))
         loops = tuple(_tested(way, closing, factor, critical) for way, closing in tested.values())
@@ -101,7 +103,12 @@ def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVer
         if not failing:
             return LoopVerdict(loops, factor, critical, rejected, alternatives, bridges(links, kept))
         blamed = wrong_links(failing, [loop.links for loop in open_loops if loop.passed])
-        rejected |= {number: _reason(number, blame, links, loops, names) for number, blame in blamed.items()}
+        failed: dict[int, list[Loop]] = {}
+        for loop in loops:
+            if not loop.passed:
+                for number in loop.links:
+                    failed.setdefault(number, []).append(loop)
+        rejected |= {number: _reason(failed.get(number, ()), blame, links, names) for number, blame in blamed.items()}
         alternatives |= {number: blame.alternatives for number, blame in blamed.items() if blame.alternatives}
         kept = [number for number in kept if number not in rejected]
 
@@ -188,7 +195,7 @@ def loop_covariance_factor(links: Sequence[StationLink]) -> float:
     The factor; 1 where the mean is not above 1 by two of its own standard deviations, those of as many loops as are
     independent of each other.
     """
-    statistics = [_closing(links, way, 0.0).statistic for way in short_loops(links)]
+    statistics = [closing.statistic for closing in _Closings(links, 0.0).of(short_loops(links))]
     if not statistics:
         return 1.0
     stations = {station for link in links for station in link.stations}
@@ -230,15 +237,15 @@ def short_loops(links: Sequence[StationLink], kept: Sequence[int] | None = None)
     for u, v, _ in edges:
         for w in sorted(set(graph[u]) & set(graph[v])):
             _add(ways, graph, sorted((u, v, w)))
-    in_triangle = {number for way in ways.values() for number in way.links if len(way.links) > 2}
+    settled = {number for way in ways.values() for number in way.links if len(way.links) > 2}
+    settled |= {int(graph.edges[edge]["number"]) for edge in nx.bridges(graph)}  # in no loop, however long
     for u, v, number in edges:
-        if number in in_triangle:
+        if number in settled:
             continue
         graph.remove_edge(u, v)
-        around = nx.shortest_path(graph, v, u) if nx.has_path(graph, v, u) else []
+        around = nx.shortest_path(graph, v, u)
         graph.add_edge(u, v, number=number)
-        if around:
-            _add(ways, graph, around)
+        _add(ways, graph, around)
     return list(ways.values())
 
 
@@ -256,21 +263,71 @@ class _Closing:
     statistic: float
 
 
-def _closing(links: Sequence[StationLink], way: Way, floor_noises: float) -> _Closing:
-    """Go round and compare with the identity; the shift is that of the first link's features."""
-    round_trip = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
-    for station, number in zip(way.stations, way.links, strict=True):
-        round_trip = round_trip.after(links[number].with_floor(floor_noises).from_station(station))
-    first = links[way.links[0]]
-    place = first.centroid_m if first.target == way.stations[0] else first.from_station(
-        way.stations[0]
-    ).target_from_source.apply(first.centroid_m)  # fmt: skip
-    turn = round_trip.rotation.as_rotvec()
-    shift = round_trip.target_from_source.apply(place) - place
-    centred = round_trip.moved_to_origins(-place, -place)  # the same motion about the features: well conditioned
-    error = np.concatenate([turn, shift])
-    statistic = float(error @ np.linalg.solve(centred.covariance, error))
-    return _Closing(float(np.linalg.norm(turn)), float(np.linalg.norm(shift)), statistic)
+class _Closings:
+    """Goes round loops, many at once, and compares with the identity.
+
+    Parameters
+    ----------
+    links
+        Registrations.
+    floor_noises
+        Error that each of them is allowed besides its covariance (`StationLink.with_floor`).
+    """
+
+    def __init__(self, links: Sequence[StationLink], floor_noises: float) -> None:
+        self._targets = np.array([link.target for link in links], dtype=np.int64)
+        matrices = np.array([link.target_from_source.target_from_source.as_matrix() for link in links])
+        covariances = np.array([link.with_floor(floor_noises).target_from_source.covariance for link in links])
+        centroids = np.array([link.centroid_m for link in links])
+        rotations, translations = matrices[:, :3, :3], matrices[:, :3, 3]
+        back = np.swapaxes(rotations, 1, 2)
+        by_pose = np.zeros((len(links), 6, 6))  # as `inversion_jacobian`
+        by_pose[:, :3, :3] = by_pose[:, 3:, 3:] = -back
+        by_pose[:, 3:, :3] = -back @ cross_matrices(translations)
+        # target from source, and source from target
+        self._rotations = np.stack([rotations, back])
+        self._translations = np.stack([translations, -_turned(back, translations)])
+        self._covariances = np.stack([covariances, by_pose @ covariances @ np.swapaxes(by_pose, 1, 2)])
+        self._centroids = np.stack([centroids, _turned(back, centroids - translations)])
+
+    def of(self, ways: "Sequence[Way]") -> list[_Closing]:
+        """Give the closing errors; the shift is that of the first registration's features."""
+        found: dict[int, _Closing] = {}
+        lengths = np.array([len(way.links) for way in ways], dtype=np.int64)
+        for length in np.unique(lengths).tolist():
+            which = np.flatnonzero(lengths == length).tolist()
+            found.update(zip(which, self._of_equal([ways[k] for k in which]), strict=True))
+        return [found[k] for k in range(len(ways))]
+
+    def _of_equal(self, ways: "Sequence[Way]") -> list[_Closing]:
+        """Chain the registrations of loops of one length, as `PoseEstimate.after` does."""
+        links = np.array([way.links for way in ways], dtype=np.int64)
+        stations = np.array([way.stations for way in ways], dtype=np.int64)
+        backwards = (self._targets[links] != stations).astype(np.int64)
+        n = len(ways)
+        rotation, translation, covariance = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.zeros((n, 6, 6))
+        for way, number in zip(backwards.T, links.T, strict=True):
+            arm = _turned(rotation, self._translations[way, number])
+            by_first, by_next = np.tile(np.eye(6), (n, 1, 1)), np.zeros((n, 6, 6))
+            by_first[:, 3:, :3] = -cross_matrices(arm)
+            by_next[:, :3, :3] = by_next[:, 3:, 3:] = rotation
+            covariance = by_first @ covariance @ np.swapaxes(by_first, 1, 2)
+            covariance += by_next @ self._covariances[way, number] @ np.swapaxes(by_next, 1, 2)
+            rotation, translation = rotation @ self._rotations[way, number], translation + arm
+        place = self._centroids[backwards[:, 0], links[:, 0]]
+        moved = _turned(rotation, place)
+        turn, shift = Rotation.from_matrix(rotation).as_rotvec(), moved + translation - place
+        about = np.tile(np.eye(6), (n, 1, 1))  # the same motion about the features: well conditioned
+        about[:, 3:, :3] = -cross_matrices(moved)
+        centred = about @ covariance @ np.swapaxes(about, 1, 2)
+        error = np.hstack([turn, shift])
+        statistics = np.einsum("ni,ni->n", error, np.linalg.solve(centred, error[:, :, None])[:, :, 0])
+        turns, shifts = np.linalg.norm(turn, axis=1), np.linalg.norm(shift, axis=1)
+        return [_Closing(*row) for row in np.column_stack([turns, shifts, statistics]).tolist()]
+
+
+def _turned(rotations: Array, vectors: Array) -> Array:
+    return np.asarray(np.einsum("nij,nj->ni", rotations, vectors))
 
 
 def _variance_factor(statistics: np.ndarray) -> float:
@@ -281,10 +338,7 @@ def _variance_factor(statistics: np.ndarray) -> float:
     return float(np.clip(median, 1.0, MOST_VARIANCE_FACTOR))
 
 
-def _reason(
-    number: int, blame: Blame, links: Sequence[StationLink], loops: Sequence[Loop], names: Sequence[str]
-) -> str:
-    failing = [loop for loop in loops if number in loop.links and not loop.passed]
+def _reason(failing: Sequence[Loop], blame: Blame, links: Sequence[StationLink], names: Sequence[str]) -> str:
     worst = max(failing, key=lambda loop: loop.statistic) if failing else None
     told = ""
     if worst is not None:

@@ -1,6 +1,7 @@
 """Start values for many stations: a tree of registrations, then all of them together (MATH 1.4, 6.5)."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -10,6 +11,9 @@ from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.solver import Solution, solve
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.network.links import StationLink
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 MAX_ITERATIONS = 30
 
@@ -42,19 +46,62 @@ def tree_poses(links: Sequence[StationLink], base: int) -> dict[int, RigidTransf
     -------
     Base from station of every connected station.
     """
-    import networkx as nx  # half a second that only networks need
+    import networkx as nx
 
-    graph: nx.Graph[int] = nx.Graph()
-    graph.add_node(base)
-    for number, link in enumerate(links):
-        known = graph.get_edge_data(*link.stations)
-        if known is None or link.weakness_m2 < known["weight"]:
-            graph.add_edge(*link.stations, weight=link.weakness_m2, number=number)
-    tree = nx.minimum_spanning_tree(graph)
+    tree = _spanning_tree(links)
+    tree.add_node(base)
     poses = {base: RigidTransform.identity()}
     for parent, child in nx.bfs_edges(tree, base):
         poses[child] = links[tree.edges[parent, child]["number"]].seen_from(parent, poses[parent])
     return poses
+
+
+def chained_parts(links: Sequence[StationLink], count: int) -> tuple[list[list[int]], dict[int, RigidTransform]]:
+    """Chain registrations in every part of a network.
+
+    Parameters
+    ----------
+    links
+        Registrations.
+    count
+        Number of stations.
+
+    Returns
+    -------
+    parts
+        Stations that registrations connect, each part in ascending order; single stations too.
+    poses
+        First station of the part from station, of all stations.
+    """
+    import networkx as nx
+
+    tree = _spanning_tree(links)
+    tree.add_nodes_from(range(count))
+    parts: list[list[int]] = []
+    poses: dict[int, RigidTransform] = {}
+    for base in range(count):
+        if base in poses:
+            continue
+        part = [base]
+        poses[base] = RigidTransform.identity()
+        for parent, child in nx.bfs_edges(tree, base):
+            poses[child] = links[tree.edges[parent, child]["number"]].seen_from(parent, poses[parent])
+            part.append(child)
+        parts.append(sorted(part))
+    return parts, poses
+
+
+def _spanning_tree(links: Sequence[StationLink]) -> "nx.Graph[int]":
+    """Give the tree, or one of each part, with the smallest sum of position variances; edges have the link's number."""
+    import networkx as nx  # half a second that only networks need
+
+    graph: nx.Graph[int] = nx.Graph()
+    for number, link in enumerate(links):
+        known = graph.get_edge_data(*link.stations)
+        weakness = link.weakness_m2
+        if known is None or weakness < known["weight"]:
+            graph.add_edge(*link.stations, weight=weakness, number=number)
+    return nx.minimum_spanning_tree(graph)
 
 
 def adjust_pose_graph(links: Sequence[StationLink], stations: Sequence[int]) -> Solution:

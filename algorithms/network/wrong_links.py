@@ -31,8 +31,13 @@ def wrong_links(failing: Sequence[tuple[int, ...]], passing: Sequence[tuple[int,
     The blamed ones. Of several explanations of the same least cost all are blamed, each with its alternatives.
     """
     blamed: dict[int, Blame] = {}
+    holding: dict[int, list[int]] = {}
+    for place, loop in enumerate(passing):
+        for number in loop:
+            holding.setdefault(number, []).append(place)
     for group in _connected(failing):
-        search = _Search(group, passing)
+        near = sorted({place for number in frozenset().union(*group) for place in holding.get(number, ())})
+        search = _Search(group, [passing[place] for place in near])
         best = search.best()
         together = set().union(*best)
         certain = set.intersection(*(set(each) for each in best))
@@ -44,14 +49,16 @@ def wrong_links(failing: Sequence[tuple[int, ...]], passing: Sequence[tuple[int,
 
 def _connected(loops: Sequence[tuple[int, ...]]) -> list[list[frozenset[int]]]:
     """Group loops that share registrations, directly or through others."""
-    groups: list[tuple[set[int], list[frozenset[int]]]] = []
-    for loop in map(frozenset, loops):
-        touching = [group for group in groups if group[0] & loop]
-        members = set(loop).union(*(group[0] for group in touching))
-        held = [each for group in touching for each in group[1]] + [loop]
-        groups = [group for group in groups if not any(group is other for other in touching)]
-        groups.append((members, held))
-    return [held for _, held in groups]
+    import networkx as nx
+
+    graph: nx.Graph[int] = nx.Graph()
+    for loop in loops:
+        nx.add_path(graph, loop)
+    group_of = {number: k for k, members in enumerate(nx.connected_components(graph)) for number in members}
+    groups: dict[int, list[frozenset[int]]] = {}
+    for loop in loops:
+        groups.setdefault(group_of[loop[0]], []).append(frozenset(loop))
+    return list(groups.values())
 
 
 class _Search:
@@ -59,9 +66,7 @@ class _Search:
 
     def __init__(self, failing: Sequence[frozenset[int]], passing: Sequence[tuple[int, ...]]) -> None:
         self._failing = list(failing)
-        involved = frozenset().union(*failing)
-        self._passing = [frozenset(loop) for loop in passing if involved & frozenset(loop)]
-        self._least = len(involved) + len(passing) + 1
+        self._passing = [frozenset(loop) for loop in passing]
         self._found: list[frozenset[int]] = []
         self._examined = 0
 

@@ -11,6 +11,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops, loop_covariance_factor, short_loops
 from algorithms.network.network_registration import register_network
+from algorithms.network.pose_graph import chained_parts, connected_stations, tree_poses
 from algorithms.network.wrong_links import wrong_links
 from tests.scenes.buildings.station_networks import LINK_STD, StationNetwork, station_network
 
@@ -159,6 +160,38 @@ def test_what_loops_say_enlarges_the_covariance_of_the_stations(network: Station
     good, bad = (register_network(n.features, n.links, n.names) for n in (network, small))
     assert bad.variance_factor == pytest.approx(bad.loop_factor, rel=1e-12)
     np.testing.assert_allclose(bad.poses[3].covariance, bad.loop_factor * good.poses[3].covariance, rtol=1e-4)
+
+
+def test_going_round_many_loops_at_once_is_chaining_their_registrations(network: StationNetwork) -> None:
+    links = [replace(link, noise_m=0.0) for link in network.with_wrong_link(1, 4, 0.3, 0.5).links]
+    verdict = examine_loops(links, network.names)
+    for loop in verdict.loops:
+        chained = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
+        for station, number in zip(loop.stations, loop.links, strict=True):
+            chained = chained.after(links[number].from_station(station))
+        first = links[loop.links[0]]
+        to_station = RigidTransform.identity() if first.target == loop.stations[0] else (
+            first.from_station(loop.stations[0]).target_from_source
+        )  # fmt: skip
+        place = to_station.apply(first.centroid_m)
+        shift = chained.target_from_source.apply(place) - place
+        assert loop.turn_rad == pytest.approx(chained.rotation.magnitude(), abs=1e-12)
+        assert loop.shift_m == pytest.approx(np.linalg.norm(shift), abs=1e-12)
+        error = np.concatenate([chained.rotation.as_rotvec(), shift])
+        centred = chained.moved_to_origins(-place, -place)
+        statistic = error @ np.linalg.solve(centred.covariance, error) / verdict.variance_factor
+        assert loop.statistic == pytest.approx(statistic, rel=1e-9)
+
+
+def test_parts_chained_at_once_are_those_chained_one_by_one(network: StationNetwork) -> None:
+    links = network.with_links((0, 2), (2, 5), (0, 5), (1, 4)).links
+    parts, poses = chained_parts(links, 6)
+    assert parts == [[0, 2, 5], [1, 4], [3]]
+    for part in parts:
+        assert part == connected_stations(links, part[0])
+        own = tree_poses([link for link in links if link.target in part], part[0])
+        for station in part:
+            np.testing.assert_array_equal(own[station].as_matrix(), poses[station].as_matrix())
 
 
 def many_links(rng: np.random.Generator, stations: int, wrong_share: float) -> tuple[list[StationLink], set[int]]:
