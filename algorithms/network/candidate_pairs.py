@@ -4,24 +4,31 @@ Up to eight stations every pair is tried. Beyond, in rounds: first neighbours in
 mostly recorded as the surveyor walked), the most alike scans, and, where positions are roughly known, the nearest;
 then, as long as the network is in parts, pairs that may join them; and pairs of connected stations that overlap
 according to the poses found so far, so that every station is controlled by loops. Stations whose scans cannot reach
-each other according to their approximate poses are never paired. The number of pairs is bounded by n (3 + 2 log2 n).
+each other according to their approximate poses are never paired. The number of pairs is bounded by n (3 + 2 log2 n),
+of more than some hundred stations by 4000, and of more than a thousand by 4 n.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import ceil, log2
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Int64
+from scipy import sparse
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Matrix, Points
+from algorithms.arrays import Array, Matrix, Points
 from algorithms.network.options import ALL_PAIRS_UP_TO
+from algorithms.network.similarity import Likeness
 from algorithms.network.whereabouts import NOWHERE, Whereabouts
 
 PairOfStations: TypeAlias = tuple[int, int]
 """Numbers of two stations, the smaller one first."""
+
+CellNumbers: TypeAlias = Int64[Array, "cells"]
+"""Cells that a surface occupies, in ascending order."""
 
 MOST_ALIKE = 2
 """Scans tried with each one in the first round because they are the most alike."""
@@ -33,8 +40,20 @@ LOOPS_EACH = 3
 """Registrations that each station should have."""
 CELL_M = 1.0
 """Edge of the cells in which surfaces are compared."""
+HALF_CELLS = 1 << 20
+"""Cells along an axis on either side of the origin."""
 LEAST_OVERLAP = 0.15
 """Share of the cells of the smaller surface that the other one must occupy too."""
+
+
+MOST_SEARCHED = 4000
+"""Pairs that are tried at most where there are not many stations; beyond, a search for what joins leads nowhere."""
+MOST_EACH = 4
+"""Pairs tried at most for each of very many stations, in the mean."""
+FIRST_SHARE = 0.75
+"""Share of them that the first round may use."""
+ROWS_AT_ONCE = 256
+"""Stations that are compared with all others at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,41 +71,52 @@ class Tried:
 
 
 def most_pairs(stations: int) -> int:
-    """Give the bound of the number of pairs that are tried: all of few stations, of many n (3 + 2 log2 n)."""
+    """Give the bound of the number of pairs that are tried: all of few stations, of many four for each."""
     every = stations * (stations - 1) // 2
-    return every if stations <= ALL_PAIRS_UP_TO else min(every, ceil(stations * (3.0 + 2.0 * log2(stations))))
+    if stations <= ALL_PAIRS_UP_TO:
+        return every
+    searching = ceil(stations * (3.0 + 2.0 * log2(stations)))
+    return min(every, max(min(searching, MOST_SEARCHED), MOST_EACH * stations))
 
 
-def first_pairs(alike: Matrix, whereabouts: Whereabouts = NOWHERE) -> list[PairOfStations]:
+def first_pairs(alike: Likeness, whereabouts: Whereabouts = NOWHERE) -> list[PairOfStations]:
     """Give the pairs of the first round.
 
     Parameters
     ----------
     alike
-        (n, n) how alike the scans are (`similarities`).
+        How alike the scans are.
     whereabouts
         Where stations are, roughly.
     """
     n = len(alike)
     if n <= ALL_PAIRS_UP_TO:
         return list(combinations(range(n), 2))
-    pairs = {(k, k + 1) for k in range(n - 1)}
-    for k in range(n):
-        excluded = {k, *(other for other in range(n) if whereabouts.are_apart(k, other))}
-        pairs |= {_sorted(k, other) for other in _best(alike[k], MOST_ALIKE, excluded)}
-    pairs |= set(whereabouts.nearest(NEAREST))
-    return sorted(pair for pair in pairs if not whereabouts.are_apart(*pair))
+    in_order = {(k, k + 1) for k in range(n - 1)}
+    likely: set[PairOfStations] = set()
+    for stations in _blocks(np.arange(n)):
+        values = alike.rows(stations)
+        values[np.arange(len(stations)), stations] = -np.inf
+        values[whereabouts.apart_from(stations, n)] = -np.inf
+        likely |= {_sorted(int(stations[row]), other) for row, other in _largest(values, MOST_ALIKE)}
+    near = set(whereabouts.nearest(NEAREST))
+    pairs = sorted(pair for pair in in_order | likely | near if not whereabouts.are_apart(*pair))
+    most = int(FIRST_SHARE * most_pairs(n))
+    if len(pairs) > most:  # those for which most speaks, known positions more than anything else
+        told = {pair: 2 * (pair in near) + (pair in in_order) + (pair in likely) for pair in pairs}
+        pairs = sorted(sorted(pairs, key=lambda pair: (-told[pair], pair))[:most])
+    return pairs
 
 
 def next_pairs(
-    alike: Matrix, surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts = NOWHERE
+    alike: Likeness, surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts = NOWHERE
 ) -> list[PairOfStations]:
     """Give the pairs of a further round; none when nothing promising is left or the bound is reached.
 
     Parameters
     ----------
     alike
-        (n, n) how alike the scans are.
+        How alike the scans are.
     surfaces
         Thinned surface points (k, 3) of each station in its own frame [m].
     tried
@@ -98,79 +128,99 @@ def next_pairs(
     left = most_pairs(n) - len(tried.pairs)
     if n <= ALL_PAIRS_UP_TO or left <= 0:
         return []
-    known = {*tried.pairs, *whereabouts.apart}
-    joining = _joining(alike, tried, known)
-    closing = _closing(surfaces, tried, known)
-    return sorted({*joining[:left], *closing[: max(left - len(joining), 0)]})
+    joining = _joining(alike, tried, whereabouts)
+    if len(joining) > left:  # what the best of them join, the others need not join any more
+        joining = joining[: ceil(0.5 * left)]
+    closing = _closing(surfaces, tried, whereabouts)
+    return sorted({*joining, *closing[: left - len(joining)]})
 
 
-def _joining(alike: Matrix, tried: Tried, known: set[PairOfStations]) -> list[PairOfStations]:
+def _joining(alike: Likeness, tried: Tried, whereabouts: Whereabouts) -> list[PairOfStations]:
     """Give for each station outside the largest part its most promising pairs with other parts, best first.
 
     Promising are scans that are alike, and stations that are near in the list.
     """
     if len(tried.parts) < 2:
         return []
+    n = len(alike)
     largest = max(tried.parts, key=lambda part: (len(part), [-station for station in part]))
+    part_of = np.empty(n, dtype=np.int64)
+    for number, part in enumerate(tried.parts):
+        part_of[list(part)] = number
+    firsts, seconds = np.array(list(tried.pairs), dtype=np.int64).reshape(-1, 2).T
+    known = sparse.csr_array(
+        (np.ones(2 * len(firsts), dtype=bool), (np.r_[firsts, seconds], np.r_[seconds, firsts])), shape=(n, n)
+    )
     ranked: dict[PairOfStations, float] = {}
-    for part in tried.parts:
-        if part is largest:
-            continue
-        for station in part:
-            distances = np.abs(np.arange(len(alike)) - station)
-            promise = alike[station] + 1.0 / (1.0 + distances)
-            excluded = {*part, *(other for other in range(len(alike)) if _sorted(station, other) in known)}
-            for other in _best(promise, JOINING_EACH, excluded):
-                ranked[_sorted(station, other)] = float(promise[other])
+    outside = np.array(sorted({*range(n)} - set(largest)), dtype=np.int64)
+    for stations in _blocks(outside):
+        promise = alike.rows(stations) + 1.0 / (1.0 + np.abs(np.arange(n) - stations[:, None]))
+        hopeless = part_of == part_of[stations, None]
+        hopeless |= known[stations].toarray() | whereabouts.apart_from(stations, n)
+        promise[hopeless] = -np.inf
+        best = promise.copy()
+        for row, other in _largest(best, JOINING_EACH):
+            ranked[_sorted(int(stations[row]), other)] = float(promise[row, other])
     return sorted(ranked, key=lambda pair: (-ranked[pair], pair))
 
 
-def _closing(surfaces: Sequence[Points], tried: Tried, known: set[PairOfStations]) -> list[PairOfStations]:
+def _closing(surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts) -> list[PairOfStations]:
     """Give pairs of connected stations that overlap in the poses so far, for stations with few registrations."""
     degrees = np.zeros(len(surfaces), dtype=np.int64)
     for pair in tried.accepted:
         degrees[list(pair)] += 1
+    known = set(tried.pairs)
     found: list[tuple[float, PairOfStations]] = []
     for part in tried.parts:
-        cells = {station: occupied_cells(surfaces[station], tried.poses[station]) for station in part}
-        for pair in _touching(cells):
-            share = len(cells[pair[0]] & cells[pair[1]]) / max(min(len(cells[k]) for k in pair), 1)
-            if pair not in known and share >= LEAST_OVERLAP:
-                found.append((share, pair))
+        if len(part) > 1:
+            cells = [occupied_cells(surfaces[station], tried.poses[station]) for station in part]
+            found += [
+                (-share, pair)
+                for share, first, second in _overlaps(cells)
+                if (pair := _sorted(part[first], part[second])) not in known and not whereabouts.are_apart(*pair)
+            ]
     chosen = []
-    for _, pair in sorted(found, key=lambda entry: (-entry[0], entry[1])):
+    for _, pair in sorted(found):
         if (degrees[list(pair)] < LOOPS_EACH).any():
             chosen.append(pair)
             degrees[list(pair)] += 1
     return chosen
 
 
-def occupied_cells(points: Points, pose: RigidTransform) -> frozenset[tuple[int, int, int]]:
-    """Give the cells that a surface occupies in the common frame."""
+def occupied_cells(points: Points, pose: RigidTransform) -> CellNumbers:
+    """Give the cells that a surface occupies in the common frame, as sorted numbers; up to 1000 km from its origin."""
     if len(points) == 0:
-        return frozenset()
-    places = np.unique(np.floor(pose.apply(points) / CELL_M).astype(np.int64), axis=0)
-    return frozenset((int(x), int(y), int(z)) for x, y, z in places)
+        return np.zeros(0, dtype=np.int64)
+    places = np.floor(pose.apply(points) / CELL_M).clip(-HALF_CELLS, HALF_CELLS - 1).astype(np.int64) + HALF_CELLS
+    return np.unique((places[:, 0] * (2 * HALF_CELLS) + places[:, 1]) * (2 * HALF_CELLS) + places[:, 2])
 
 
-def _touching(cells: Mapping[int, frozenset[tuple[int, int, int]]]) -> list[PairOfStations]:
-    """Give the pairs of stations whose bounding boxes overlap."""
-    boxes = {
-        station: (np.min(list(occupied), axis=0), np.max(list(occupied), axis=0))
-        for station, occupied in cells.items()
-        if occupied
-    }
-    return [
-        (first, second)
-        for first, second in combinations(sorted(boxes), 2)
-        if (boxes[first][0] <= boxes[second][1]).all() and (boxes[second][0] <= boxes[first][1]).all()
-    ]
+def _overlaps(cells: Sequence[Array]) -> Iterator[tuple[float, int, int]]:
+    """Give the share of common cells of the smaller surface, and the two, of surfaces that overlap enough."""
+    sizes = np.array([len(each) for each in cells])
+    numbers, columns = np.unique(np.concatenate(cells), return_inverse=True)
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    held = sparse.csr_array((np.ones(len(columns), dtype=np.int32), columns, starts), shape=(len(cells), len(numbers)))
+    common = sparse.coo_array(held @ held.T)
+    firsts, seconds = common.coords
+    shares = common.data / np.maximum(np.minimum(sizes[firsts], sizes[seconds]), 1)
+    enough = (firsts < seconds) & (shares >= LEAST_OVERLAP)
+    yield from zip(shares[enough].tolist(), firsts[enough].tolist(), seconds[enough].tolist(), strict=True)
 
 
-def _best(values: np.ndarray, count: int, excluded: set[int]) -> list[int]:
-    """Give the places of the largest values."""
-    order = np.argsort(-values, kind="stable").tolist()
-    return [place for place in order if place not in excluded][:count]
+def _blocks(stations: Array) -> list[Array]:
+    """Cut stations into pieces whose rows of comparisons with all others fit into memory easily."""
+    return [stations[first : first + ROWS_AT_ONCE] for first in range(0, len(stations), ROWS_AT_ONCE)]
+
+
+def _largest(values: Matrix, count: int) -> Iterator[tuple[int, int]]:
+    """Give row and column of the largest values of each row, the first of equal ones; the values are used up."""
+    rows = np.arange(len(values))
+    for _ in range(count):
+        places = np.argmax(values, axis=1)
+        open_rows = np.flatnonzero(values[rows, places] > -np.inf)
+        yield from zip(open_rows.tolist(), places[open_rows].tolist(), strict=True)
+        values[rows, places] = -np.inf
 
 
 def _sorted(first: int, second: int) -> PairOfStations:

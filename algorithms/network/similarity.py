@@ -4,9 +4,10 @@ A cheap hint on which pairs of many are worth a registration, nothing more: no p
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from algorithms.arrays import Array, Matrix
 from algorithms.geometry.planes import Planes
@@ -48,8 +49,23 @@ def distance_profile(planes: Planes) -> Float64[Array, "bins"]:
     return np.concatenate(smoothed)
 
 
-def similarities(profiles: Sequence[Array]) -> Matrix:
-    """Compare scans by their profiles: (n, n) cosines, what few scans have counting more (rare before common).
+@dataclass(frozen=True, eq=False)
+class Likeness:
+    """How alike n scans are: 1 the same, 0 nothing in common."""
+
+    descriptions: Matrix
+    """(n, d) of length one."""
+
+    def __len__(self) -> int:
+        return len(self.descriptions)
+
+    def rows(self, stations: Int64[Array, "k"]) -> Float64[Array, "k n"]:
+        """Compare some scans (k,) with all, cosine by cosine: n² of them are never held at once."""
+        return np.asarray(self.descriptions[stations] @ self.descriptions.T)
+
+
+def likeness(profiles: Sequence[Array]) -> Likeness:
+    """Compare scans by their profiles, what few scans have counting more (rare before common).
 
     Parameters
     ----------
@@ -61,5 +77,4 @@ def similarities(profiles: Sequence[Array]) -> Matrix:
     rarity = np.log((1.0 + len(counts)) / (1.0 + in_scans)) + 0.1
     weighted = counts * rarity
     lengths = np.linalg.norm(weighted, axis=1)
-    unit = weighted / np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
-    return np.asarray(unit @ unit.T)
+    return Likeness(weighted / np.maximum(lengths, np.finfo(np.float64).tiny)[:, None])

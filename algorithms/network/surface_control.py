@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.network.candidate_pairs import occupied_cells
+from algorithms.network.candidate_pairs import CellNumbers, occupied_cells
 from algorithms.quality.overlap import verify_pose
 from algorithms.scans.pose_scores import balance
 
@@ -81,7 +81,7 @@ class SurfaceControl:
         """
         cells = {station: self._cells(station, poses[station]) for station in (*ones, *others)}
         shared = sorted(
-            ((-len(cells[one] & cells[other]), one, other) for one in ones for other in others),
+            ((-len(np.intersect1d(cells[one], cells[other])), one, other) for one in ones for other in others),
         )[:MOST_PAIRS]
         found = []
         for count, one, other in shared:
@@ -93,7 +93,7 @@ class SurfaceControl:
                 found.append(SurfaceEvidence(weighed, tested.violation_share, (one, other)))
         return found
 
-    def _cells(self, station: int, pose: RigidTransform) -> frozenset[tuple[int, int, int]]:
+    def _cells(self, station: int, pose: RigidTransform) -> CellNumbers:
         points = self._features(station).surface.points
         thinned = points[:: max(len(points) // MOST_POINTS, 1)]
         return occupied_cells(np.ascontiguousarray(thinned), pose)

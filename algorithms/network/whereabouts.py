@@ -2,16 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 
 import numpy as np
+from jaxtyping import Bool, Int64
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Points, Vector3
+from algorithms.arrays import Array, Points, Vector3
 from algorithms.geometry.poses import PoseEstimate
 
 SIGMAS = 5.0
 """So many standard deviations may stations be nearer to each other than their approximate poses say."""
+
+STATIONS_AT_ONCE = 256
+"""Stations that are compared with all others at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +23,31 @@ class Whereabouts:
 
     positions_m: Mapping[int, Vector3] = field(default_factory=dict)
     """Approximate places of stations in one frame [m]; those of others are unknown."""
-    apart: frozenset[tuple[int, int]] = frozenset()
-    """Pairs, the smaller number first, whose scans reach nowhere near each other."""
+    boxes: Mapping[int, tuple[Vector3, Vector3]] = field(default_factory=dict)
+    """Lower and upper corner of what the scans of stations may occupy in that frame [m]."""
 
     def are_apart(self, first: int, second: int) -> bool:
-        """Say whether two stations are known to be too far apart."""
-        return (min(first, second), max(first, second)) in self.apart
+        """Say whether the scans of two stations reach nowhere near each other."""
+        if first not in self.boxes or second not in self.boxes:
+            return False
+        (low, high), (other_low, other_high) = self.boxes[first], self.boxes[second]
+        return bool((low > other_high).any() or (other_low > high).any())
+
+    def apart_from(self, stations: Int64[Array, "k"], count: int) -> Bool[Array, "k n"]:
+        """Say of some stations (k,) from which of all n they are apart.
+
+        Parameters
+        ----------
+        stations
+            Their numbers.
+        count
+            n.
+        """
+        low, high = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
+        for station, (lower, upper) in self.boxes.items():
+            low[station], high[station] = lower, upper
+        beyond = (low[stations, None] > high[None]) | (low[None] > high[stations, None])
+        return np.asarray(beyond.any(axis=2))
 
     def nearest(self, count: int) -> list[tuple[int, int]]:
         """Pair each known station with its nearest ones, the smaller number first."""
@@ -56,16 +78,15 @@ def whereabouts_of(surfaces: Sequence[Points], poses: Mapping[int, PoseEstimate]
         World from station, where it is roughly known.
     """
     boxes = {station: _box(surfaces[station], pose) for station, pose in poses.items() if len(surfaces[station])}
-    apart = {
-        (first, second)
-        for first, second in combinations(sorted(boxes), 2)
-        if (boxes[first][0] > boxes[second][1]).any() or (boxes[second][0] > boxes[first][1]).any()
-    }
-    partners = {station: sum(station in pair for pair in apart) for station in boxes}
-    lost = {station for station in boxes if partners[station] == len(boxes) - 1}
+    placed = Whereabouts({}, boxes)
+    known, lost = np.array(sorted(boxes), dtype=np.int64), set[int]()
+    for first in range(0, len(known), STATIONS_AT_ONCE):
+        stations = known[first : first + STATIONS_AT_ONCE]
+        from_all_others = placed.apart_from(stations, len(surfaces)).sum(axis=1) == len(boxes) - 1
+        lost |= set(stations[from_all_others].tolist())
     return Whereabouts(
         {station: pose.translation_m for station, pose in poses.items() if station not in lost},
-        frozenset(pair for pair in apart if not lost & set(pair)),
+        {station: box for station, box in boxes.items() if station not in lost},
     )
 
 

@@ -21,8 +21,8 @@ from algorithms.network.candidate_pairs import Tried, first_pairs, next_pairs
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops
 from algorithms.network.network_registration import register_network
-from algorithms.network.pose_graph import connected_stations, tree_poses
-from algorithms.network.similarity import distance_profile, similarities
+from algorithms.network.pose_graph import chained_parts
+from algorithms.network.similarity import distance_profile, likeness
 from algorithms.network.surface_control import MOST_POINTS, SurfaceControl
 from algorithms.network.tracks import StationFeatures
 from algorithms.progress import NoProgress
@@ -58,7 +58,7 @@ def register_all(paths: Sequence[Path]) -> dict[str, object]:
     features = [features_of(path) for path in paths]
     clock.note("features")
     names = [path.stem for path in paths]
-    alike = similarities([distance_profile(scan.planes) for scan in features])
+    alike = likeness([distance_profile(scan.planes) for scan in features])
     surfaces = [
         np.ascontiguousarray(scan.surface.points[:: max(len(scan.surface.points) // MOST_POINTS, 1)])
         for scan in features
@@ -109,11 +109,7 @@ def _known(links: Sequence[StationLink], names: Sequence[str], tried: Sequence[t
     """Chain what is consistent, part by part of the network."""
     rejected = examine_loops(links, names).rejected
     used = [link for number, link in enumerate(links) if number not in rejected]
-    parts, poses = [], {}
-    for station in range(len(names)):
-        if station not in poses:
-            parts.append(connected_stations(used, station))
-            poses.update(tree_poses([link for link in used if link.target in parts[-1]], station))
+    parts, poses = chained_parts(used, len(names))
     return Tried(tried, [link.stations for link in used], poses, parts)
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Points
 from algorithms.features.scan_features import ScanFeatures
@@ -11,8 +10,8 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.candidate_pairs import Tried, first_pairs, next_pairs
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops
-from algorithms.network.pose_graph import connected_stations, tree_poses
-from algorithms.network.similarity import distance_profile, similarities
+from algorithms.network.pose_graph import chained_parts
+from algorithms.network.similarity import distance_profile, likeness
 from algorithms.network.whereabouts import whereabouts_of
 from service.ports import Json, StepContext
 from service.use_cases.steps.feature_store import load_features
@@ -36,7 +35,7 @@ def choose_pairs(context: StepContext, arguments: Json) -> Json:
         if approximate is not None:
             poses[number] = approximate_pose(approximate, features.origin_m)
         context.progress.report((number + 1) / len(names), "comparing scans")
-    alike = similarities(profiles)
+    alike = likeness(profiles)
     whereabouts = whereabouts_of(surfaces, poses)
     if arguments["pairs"]:
         links = [link for link in stored_links(context, arguments["pairs"], names, "accepted") if not link.of_targets]
@@ -52,15 +51,7 @@ def _known(links: Sequence[StationLink], names: Sequence[str], tried: Sequence[t
     """Chain what is consistent, part by part of the network."""
     verdict = examine_loops(links, names)
     used = [link for number, link in enumerate(links) if number not in verdict.rejected]
-    parts: list[list[int]] = []
-    poses: dict[int, RigidTransform] = {}
-    for station in range(len(names)):
-        if station in poses:
-            continue
-        part = connected_stations(used, station)
-        inside = set(part)
-        poses.update(tree_poses([link for link in used if link.target in inside], station))
-        parts.append(part)
+    parts, poses = chained_parts(used, len(names))
     return Tried(tried, [link.stations for link in used], poses, parts)
 
 

@@ -10,8 +10,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.network import candidate_pairs
 from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, next_pairs
-from algorithms.network.similarity import distance_profile, similarities
+from algorithms.network.similarity import Likeness, distance_profile, likeness
 from algorithms.network.whereabouts import Whereabouts, whereabouts_of
 from service.processes.register.plan import RegisterPlan
 from tests.scenes.buildings.plane_rooms import plane_rooms, seen_from
@@ -26,11 +27,24 @@ def surface_at(x: float, size: float = 10.0) -> np.ndarray:
     return np.array([(x + a, b, 0.1) for a in steps for b in (-0.4, 0.4)])
 
 
+def unlike(stations: int) -> Likeness:
+    """Let no two scans have anything in common."""
+    return Likeness(np.eye(stations))
+
+
+def apart(places: Whereabouts, stations: int) -> set[tuple[int, int]]:
+    """Give the pairs that are apart, one by one and all at once."""
+    found = {pair for pair in combinations(range(stations), 2) if places.are_apart(*pair)}
+    matrix = places.apart_from(np.arange(stations), stations)
+    assert {(int(a), int(b)) for a, b in zip(*np.nonzero(matrix), strict=True)} == found | {(b, a) for a, b in found}
+    return found
+
+
 def grown(
-    stations: int, works: Callable[[int, int], bool], alike: np.ndarray | None = None, spacing_m: float = 3.0
+    stations: int, works: Callable[[int, int], bool], alike: Likeness | None = None, spacing_m: float = 3.0
 ) -> tuple[list[tuple[int, int]], list[list[int]]]:
     """Let a corridor of stations grow: which pairs were tried, and the parts in the end."""
-    similar = np.zeros((stations, stations)) if alike is None else alike
+    similar = unlike(stations) if alike is None else alike
     surfaces = [surface_at(0.0) for _ in range(stations)]
     tried: list[tuple[int, int]] = []
     fresh = first_pairs(similar)
@@ -77,10 +91,49 @@ def test_the_number_of_pairs_is_bounded_where_nothing_fits() -> None:
         assert len(tried) <= most_pairs(stations) <= stations * (4 + 2 * log2(stations))
 
 
+def test_of_very_many_stations_four_pairs_are_tried_for_each() -> None:
+    bounds = [most_pairs(n) for n in range(2, 3000)]
+    assert all(np.diff(bounds) >= 0)
+    assert most_pairs(200) == np.ceil(200 * (3.0 + 2.0 * log2(200)))
+    assert most_pairs(5000) == 20_000
+
+
+def test_a_first_round_that_would_be_too_large_keeps_what_known_positions_say() -> None:
+    n = 1200
+    positions = {k: np.array([5.0 * (7 * k % n), 0.0, 0.0]) for k in range(n)}  # neighbours are far apart in the list
+    whereabouts = Whereabouts(positions)
+    chosen = first_pairs(unlike(n), whereabouts)
+    assert len(chosen) == 3 * n
+    near = whereabouts.nearest(4)
+    assert set(near) <= set(chosen)
+
+
+def test_surfaces_overlap_by_the_cells_that_both_occupy() -> None:
+    rng = np.random.default_rng(7)
+    n = 12
+    surfaces = [rng.uniform(0.0, 4.0, size=(60, 3)) for _ in range(n)]
+    poses = {k: RigidTransform.from_translation([1.5 * k, 0.0, 0.0]) for k in range(n)}
+    cells = [{tuple(row) for row in np.floor(poses[k].apply(surfaces[k])).tolist()} for k in range(n)]
+    shares = {
+        (a, b): len(cells[a] & cells[b]) / min(len(cells[a]), len(cells[b])) for a, b in combinations(range(n), 2)
+    }
+    tried = Tried([], [], poses, [list(range(n))])
+    chosen = next_pairs(unlike(n), surfaces, tried)
+    assert chosen
+    assert min(shares[pair] for pair in chosen) >= 0.15
+    degrees, expected = np.zeros(n, dtype=int), []
+    for pair in sorted(shares, key=lambda pair: (-shares[pair], pair)):
+        if shares[pair] >= 0.15 and (degrees[list(pair)] < 3).any():
+            degrees[list(pair)] += 1
+            expected.append(pair)
+    assert chosen == sorted(expected)
+
+
 def test_a_gap_in_the_order_is_bridged_by_likeness() -> None:
     # stations 0-9 and 10-19 are two corridors, which only the pair (2, 17) connects
-    alike = np.zeros((20, 20))
-    alike[2, 17] = alike[17, 2] = 0.9
+    descriptions = np.eye(20)
+    descriptions[17, [2, 17]] = 0.9, np.sqrt(1.0 - 0.9**2)
+    alike = Likeness(descriptions)
     _, parts = grown(20, lambda a, b: ((a < 10) == (b < 10) and abs(a - b) == 1) or {a, b} == {2, 17}, alike)
     assert len(parts) == 1
 
@@ -90,8 +143,16 @@ def test_known_positions_bring_the_nearest_stations_together() -> None:
     order = rng.permutation(30)
     positions = np.zeros((30, 3))
     positions[order, 0] = 4.0 * np.arange(30)
-    pairs = set(first_pairs(np.zeros((30, 30)), Whereabouts(dict(enumerate(positions)))))
+    pairs = set(first_pairs(unlike(30), Whereabouts(dict(enumerate(positions)))))
     assert {tuple(sorted((int(order[k]), int(order[k + 1])))) for k in range(29)} <= pairs
+
+
+def test_scans_are_compared_in_pieces_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    alike = likeness(list(rng.exponential(size=(40, 30)) * (rng.random((40, 30)) < 0.3)))
+    whole = first_pairs(alike)
+    monkeypatch.setattr(candidate_pairs, "ROWS_AT_ONCE", 7)
+    assert first_pairs(alike) == whole
 
 
 def test_scans_of_the_same_rooms_are_more_alike_than_others() -> None:
@@ -103,7 +164,7 @@ def test_scans_of_the_same_rooms_are_more_alike_than_others() -> None:
             order = rng.permutation(len(rooms.normals))
             _, planes = seen_from(rooms, NO_LINES, random_motion(rng), order, 0.002, rng)
             profiles.append(distance_profile(planes))
-    alike = similarities(profiles) - 2.0 * np.eye(8)
+    alike = likeness(profiles).rows(np.arange(8)) - 2.0 * np.eye(8)
     assert [int(np.argmax(row)) for row in alike] == [1, 0, 3, 2, 5, 4, 7, 6]
 
 
@@ -200,19 +261,19 @@ def test_stations_whose_scans_cannot_reach_each_other_are_apart() -> None:
     surfaces = [surface_at(0.0)] * 4
     places = whereabouts_of(surfaces, {k: roughly(15.0 * k) for k in range(4)})
     # boxes of 10 m, widened by 2.5 m for the place and 1.3 m for the turn on either side
-    assert places.apart == {(0, 2), (0, 3), (1, 3)}
+    assert apart(places, 4) == {(0, 2), (0, 3), (1, 3)}
 
 
 def test_an_unknown_orientation_lets_a_scan_reach_around_its_station() -> None:
     surfaces = [surface_at(20.0)] * 3
     poses = {0: roughly(0.0, turn_rad=2.0), 1: roughly(0.0), 2: roughly(-45.0)}
-    assert (0, 1) not in whereabouts_of(surfaces, poses).apart
+    assert not whereabouts_of(surfaces, poses).are_apart(0, 1)
 
 
 def test_nothing_is_concluded_from_a_pose_far_from_all_others() -> None:
     surfaces = [surface_at(0.0)] * 4
     places = whereabouts_of(surfaces, {0: roughly(0.0), 1: roughly(10.0), 2: roughly(9e4), 3: roughly(15.0)})
-    assert places.apart == frozenset()
+    assert apart(places, 4) == set()
     assert set(places.positions_m) == {0, 1, 3}
 
 
@@ -220,7 +281,7 @@ def test_stations_that_are_apart_are_never_paired() -> None:
     n = 30
     surfaces = [surface_at(0.0)] * n
     places = whereabouts_of(surfaces, {k: roughly(6.0 * k) for k in range(n)})
-    alike = 1.0 - np.eye(n)
+    alike = Likeness(np.ones((n, 1)))
     tried, fresh = [], first_pairs(alike, places)
     while fresh:
         tried += fresh
