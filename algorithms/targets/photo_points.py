@@ -15,7 +15,8 @@ from algorithms.targets.found import FoundTarget
 from algorithms.targets.options import TargetKind
 from algorithms.targets.photo_agreement import Candidate, ImagePoint, NotSeen, agreeing
 from algorithms.targets.photo_sights import LEAST_AGREEMENT, WINDOW_SIGMAS, Sight, sight_of
-from algorithms.targets.photo_squares import fit_square
+from algorithms.targets.photo_squares import SquareFit, fit_square
+from algorithms.targets.photo_textures import texture_covariance
 
 TEMPLATE_PX = 40.0
 """In the first search it is made so small."""
@@ -27,6 +28,8 @@ LEAST_LIKENESS, WORTH_TRYING, MOST_TRIED = 0.45, 0.75, 4
 """Correlation with the template of places that are looked at closely, that relative to the largest, and how many."""
 LEAST_STD_PX = 0.004
 """A centre in a photo is never known better: brightness is not even to the last."""
+AROUND, CLEAR_BLURS = 1.5, 3.0
+"""The ground's texture is that of so many sizes around a square, beyond so many blurs from it."""
 MOST_STRETCH = {True: 0.12, False: 1.5}
 """Of a shape whose plane is known, or is not."""
 WORST_ANGLE_RAD = float(np.deg2rad(8.0))
@@ -193,7 +196,37 @@ def _fitted(sight: Sight, turn: float, sign: float) -> _Fit | str:
         return f"a square explains only {max(fit.agreement, 0.0):.0%} of the brightness there"
     if fit.stretch > MOST_STRETCH[known]:
         return f"what is there is {fit.stretch:.0%} larger or smaller than the square"
-    return _in_photo(sight, fit.place, fit.covariance, fit.agreement, fit.contrast)
+    weights = np.zeros((2, len(places)))
+    weights[:, mask] = fit.by_ground
+    covariance = _with_texture(sight, fit, (low, high), weights)
+    return _in_photo(sight, fit.place, covariance, fit.agreement, fit.contrast)
+
+
+def _with_texture(sight: Sight, fit: SquareFit, window: tuple[Array, Array], weights: Array) -> Array:
+    """Give the covariance (2, 2) of a square's place, at least that of the ground around it.
+
+    Parameters
+    ----------
+    sight, fit
+        The square.
+    window
+        First column and row, and those after the last.
+    weights
+        (2, n) derivatives of the place by the ground behind the window's pixels.
+    """
+    (low, high), reach = window, round(AROUND * sight.size_px)
+    begin, end = np.maximum(low - reach, 0), np.minimum(high + reach, sight.grey.shape[::-1])
+    columns, rows = np.meshgrid(np.arange(begin[0], end[0]), np.arange(begin[1], end[1]))
+    places = sight.places(np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)) - fit.place
+    clear = 0.5 * sight.target.size_m + CLEAR_BLURS * BLUR_PX * sight.pixel_m
+    ground = (np.abs(places @ _axes(fit.turn_rad)).max(axis=1) > clear).reshape(rows.shape)
+    moved = np.zeros((2, *rows.shape))
+    part = slice(low[1] - begin[1], high[1] - begin[1]), slice(low[0] - begin[0], high[0] - begin[0])
+    moved[:, *part] = weights.reshape(2, high[1] - low[1], high[0] - low[0])
+    texture = texture_covariance(sight.grey[begin[1] : end[1], begin[0] : end[0]], ground, moved)
+    if texture is None:
+        return fit.covariance
+    return max(fit.covariance, texture + fit.inside_covariance, key=np.trace)
 
 
 def _fitted_board(sight: Sight, places: Array, grey: Array, turn: float, sign: float) -> _Fit | str:

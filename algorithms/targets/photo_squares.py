@@ -32,6 +32,10 @@ class SquareFit:
     """(2,) [m]."""
     covariance: Array
     """(2, 2) [m²]."""
+    by_ground: Array
+    """(2, n) derivatives of the place by the brightness of the ground behind each pixel; 0 of those left out."""
+    inside_covariance: Array
+    """(2, 2) of the covariance, what pixels of the square itself and what is known before contribute [m²]."""
     agreement: float
     """Share of the brightness's variance that the square explains, 0..1."""
     rms: float
@@ -40,6 +44,7 @@ class SquareFit:
     """Brightness inside minus outside, at the centre [grey levels]."""
     stretch: float
     """Largest stretch of the square."""
+    turn_rad: float
 
 
 def fit_square(
@@ -77,7 +82,9 @@ def fit_square(
         solved = model.solved(x)
         if solved is None:
             return None
-        x, omega, covariance = solved
+        x, omega, covariance, influence, inside = solved
+        by_ground = np.zeros((2, len(places)))
+        by_ground[:, kept] = influence
         left = everything.fitting(x, kept)
         if np.array_equal(left, kept):
             break
@@ -87,10 +94,13 @@ def fit_square(
     return SquareFit(
         place=x[:2],
         covariance=covariance,
+        by_ground=by_ground,
+        inside_covariance=inside,
         agreement=1.0 - omega / max(spread, 1e-300),
         rms=float(np.sqrt(omega / len(model.grey))),
         contrast=float(x[FIXED + 3] - x[FIXED]),
         stretch=float(np.abs(x[3:6]).max()),
+        turn_rad=float(x[6]),
     )
 
 
@@ -147,8 +157,10 @@ class SquareModel:
         limit = OUTLYING * max(1.4826 * float(np.median(misfits[kept])), 1.0)
         return np.asarray((misfits < limit) | ((share > SURE) & (share < 1.0 - SURE)))
 
-    def solved(self, begin: Array | None) -> tuple[Array, float, Array] | None:
-        """Give the solution, its sum of squares, and the covariance (2, 2) of the place; None where it runs away."""
+    def solved(self, begin: Array | None) -> tuple[Array, float, Array, Array, Array] | None:
+        """Give the solution, its sum of squares, and the covariance (2, 2) of the place; its derivatives (2, n) by the
+        ground, and its covariance by all else; None where it runs away.
+        """
         first = self.first()
         x = first if begin is None else begin
         n, noise = len(self.grey), max(float(np.std(self.grey)), 1.0)
@@ -174,7 +186,10 @@ class SquareModel:
         # what is not the square's own (joints of bricks, shadows) is not independent from pixel to pixel
         together = np.vstack([self._by_blocks(meat[:n]), meat[n:]])
         covariances = [(each.T @ each)[:2, :2] for each in (meat, together)]
-        return x, float(np.sum(misfits**2)), np.asarray(max(covariances, key=np.trace))
+        share, _ = self.share(x)
+        inside = meat[:, :2] * np.append(share, np.ones(4))[:, None]
+        by_ground = gain[:n, :2].T * (1.0 - share)
+        return x, float(np.sum(misfits**2)), np.asarray(max(covariances, key=np.trace)), by_ground, inside.T @ inside
 
     def _by_blocks(self, rows: Array) -> Array:
         """Add up what belongs to pixels (n, k) that lie in one block of some blurs' width."""
