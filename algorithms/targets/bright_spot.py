@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage, special, stats
 
 from algorithms.arrays import Array, Matrix3, Scalars, Vector3, Vectors2
-from algorithms.targets.damped_fit import damped_fit
+from algorithms.targets.damped_fit import damped_fit, residual_covariance
 from algorithms.targets.options import TargetKind
 from algorithms.targets.seen_cloud import SeenCloud
 from algorithms.targets.tangent_plane import TangentPlane, plane_across, plane_through
@@ -455,10 +455,10 @@ class SpotModel:
         design = fitted.jacobian
         inverse = np.linalg.pinv(design.T @ design + 1e-12 * np.diag(1.0 / scale[free] ** 2), hermitian=True)
         gain = design @ inverse
-        leverage = np.minimum(np.einsum("ij,ij->i", gain[:n], design[:n]), 0.95)
+        covariance = residual_covariance(design[:n], gain[:n], misfits)[:2, :2]
         # what is known before scatters as much as was said of it, whatever its residual happens to be
-        meat = gain * np.append(misfits / (1.0 - leverage), np.full(len(known), scatter))[:, None]
-        return solution, float(np.sum(misfits**2)) * unit**2, np.asarray((meat.T @ meat)[:2, :2])
+        covariance = covariance + scatter**2 * gain[n:, :2].T @ gain[n:, :2]
+        return solution, float(np.sum(misfits**2)) * unit**2, covariance
 
     def _has_tail(self, x: Array) -> bool:
         return len(x) > 5 + len(self.shape.begins)

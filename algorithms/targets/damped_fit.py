@@ -12,6 +12,9 @@ from algorithms.arrays import Array, Scalars
 Model: TypeAlias = Callable[[Array], tuple[Scalars, Array]]
 """Gives residuals (n,) and their derivatives (n, k) at parameters (k,)."""
 TOLERANCE = 1e-8
+LEAST_FREEDOM = 3.0
+"""Of a variance, however few independent residuals tell it."""
+MOST_LEVERAGE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +72,31 @@ def damped_fit(
         )
     solution = np.asarray(found[0])
     return DampedFit(solution, *seen(solution))
+
+
+def residual_covariance(design: Array, gain: Array, residuals: Scalars) -> Array:
+    """Give the covariance (k, k) of parameters from the residuals themselves (White 1980, in the form HC3).
+
+    Few residuals may tell a variance: it is larger by as much as that of a t distribution is than 1, whose degrees of
+    freedom are those of the variance as a quadratic form of equal errors (Bell and McCaffrey 2002).
+
+    Parameters
+    ----------
+    design
+        (n, k) derivatives of the measurements by the parameters.
+    gain
+        (n, k) derivatives of the parameters by the measurements.
+    residuals
+        (n,).
+    """
+    leverage = np.minimum(np.einsum("ij,ij->i", gain, design), MOST_LEVERAGE)
+    parts = gain * (residuals / (1.0 - leverage))[:, None]
+    for k in range(parts.shape[1]):
+        share = (gain[:, k] / (1.0 - leverage)) ** 2
+        mean = float(np.sum(share * (1.0 - leverage)))
+        projected = float(np.sum(((gain.T * share) @ gain) * ((design.T * share) @ design)))
+        # twice the squared mean of a quadratic form over its own variance
+        square = float(np.sum(share**2 * (1.0 - 2.0 * leverage))) + projected
+        freedom = max(mean**2 / max(square, 1e-300), LEAST_FREEDOM)
+        parts[:, k] *= np.sqrt(freedom / (freedom - 2.0))
+    return np.asarray(parts.T @ parts)
