@@ -7,17 +7,18 @@ of MATH 2.4 and 2.5. The interior orientation of the camera is taken as errorles
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float64, Int32, Int64
+from jaxtyping import Bool, Float64, Int32, Int64
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Indices, Labels, Points, Scalars
+from algorithms.arrays import Array, Flags, Indices, Labels, Points, Scalars
 from algorithms.features.photo_lines.edge_bands import gather_bands
 from algorithms.features.photo_lines.edge_owners import edge_owners
 from algorithms.features.photo_lines.edge_planes import EdgePlanes, adjust_edge_planes
 from algorithms.features.photo_lines.edge_touches import edge_touches
-from algorithms.features.photo_lines.projection_options import EdgeRejection, ProjectionOptions
+from algorithms.features.photo_lines.projection_options import EdgeRejection, ProjectionOptions, SpaceEdgeKind
 from algorithms.features.photo_lines.side_planes import side_planes
 from algorithms.features.photo_lines.side_planes_kernels import crowded_sides, flatly_crossed
+from algorithms.features.photo_lines.thin_lines import middles_of_thin_lines
 from algorithms.geometry.cameras import Camera
 from algorithms.geometry.covariances import intersection_covariances, intersection_jacobians, intersection_lines
 from algorithms.geometry.lines import Lines, LineSource, concatenated_lines, lines_from_arrays
@@ -111,17 +112,22 @@ def project_edges(
     Lines with the anchor in the middle of the edge. Every edge is either among the lines or among the rejected ones.
     """
     reasons = np.full(len(segments), EdgeRejection.TOO_SHORT, dtype=np.int32)
+    thin = middles_of_thin_lines(segments, options.min_separation_px)
+    # the second side of a thin line stands beside nothing, and nothing beside it
+    left = np.flatnonzero(~thin.spent)
+    segments = thin.segments
     is_long = segments.lengths >= max(options.min_length_px, 1.0)
-    reach = np.full(len(segments), options.min_separation_px)
-    crowded = crowded_sides(segments.centres, segments.directions, segments.extents, reach).any(axis=1)
-    crowded |= flatly_crossed(segments.centres, segments.directions, segments.extents, options.min_separation_px)
-    crowded |= segments.composite
+    crowded = thin.spent.copy()
+    crowded[left] = _crowded(segments[left], thin.half_widths_px[left], options.min_separation_px)
     reasons[is_long & crowded] = EdgeRejection.CROWDED
     arguments = (camera, scan_from_camera, scan, options, noise_std_m)
     first, second = ProgressSection(progress, 0.0, 0.6), ProgressSection(progress, 0.6, 1.0)
     # apart from each other: what is crowded must not speak of spacing and waviness of the rest
-    measured = _projected(segments, np.flatnonzero(is_long & ~crowded), reasons, *arguments, first)
-    others = _projected(segments, np.flatnonzero(is_long & crowded), reasons.copy(), *arguments, second)
+    measured = _projected(
+        segments, left, thin.half_widths_px, np.flatnonzero(is_long & ~crowded), reasons, *arguments, first
+    )
+    witnesses = np.flatnonzero(is_long & crowded & ~thin.spent)
+    others = _projected(segments, left, thin.half_widths_px, witnesses, reasons.copy(), *arguments, second)
     return replace(
         measured,
         witnesses=concatenated_lines([measured.witnesses, others.lines, others.witnesses]),
@@ -129,8 +135,27 @@ def project_edges(
     )
 
 
+def _crowded(segments: ImageSegments, half_widths_px: Scalars, separation_px: float) -> Flags:
+    """Tell which edges others run along so near that their blurs move each other, or which are two themselves."""
+    where = segments.centres, segments.directions, segments.extents
+    crowded = crowded_sides(*where, separation_px + half_widths_px).any(axis=1)
+    return np.asarray(crowded | flatly_crossed(*where, separation_px) | segments.composite)
+
+
+def _ended_before(
+    segments: ImageSegments, left: Int64[Array, "left"], reach: Float64[Array, "n"]
+) -> Bool[Array, "n 2"]:
+    """Tell on which sides of edges another one of the edges `left` runs, so that what is beyond ends there."""
+    beside = segments[left]
+    found = np.zeros((len(segments), 2), dtype=np.bool_)
+    found[left] = crowded_sides(beside.centres, beside.directions, beside.extents, reach[left])
+    return found
+
+
 def _projected(
     segments: ImageSegments,
+    left: Int64[Array, "left"],
+    half_widths_px: Float64[Array, "n"],
     long: Array,
     reasons: Array,
     camera: Camera,
@@ -140,7 +165,13 @@ def _projected(
     noise_std_m: float,
     progress: Progress,
 ) -> ProjectedEdges:
-    """Turn the chosen edges into lines; writes why others of them give none into `reasons`, of all segments."""
+    """Turn the chosen edges into lines; writes why others of them give none into `reasons`, of all segments.
+
+    Among the edges `left` it is seen where another one runs beside a chosen one. Middles of thin lines, which
+    have half a width, are lines where both sides are one plane: of a reveal or a frame the sides lie at different
+    depths, and the middle is no line in space. And the scan must be so fine that it has points on them, which tell
+    what stands before the plane, such as a cable.
+    """
     if len(long) == 0:
         return _nothing(reasons)
     chosen = segments[long]
@@ -157,7 +188,7 @@ def _projected(
     least_angle = options.min_angle_gon * np.pi / 200.0
     reach = np.zeros(len(segments))
     reach[long] = options.gap_px + bands.spacings_px
-    ends_before = crowded_sides(segments.centres, segments.directions, segments.extents, reach)[long]
+    ends_before = _ended_before(segments, left, reach)[long]
     rays = _edge_rays(chosen, camera, pose)
     uneven = planes.uneven(centre, noise_std_m**2)
     touches = edge_touches(bands, planes, normals, centre, options.gap_px)
@@ -176,6 +207,11 @@ def _projected(
     bent = kept[adjusted.curved[kept]]
     reasons[long[bent[clear[bent]]]] = EdgeRejection.CURVED
     kept = kept[~adjusted.curved[kept]]
+    in_a_plane = np.isin(adjusted.kinds[kept], (SpaceEdgeKind.SURFACE_EDGE, SpaceEdgeKind.MATERIAL_EDGE))
+    widths = 2.0 * half_widths_px[long]
+    hollow = kept[(widths[kept] > 0.0) & ~(in_a_plane & (bands.spacings_px[kept] <= widths[kept]))]
+    reasons[long[hollow[clear[hollow]]]] = EdgeRejection.CROWDED
+    clear[hollow] = False
     ones = np.broadcast_to(centre, (len(kept), 3)).copy()
     lines, jacobians, by_surface = _cut(
         chosen[kept], camera, pose, ones, normals[kept], bases[kept], by_edge[kept], adjusted.select(kept),

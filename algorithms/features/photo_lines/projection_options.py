@@ -19,7 +19,8 @@ class ProjectionOptions:
     """Points nearer to the edge are not used: beams that hit both sides measure neither [px]."""
     min_separation_px: Annotated[float, Ge(0.0), Le(50.0)] = 5.0
     """Edges along which another edge runs nearer than this are left out: the profile across an edge reaches four pixels
-    to both sides, and the blur of each edge moves the other [px]."""
+    to both sides, and the blur of each edge moves the other. Of both sides of a joint or another thin line in a wall
+    the middle, which stays, is used instead [px]."""
     systematic_px: Annotated[float, Ge(0.0), Le(10.0)] = 0.0
     """Standard deviation of an edge's place besides that of its measurement, from what calibration leaves of the
     distortion [px]; 0 takes the interior orientation as errorless."""
@@ -71,7 +72,8 @@ class EdgeRejection(IntEnum):
     TOO_UNCERTAIN = 7
     """The line's standard deviation is too large."""
     CROWDED = 8
-    """Another edge runs so near along this one that their blurs move each other, or that both look like one."""
+    """Another edge runs so near along this one that their blurs move each other, or that both look like one; or it is
+    the second side of a thin line, whose middle the other one stands for."""
 
     @property
     def label(self) -> str:

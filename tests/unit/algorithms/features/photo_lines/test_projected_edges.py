@@ -145,6 +145,36 @@ def test_two_edges_within_three_pixels_are_crowded():
     assert edges.rejected_reasons.tolist() == [EdgeRejection.CROWDED, EdgeRejection.CROWDED]
 
 
+def thin_line(scan, width_m=0.014, **options):
+    """Project both sides of a thin line, bright outside, about the middle (START, END)."""
+    half = np.array([[0.0, 0.5 * width_m, 0.0]])
+    return project(scan, np.vstack([START + half, END - half]), np.vstack([END + half, START - half]), **options)
+
+
+FINE = panel((6.0, -0.4, -1.0), (0, 0.8, 0), (0, 0, 2.5), 0.01)
+
+
+def test_both_sides_of_a_joint_become_one_line_in_the_middle():
+    edges = thin_line(scan_of(FINE))
+    assert edges.kinds.tolist() == [SpaceEdgeKind.SURFACE_EDGE]
+    assert edges.rejected_reasons.tolist() == [EdgeRejection.CROWDED]
+    both = np.vstack([START, START]), np.vstack([END, END])
+    assert largest_offset_m(edges, *both) < 1e-9
+
+
+def test_sides_of_a_reveal_stay_crowded():
+    near = panel((6.0, 0.0, -1.0), (0, 0.4, 0), (0, 0, 2.5), 0.01)
+    behind = panel((6.3, -0.5, -1.5), (0, 0.5, 0), (0, 0, 4), 0.01)
+    edges = thin_line(scan_of(near, behind))
+    assert len(edges) == 0
+    assert EdgeRejection.NONE not in edges.rejected_reasons.tolist()
+
+
+def test_a_scan_too_coarse_to_hit_a_thin_line_does_not_tell_that_it_lies_in_the_wall():
+    edges = thin_line(scan_of(WALL))
+    assert edges.rejected_reasons.tolist() == [EdgeRejection.CROWDED, EdgeRejection.CROWDED]
+
+
 def test_every_edge_is_a_line_or_has_a_reason():
     starts = START + np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
     edges = project(scan_of(LEFT_HALF), starts, starts + (END - START))
