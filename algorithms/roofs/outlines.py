@@ -10,16 +10,15 @@ import numpy as np
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, label
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Points, Scalars
-from algorithms.deviations.rasters import Grid
+from algorithms.arrays import Array, Points
 from algorithms.errors import InvalidInputError
 from algorithms.progress import NoProgress
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import area_of
 from algorithms.roofs.planes import small_planes
 from algorithms.roofs.surroundings import share_above
-from algorithms.terrain.cell_heights import cells_over, filled, heights_on, lowest_heights
-from algorithms.terrain.filters.opening import object_cells
+from algorithms.terrain.cell_heights import cells_over, heights_on
+from algorithms.terrain.filters.opening import opened_terrain
 
 CELL_SPACINGS = 1.5
 PLANE_SHARE = 0.25
@@ -64,7 +63,8 @@ def found_outlines(
     cell = CELL_SPACINGS * float(np.median(np.asarray(spacing)[:, -1])) * np.sqrt(np.pi / 7.0)
     grid = cells_over(points, cell)
     flat = grid.cells_of(points)
-    above = points[:, 2] - _terrain_below(points, grid)
+    terrain = opened_terrain(points, grid, 0.5 * LARGEST_BUILDING_M, STEEPEST_GROUND, NoProgress())
+    above = points[:, 2] - heights_on(terrain, grid, points)
     high = above > options.least_height_m
     _, plane = small_planes(points, options)
     size = grid.rows * grid.columns
@@ -89,13 +89,6 @@ def found_outlines(
         raise InvalidInputError("plans", f"no roof of {least_area_m2:g} m² or more stands above the ground")
     found.sort(key=lambda each: -abs(area_of(each[0])))
     return [outline for outline, _ in found], [ground for _, ground in found]
-
-
-def _terrain_below(points: Points, grid: Grid) -> Scalars:
-    """Give the height of the terrain at each point (n,) [m], by openings that leave slopes (Kilian 1996)."""
-    lowest = lowest_heights(points, grid)
-    objects = object_cells(filled(lowest), grid, 0.5 * LARGEST_BUILDING_M, STEEPEST_GROUND, NoProgress())
-    return heights_on(filled(np.where(objects, np.nan, lowest)), grid, points)
 
 
 def _outline(places: Array, cell_m: float) -> Array | None:

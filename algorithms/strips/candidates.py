@@ -5,10 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int64
 
-from algorithms.arrays import Array, Indices, Matrices3, Points, Scalars
+from algorithms.arrays import Array, Indices, Matrices3, OtherPoints, Points, Scalars
+from algorithms.progress import NoProgress
 from algorithms.strips.options import PatchOptions
 from algorithms.strips.scan_lines import ScanLines
 from algorithms.strips.strip import Strip
+from algorithms.terrain.cell_heights import cells_over, heights_on, spacing_of
+from algorithms.terrain.filters.opening import opened_terrain
 
 LOOSE = 2.0
 """Run 1 lets pass what scatters by so many times the limit: outliers are still among the points."""
@@ -17,6 +20,8 @@ LEAST_SPREAD = 0.15
 FLAT_DEG, STEEP_DEG = 8.0, 22.0
 """Between classes of slope; what is steeper than the first is divided by its aspect too."""
 ASPECTS = 4
+TERRAIN_CELL_M, LARGEST_BUILDING_M, STEEPEST_GROUND = 1.0, 60.0, 0.15
+"""Terrain is told from roofs by openings, as `roofs` does without plans."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +82,16 @@ def candidates_of(strip: Strip, lines: ScanLines, options: PatchOptions) -> Cand
     slope = np.degrees(np.arccos(np.minimum(normals[:, 2], 1.0)))
     good = (std <= LOOSE * options.std_m) & (values[:, 1] > LEAST_SPREAD * values[:, 2])
     good &= (slope >= options.least_slope_deg) & (slope <= options.steepest_deg)
+    if options.least_rise_m > 0.0:
+        good &= _rises(means, strip.points) >= options.least_rise_m
     return Candidates(means[good], normals[good], std[good], _classes(normals[good], slope[good]))
+
+
+def _rises(places: OtherPoints, points: Points) -> Array:
+    """Give how far places (k,) stand above the terrain below the points of their strip [m]."""
+    grid = cells_over(points, max(TERRAIN_CELL_M, spacing_of(points)))
+    terrain = opened_terrain(points, grid, LARGEST_BUILDING_M / 2.0, STEEPEST_GROUND, NoProgress())
+    return np.asarray(places[:, 2] - heights_on(terrain, grid, places))
 
 
 def _classes(normals: Points, slope_deg: Scalars) -> Indices:

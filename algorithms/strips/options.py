@@ -24,6 +24,8 @@ class PatchOptions:
     """Largest share of points off its plane, such as those of chimneys and cars, 0..1."""
     least_slope_deg: Annotated[float, Ge(0.0), Le(80.0)] = 0.0
     """Flatter patches are left out [degree]: above 10, roofs and banks alone tie the strips."""
+    least_rise_m: Annotated[float, Ge(0.0), Le(100.0)] = 0.0
+    """Patches that stand less above the terrain around are left out [m]: above 2, roofs alone are ties; 0: all."""
     steepest_deg: Annotated[float, Gt(0.0), Le(85.0)] = 60.0
     """Steeper ones are left out [degree]."""
     max_gap_m: Annotated[float, Gt(0.0), Le(20.0)] = 1.0

@@ -29,10 +29,15 @@ def opening(points: Points, options: Opening, cell_m: float, progress: Progress)
         Edge of the cells [m].
     """
     grid = cells_over(points, cell_m)
-    lowest = lowest_heights(points, grid)
-    objects = object_cells(filled(lowest), grid, options.window_m, options.slope, progress)
-    terrain = filled(np.where(objects, np.nan, lowest))
+    terrain = opened_terrain(points, grid, options.window_m, options.slope, progress)
     return within_band(points, terrain, grid, options.tolerance_m, options.per_slope_m)
+
+
+def opened_terrain(points: Points, grid: Grid, window_m: float, slope: float, progress: Progress) -> GridValues:
+    """Give the heights of the terrain (rows, columns) [m]: the lowest points, filled where openings see objects."""
+    lowest = lowest_heights(points, grid)
+    objects = object_cells(filled(lowest), grid, window_m, slope, progress)
+    return filled(np.where(objects, np.nan, lowest))
 
 
 def object_cells(heights: GridValues, grid: Grid, window_m: float, slope: float, progress: Progress) -> GridFlags:

@@ -164,10 +164,10 @@ def practise_on_terrain() -> None:
 
 
 def practise_on_strips() -> None:
-    """Tie two tiny strips of level ground, whatever comes of it."""
+    """Tie two tiny strips of level ground, then by their roofs, whatever comes of it."""
     from algorithms.errors import AlgorithmError
     from algorithms.progress import NoProgress
-    from algorithms.strips.options import StripOptions
+    from algorithms.strips.options import PatchOptions, StripOptions
     from algorithms.strips.strip import Strip
     from algorithms.strips.strip_block import adjust_strips
 
@@ -176,8 +176,9 @@ def practise_on_strips() -> None:
     points = np.column_stack([40.0 * times, 20.0 * (np.linspace(0.0, 40.0, 4000) % 1.0), rng.normal(0.0, 0.01, 4000)])
     swinging = (np.arange(4000) // 100 % 2).astype(np.int8)
     strips = [Strip("first", points, times), Strip("second", points, times, None, swinging)]
-    with suppress(AlgorithmError):
-        adjust_strips(strips, [], StripOptions(), NoProgress())
+    for options in (StripOptions(), StripOptions(patches=PatchOptions(least_rise_m=1.0))):
+        with suppress(AlgorithmError):
+            adjust_strips(strips, [], options, NoProgress())
 
 
 def practise_on_edges() -> None:

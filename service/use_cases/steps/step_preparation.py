@@ -57,7 +57,7 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
         yield from (kernels.EDGES_OF_PHOTOS, kernels.LINES_OF_PHOTOS)
     if step in PAIR_STEPS and arguments["method"]["method"] in proposing_methods():
         yield kernels.METHODS
-    if step in ROOF_STEPS:
+    if step in ROOF_STEPS and not arguments["plans"]:
         yield kernels.TERRAIN
     if step in CLOUD_STEPS or (arguments.get("options") or {}).get("cleaning"):
         yield kernels.CLOUDS

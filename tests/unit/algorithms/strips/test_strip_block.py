@@ -159,6 +159,33 @@ def test_steep_patches_alone_can_be_wanted(flown: list[FlownStrip]) -> None:
     assert np.degrees(np.arccos(adjusted.block.frames[:, 2, 2])).min() >= 15.0
 
 
+@pytest.mark.slow
+def test_roofs_alone_can_be_wanted(flown: list[FlownStrip]) -> None:
+    roofs = PatchOptions(least_rise_m=3.0, size_m=4.0, spacing_m=10.0, least_points=8)
+    strips = [each.strip for each in flown]
+    block = adjust_strips(strips, [], StripOptions(patches=roofs, passes=1), NoProgress()).adjusted.block
+    x, y, z = block.references_m.T
+    # eaves are 6 m above the ground at the house's middle
+    assert (z - RAISED.terrain(x, y)).min() > 2.0
+    assert len(x) > 20
+
+
+@pytest.mark.slow
+def test_higher_powers_of_time_follow_a_wave_of_the_heights(planted: PlantedErrors) -> None:
+    flown = village(replace(planted, wave_m=0.1, wave_s=10.0), LAND)
+    left = []
+    for degree in (1, 4):
+        options = StripOptions(corrections=CorrectionOptions(shift_degree=degree))
+        adjusted = adjust_strips([each.strip for each in flown], known_places(LAND), options, NoProgress()).adjusted
+        heights = [
+            adjusted.block.correction(adjusted.state, k).applied(each.strip.points, each.strip.times_s)[:, 2]
+            - each.true_points[:, 2]
+            for k, each in enumerate(flown)
+        ]
+        left.append(float(np.sqrt(np.mean([(each**2).mean() for each in heights]))))
+    assert left[1] < 0.03 < 0.06 < left[0]
+
+
 def test_times_of_no_flight_are_refused(flown: list[FlownStrip]) -> None:
     first = flown[0].strip
     with pytest.raises(InvalidInputError, match="all its points have one time"):

@@ -163,7 +163,8 @@ def test_each_kernel_that_the_numerics_call_is_practised() -> None:
         ("write-registered", {"options": {"cleaning": {"comet_tails": True}}}, [SCANS, CLOUDS]),
         ("adjust", {"options": None}, [NETWORKS]),
         ("terrain", {"inputs": {}}, [TERRAIN]),
-        ("model-roofs", {"roof": {}}, [SCANS, TERRAIN, CLOUDS]),
+        ("model-roofs", {"plans": None}, [SCANS, TERRAIN, CLOUDS]),
+        ("model-roofs", {"plans": [{}]}, [SCANS, CLOUDS]),
     ],
 )
 def test_a_step_waits_for_the_kernels_that_it_calls_only(step: str, arguments: Json, parts: list[str]) -> None:
