@@ -29,10 +29,10 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from service.adapters.processes.process_limits import be_called, die_with_parent, let_others_first
 from service.ports import Json
+from service.use_cases.steps.compile_ahead import is_alone
 
 MESSAGE_BYTES = 4096
 DESCRIPTORS = 3
@@ -90,7 +90,7 @@ class Nursery:
 
     def serve(self) -> None:
         """Work until the worker closes its end; then end what still runs."""
-        if not _is_alone():
+        if not is_alone():
             sys.exit("a library has started threads; computations start without copies")
         _freeze()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker decides when to stop
@@ -260,9 +260,3 @@ def _end(process: int) -> None:
     except ProcessLookupError:
         with contextlib.suppress(ProcessLookupError):
             os.kill(process, signal.SIGKILL)  # it has not become a group of its own yet
-
-
-def _is_alone() -> bool:
-    """Tell whether this process has one thread: only then is a copy of it whole."""
-    tasks = Path("/proc/self/task")
-    return not tasks.exists() or len(list(tasks.iterdir())) == 1

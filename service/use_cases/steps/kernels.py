@@ -12,10 +12,12 @@ import importlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from service.ports import StepProgress
+from service.use_cases.steps.compile_ahead import compile_ahead
 from service.use_cases.steps.practice import (
     practise,
     practise_on_clouds,
@@ -49,7 +51,14 @@ def ensure_compiled(progress: StepProgress, part: str = SCANS) -> None:
     """Return when the kernels of a part are compiled; compile them where nobody has done so, and nobody does."""
     folder = kept_in()
     if folder is not None:
-        compile_once(folder, PRACTICES[part], counted_kernels, progress, part)
+        compile_once(folder, partial(_compile_part, part), counted_kernels, progress, part)
+
+
+def _compile_part(part: str) -> None:
+    """Practise, after several processes have compiled what practice calls, where everybody waits for it."""
+    if part == SCANS:
+        compile_ahead()
+    PRACTICES[part]()
 
 
 def practise_once() -> None:

@@ -18,6 +18,7 @@ from numba.core.caching import Cache
 
 from service.ports import Json
 from service.use_cases.steps import kernels
+from service.use_cases.steps.compile_ahead import LISTED
 from service.use_cases.steps.kernels import (
     CLOUDS,
     COMPILING,
@@ -38,17 +39,38 @@ WITHIN_S = 60.0
 NOT_CALLED = """
 import importlib, json, pathlib, sys
 from numba.core.dispatcher import Dispatcher
-from service.use_cases.steps.kernels import KERNELS, PRACTICES, import_kernels
+from service.use_cases.steps.compile_ahead import called_with
+from service.use_cases.steps.kernels import KERNELS, PRACTICES, SCANS, import_kernels
 
 import_kernels()
-for practice in PRACTICES.values():
-    practice()
+PRACTICES[SCANS]()
+print(json.dumps(list(called_with())))
+for part, practice in PRACTICES.items():
+    if part != SCANS:
+        practice()
 modules = {name: module for name, module in sys.modules.items() if name.endswith("_kernels")}
 named = {(name, word) for name, module in modules.items() for word, value in vars(module).items()
          if isinstance(value, Dispatcher) and value.__module__ == name and not value.signatures}
 print(json.dumps(sorted(named)))
 """
-"""Lists kernels that no practice called, and no other kernel of which they are part was compiled in this process."""
+"""Lists with which types kernels are called that all registrations need; then those that no practice called, and no
+other kernel of which they are part was compiled in this process.
+"""
+WRITE = "run: uv run --no-sync python -m service.use_cases.steps.compile_ahead"
+AHEAD = """
+import os, sys
+from pathlib import Path
+from service.use_cases.steps import compile_ahead
+
+sys.path.insert(0, sys.argv[1])
+os.sched_getaffinity = lambda _: {0, 1, 2}
+compile_ahead.LISTED = Path(sys.argv[1]) / "listed.json"
+compile_ahead.compile_ahead()
+try:
+    os.waitpid(-1, os.WNOHANG)
+except ChildProcessError:
+    print("nobody is left")
+"""
 
 
 class Hearer:
@@ -142,10 +164,33 @@ def called_by_the_numerics(module: str, kernel: str) -> bool:
 
 
 @pytest.mark.slow
-def test_each_kernel_that_the_numerics_call_is_practised() -> None:
+def test_each_kernel_that_the_numerics_call_is_practised_and_what_all_need_is_compiled_ahead() -> None:
     done = subprocess.run([sys.executable, "-c", NOT_CALLED], capture_output=True, text=True, check=True)
-    left = json.loads(done.stdout.splitlines()[-1])
+    called, left = map(json.loads, done.stdout.splitlines()[-2:])
     assert [(module, kernel) for module, kernel in left if called_by_the_numerics(module, kernel)] == []
+    listed = json.loads(LISTED.read_text())
+    assert [each for each in called if each not in listed] == [], WRITE
+
+
+def test_each_kernel_that_is_compiled_ahead_exists() -> None:
+    for module, kernel, _ in json.loads(LISTED.read_text()):
+        path = KERNELS.parent / f"{module.replace('.', '/')}.py"
+        assert re.search(rf"^def {kernel}\(", path.read_text(), re.MULTILINE), WRITE
+
+
+@pytest.mark.slow
+def test_several_processes_compile_what_is_listed_and_what_is_no_more_is_left_out(tmp_path: Path) -> None:
+    names = ["once", "twice", "thrice"]
+    text = "from numba import njit\n" + "".join(
+        f"\n@njit(cache=True)\ndef {name}(x):\n    return {number} * x\n" for number, name in enumerate(names)
+    )
+    (tmp_path / "ahead_kernels.py").write_text(text)
+    listed = [("ahead_kernels", name, ["float64"]) for name in [*names, "gone"]]
+    (tmp_path / "listed.json").write_text(json.dumps(listed))
+    done = subprocess.run([sys.executable, "-c", AHEAD, tmp_path], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == ("nobody is left\n", 0), done.stderr
+    kept = {path.name.split(".")[1].split("-")[0] for path in tmp_path.rglob("*.nbi")}
+    assert kept == set(names)
 
 
 @pytest.mark.parametrize(
