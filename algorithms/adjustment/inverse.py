@@ -30,7 +30,7 @@ NormalMatrix: TypeAlias = "sparse.csc_array | Array"
 
 
 class Inverse(ABC):
-    """Q, the inverse of a symmetric positive definite matrix of u unknowns."""
+    """Q, the inverse of a symmetric positive definite matrix of u unknowns (MATH 3.1)."""
 
     @abstractmethod
     def blocks(self, columns: BlockColumns) -> Blocks:
@@ -47,7 +47,7 @@ class Inverse(ABC):
 
 @dataclass(frozen=True, eq=False)
 class DenseInverse(Inverse):
-    """All of Q."""
+    """All of Q (MATH 3.1)."""
 
     matrix: Array
     """(u, u)."""
@@ -67,7 +67,7 @@ class DenseInverse(Inverse):
 
 @dataclass(frozen=True, eq=False)
 class SparseInverse(Inverse):
-    """Q by a sparse factor: the elements where the factor has some at once, others by whole columns."""
+    """Q by a sparse factor: the elements where the factor has some at once, others by whole columns (MATH 3.1)."""
 
     factor: "SymmetricFactor"
 
@@ -104,7 +104,7 @@ class SparseInverse(Inverse):
 
 @dataclass(frozen=True, eq=False)
 class EnlargedInverse(Inverse):
-    """Q + G S Gᵀ: what further unknowns with the covariance S, to which these answer by G, add."""
+    """Q + G S Gᵀ: what further unknowns with the covariance S, to which these answer by G, add (MATH 3.1)."""
 
     inner: Inverse
     by_others: Array
@@ -128,7 +128,7 @@ class EnlargedInverse(Inverse):
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """A symmetric positive definite matrix of normal equations, dense for few unknowns and sparse for many."""
+    """A symmetric positive definite matrix of normal equations, dense for few unknowns, sparse for many (MATH 3.1)."""
 
     matrix: NormalMatrix
     """(u, u)."""

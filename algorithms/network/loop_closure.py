@@ -238,7 +238,8 @@ def short_loops(links: Sequence[StationLink], kept: Sequence[int] | None = None)
         for w in sorted(set(graph[u]) & set(graph[v])):
             _add(ways, graph, sorted((u, v, w)))
     settled = {number for way in ways.values() for number in way.links if len(way.links) > 2}
-    settled |= {int(graph.edges[u, v]["number"]) for u, v in nx.bridges(graph)}  # in no loop, however long
+    # in no loop, however long
+    settled |= {int(graph.edges[cast("tuple[int, int]", edge)]["number"]) for edge in nx.bridges(graph)}
     for u, v, number in edges:
         if number in settled:
             continue
