@@ -15,7 +15,7 @@ from scipy import linalg, stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
-from algorithms.arrays import Array, Matrix, Scalars
+from algorithms.arrays import Array, Flags, Matrix, Scalars
 from algorithms.errors import DegenerateGeometryError, InvalidInputError, TooFewCorrespondencesError
 from algorithms.network.instrument_normals import InstrumentNormals, columns_of, instrument_normals
 from algorithms.network.instrument_responses import (
@@ -229,6 +229,15 @@ class _Network:
         """Say which error stands for which at each station."""
         return columns_of(self.stations, [(each.error, each.stations) for each in self.sought])
 
+    @property
+    def scales_of_everything(self) -> Flags:
+        """Say which errors are a scale of the ranges of all stations: the whole network grows with it, and all fits."""
+        known = {k for k in self.stations if self.features[k].plane_responses is not None}
+        return np.array([
+            each.error is InstrumentError.RANGE_SCALE and known == set(self.stations) <= set(each.stations)
+            for each in self.sought
+        ])  # fmt: skip
+
     def estimated(self, chosen: Array, zeros: Array, without: JointAdjustment) -> _Estimate:
         """Estimate the chosen errors, correct the features and adjust again until nothing changes.
 
@@ -239,6 +248,8 @@ class _Network:
         prior = np.diag(zeros[chosen])
         for _ in range(MOST_ROUNDS):
             normals = instrument_normals(features, joint, self.columns, count)
+            # what noise leaves of the information on a scale that is in all ranges is none
+            normals = replace(normals, alone=np.where(self.scales_of_everything, np.inf, normals.alone))
             if not chosen.any():
                 return _Estimate(values, joint, normals, converged=True)
             of_chosen = normals.information[np.ix_(chosen, chosen)]
