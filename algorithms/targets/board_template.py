@@ -34,7 +34,8 @@ class CrossingFit:
     dark: float
     bright: float
     agreement: float
-    """Share of the intensities' variance that the template explains, 0..1 (negative: worse than their mean)."""
+    """Share of the intensities' variance that the template explains, 0..1 (negative: worse than their mean), less what
+    as many parameters would explain of chance (Theil 1961)."""
     rms: float
     """Residuals relative to half the contrast."""
     blurs_m: Array
@@ -148,7 +149,7 @@ def fit_crossing(
         angles_rad=solution[2:4],
         dark=float(solution[4]) - half,
         bright=float(solution[4]) + half,
-        agreement=1.0 - float(np.sum(misfits**2)) / whole,
+        agreement=1.0 - float(np.sum(misfits**2)) / whole * (len(places) - 1) / max(len(places) - len(first), 1),
         rms=float(np.sqrt(np.mean(misfits**2))) / half if half > 0.0 else np.inf,
         blurs_m=np.exp(solution[6:]),
     )
