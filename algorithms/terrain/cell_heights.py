@@ -22,7 +22,7 @@ def spacing_of(points: Points) -> float:
     # the share of the box that is covered is counted in cells of about ten points
     coarse = math.sqrt(float(extent.prod()) * 10.0 / len(points))
     grid = _padded(points, coarse)
-    covered = len(np.unique(grid.cells_of(points))) * coarse**2
+    covered = int((np.bincount(grid.cells_of(points)) > 0).sum()) * coarse**2
     return math.sqrt(min(covered, float(extent.prod())) / len(points))
 
 

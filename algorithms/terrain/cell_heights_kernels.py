@@ -18,6 +18,26 @@ def lowest_in_cells(cells: Array, heights: Array, count: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
+def quantiles_in_cells(cells: Array, heights: Array, count: int, share: float) -> Array:
+    """Give the height below which a share of the points of each of `count` cells lies, NaN for none; O(n log n)."""
+    starts = np.zeros(count + 1, np.int64)
+    for cell in cells:
+        starts[cell + 1] += 1
+    starts = np.cumsum(starts)
+    filled = starts[:-1].copy()
+    sorted_ = np.empty(len(heights))
+    for i in range(len(cells)):
+        sorted_[filled[cells[i]]] = heights[i]
+        filled[cells[i]] += 1
+    out = np.full(count, np.nan)
+    for cell in range(count):
+        n = starts[cell + 1] - starts[cell]
+        if n > 0:
+            out[cell] = np.sort(sorted_[starts[cell] : starts[cell + 1]])[int(share * (n - 1))]
+    return out
+
+
+@njit(cache=True, nogil=True)
 def relax_gaps(values: Array, known: Array, sweeps: int, factor: float) -> float:
     """Relax the membrane over unknown cells in place (successive over-relaxation); give the largest last change."""
     rows, columns = values.shape

@@ -139,7 +139,7 @@ def _drops(
     extra = added_slopes(points, options, cell_m, progress)
     cells = sorted_into_cells(points, options.radius_m / CELLS_ALONG_RADIUS)
     found = drops_by_distance(
-        points, cells.cells, cells.order, cells.starts, cells.grid.columns, cells.grid.cell_m,
-        options.radius_m / RINGS, RINGS, wanted, extra,
+        cells.points, cells.cells, cells.starts, cells.grid.columns, cells.grid.cell_m, options.radius_m / RINGS, RINGS,
+        np.argsort(cells.order)[wanted], extra[cells.order],
     )  # fmt: skip
     return np.where(np.isnan(found), -np.inf, found)

@@ -32,7 +32,6 @@ def low_points(points: Points) -> Flags:
     sorted_ = sorted_into_cells(points, 2.0 * spacing)
     needed = max(2, round(LEAST_SHARE * math.pi * RADIUS**2))
     few = few_as_low(
-        points, sorted_.cells, sorted_.order, sorted_.starts, sorted_.grid.columns, 2.0 * spacing, RADIUS * spacing,
-        needed,
-    )  # fmt: skip
-    return np.asarray(few)
+        sorted_.points, sorted_.cells, sorted_.starts, sorted_.grid.columns, 2.0 * spacing, RADIUS * spacing, needed
+    )
+    return np.asarray(sorted_.as_before(few))

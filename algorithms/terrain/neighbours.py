@@ -11,21 +11,30 @@ from algorithms.terrain.cell_heights import cells_over
 
 @dataclass(frozen=True, eq=False)
 class PointCells:
-    """Which points lie in which cell."""
+    """Points cell after cell, so that neighbours are near each other in memory too."""
 
     grid: Grid
+    points: Points
+    """(n, 3) [m]."""
     cells: Indices
-    """(n,) cell of each point."""
+    """(n,) cell of each, ascending."""
     order: Array
-    """(n,) numbers of the points, cell after cell."""
+    """(n,) number that each had before."""
     starts: Array
-    """(cells + 1,) where each begins in `order`."""
+    """(cells + 1,) where each cell begins."""
 
-    def lowest(self, points: Points) -> Array:
+    @property
+    def lowest(self) -> Array:
         """Give the least height of each cell [m]; infinity where there is none."""
         out = np.full(len(self.starts) - 1, np.inf)
         filled = np.flatnonzero(np.diff(self.starts) > 0)
-        out[filled] = np.minimum.reduceat(points[self.order, 2], self.starts[filled])
+        out[filled] = np.minimum.reduceat(self.points[:, 2], self.starts[filled])
+        return out
+
+    def as_before(self, values: Array) -> Array:
+        """Put what is said of each point (n, …) into the order that they had before."""
+        out = np.empty_like(values)
+        out[self.order] = values
         return out
 
 
@@ -34,4 +43,5 @@ def sorted_into_cells(points: Points, edge_m: float) -> PointCells:
     grid = cells_over(points, edge_m)
     cells = grid.cells_of(points)
     counts = np.bincount(cells, minlength=grid.rows * grid.columns)
-    return PointCells(grid, cells, np.argsort(cells, kind="stable"), np.concatenate([[0], np.cumsum(counts)]))
+    order = np.argsort(cells, kind="stable")
+    return PointCells(grid, points[order], cells[order], order, np.concatenate([[0], np.cumsum(counts)]))

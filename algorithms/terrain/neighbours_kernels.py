@@ -1,7 +1,6 @@
 """Compiled loops over the neighbours of points in plan, found by the cells that they lie in.
 
-`order` has the numbers of all points cell after cell, `starts` where each cell begins; `lowest` is each cell's least
-height.
+Points stand cell after cell, `starts` says where each cell begins; `lowest` is each cell's least height.
 """
 
 import math
@@ -13,10 +12,10 @@ from algorithms.arrays import Array
 
 
 @njit(cache=True, nogil=True)
-def _as_low(points: Array, i: int, members: Array, radius: float, needed: int) -> int:
-    """Count the members within a radius of point i that lie below its cone, up to `needed`."""
+def _as_low(points: Array, i: int, first: int, end: int, radius: float, needed: int) -> int:
+    """Count the points from `first` to `end` within a radius of point i that lie below its cone, up to `needed`."""
     found = 0
-    for j in members:
+    for j in range(first, end):
         d = math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
         if j != i and d <= radius and points[j, 2] < points[i, 2] + 1.0 + 0.5 * d:
             found += 1
@@ -27,7 +26,7 @@ def _as_low(points: Array, i: int, members: Array, radius: float, needed: int) -
 
 @njit(cache=True, nogil=True)
 def few_as_low(
-    points: Array, cells: Array, order: Array, starts: Array, columns: int, edge: float, radius: float, needed: int
+    points: Array, cells: Array, starts: Array, columns: int, edge: float, radius: float, needed: int
 ) -> Array:
     """Tell for each point whether fewer than `needed` others within a radius lie below a cone that opens upwards.
 
@@ -41,14 +40,13 @@ def few_as_low(
         c = cells[i] % columns
         first, last = max(0, c - reach), min(columns, c + reach + 1)
         # the own row first: on open ground it decides
-        own = order[starts[r * columns + first] : starts[r * columns + last]]
-        found = _as_low(points, i, own, radius, needed)
+        found = _as_low(points, i, starts[r * columns + first], starts[r * columns + last], radius, needed)
         for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
             if found >= needed:
                 break
             if rr != r:
-                members = order[starts[rr * columns + first] : starts[rr * columns + last]]
-                found += _as_low(points, i, members, radius, needed - found)
+                begin, end = starts[rr * columns + first], starts[rr * columns + last]
+                found += _as_low(points, i, begin, end, radius, needed - found)
         few[i] = found < needed
     return few
 
@@ -61,10 +59,10 @@ def _height_at(allowed: Array, step: float, distance: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _is_contradicted(points: Array, i: int, members: Array, allowed: Array, step: float, extra: float) -> bool:
-    """Tell whether a member within reach of point i lies lower than its distance allows."""
+def _is_contradicted(points: Array, i: int, first: int, end: int, allowed: Array, step: float, extra: float) -> bool:
+    """Tell whether one of the points from `first` to `end` within reach of point i lies lower than allowed."""
     radius = step * (len(allowed) - 1)
-    for j in members:
+    for j in range(first, end):
         d = math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
         if d <= radius and points[i, 2] > points[j, 2] + _height_at(allowed, step, d) + extra * d:
             return True
@@ -75,7 +73,6 @@ def _is_contradicted(points: Array, i: int, members: Array, allowed: Array, step
 def under_elements(
     points: Array,
     cells: Array,
-    order: Array,
     starts: Array,
     lowest: Array,
     columns: int,
@@ -109,8 +106,7 @@ def under_elements(
                 least = edge * max(0, max(abs(rr - r), abs(cc - c)) - 1)
                 if lowest[cell] + _height_at(allowed, step, least) + extra[i] * least >= points[i, 2]:
                     continue
-                members = order[starts[cell] : starts[cell + 1]]
-                if _is_contradicted(points, i, members, allowed, step, extra[i]):
+                if _is_contradicted(points, i, starts[cell], starts[cell + 1], allowed, step, extra[i]):
                     out[i - start] = False
                     break
             if not out[i - start]:
@@ -122,7 +118,6 @@ def under_elements(
 def drops_by_distance(
     points: Array,
     cells: Array,
-    order: Array,
     starts: Array,
     columns: int,
     edge: float,
@@ -152,7 +147,7 @@ def drops_by_distance(
         c = cells[i] % columns
         first, last = max(0, c - reach), min(columns, c + reach + 1)
         for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
-            for j in order[starts[rr * columns + first] : starts[rr * columns + last]]:
+            for j in range(starts[rr * columns + first], starts[rr * columns + last]):
                 d = math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
                 k = int(d / step)
                 drop = points[i, 2] - points[j, 2] - extra[i] * d

@@ -8,6 +8,7 @@ from algorithms.deviations.rasters import Grid, GridValues
 from algorithms.progress import Progress
 from algorithms.terrain.bands import within_band
 from algorithms.terrain.cell_heights import cells_over, filled, heights_on, slopes_of
+from algorithms.terrain.cell_heights_kernels import quantiles_in_cells
 from algorithms.terrain.options import Quantile
 
 AROUND = 5
@@ -53,12 +54,6 @@ def _at(values: GridValues, grid: Grid, points: Points) -> np.ndarray:
 
 
 def quantiles_of_cells(points: Points, grid: Grid, share: float) -> GridValues:
-    """Give the height below which a share of the points of each cell lies [m]; NaN for none. O(n log n)."""
-    cells = grid.cells_of(points)
-    order = np.lexsort((points[:, 2], cells))
-    counts = np.bincount(cells, minlength=grid.rows * grid.columns)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    chosen = first + np.floor(share * np.maximum(counts - 1, 0)).astype(np.int64)
-    out = np.full(len(counts), np.nan)
-    out[counts > 0] = points[order[chosen[counts > 0]], 2]
-    return out.reshape(grid.shape)
+    """Give the height below which a share of the points of each cell lies [m]; NaN for none."""
+    found = quantiles_in_cells(grid.cells_of(points), points[:, 2], grid.rows * grid.columns, share)
+    return np.asarray(found.reshape(grid.shape))

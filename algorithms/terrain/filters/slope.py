@@ -71,17 +71,17 @@ def under_curve(points: Points, distances: Array, allowed: Array, extra: Scalars
     """
     edge = float(distances[-1]) / CELLS_ALONG_RADIUS
     cells = sorted_into_cells(points, edge)
-    lowest = cells.lowest(points)
+    lowest, slopes = cells.lowest, extra[cells.order]
     parts = []
     for start in range(0, len(points), BLOCK):
         progress.report(start / len(points), "comparing with points around")
         parts.append(
             under_elements(
-                points, cells.cells, cells.order, cells.starts, lowest, cells.grid.columns, edge, allowed,
-                float(distances[1]), extra, start, min(start + BLOCK, len(points)),
+                cells.points, cells.cells, cells.starts, lowest, cells.grid.columns, edge, allowed, float(distances[1]),
+                slopes, start, min(start + BLOCK, len(points)),
             )
         )  # fmt: skip
-    return np.concatenate(parts)
+    return np.asarray(cells.as_before(np.concatenate(parts)))
 
 
 def _rough_slopes(points: Points, radius_m: float, cell_m: float, progress: Progress) -> Scalars:
