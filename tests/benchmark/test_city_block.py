@@ -1,0 +1,76 @@
+"""Choice of pairs, loops, pose graph and adjustment of a simulated city, from ten to five thousand stations.
+
+    TIELINE_RECORD=1 uv run pytest -n0 -s -m benchmark tests/benchmark/test_city_block.py
+
+Environment: TIELINE_BLOCK, numbers of stations with commas between (10,100,1000,5000 by default). Each size runs in a
+process of its own, without shape checks; the registrations of pairs are drawn, not computed (`city_block`).
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
+
+COUNTS = [int(count) for count in os.environ.get("TIELINE_BLOCK", "10,100,1000,5000").split(",")]
+PARTS = ("choice", "loops of rounds", "loops", "graph", "joint", "fusion", "network")
+MOST_S, MOST_MB = 300.0, 4096.0
+"""For 5000 stations: choice, graph and adjustment, of one processor; peak of the whole process."""
+LARGE = 1000
+"""From so many stations on four pairs are tried for each at most."""
+FITTED_FROM = 100
+"""Fewer stations take fixed costs only."""
+
+
+def of_size(count: int) -> dict[str, Any]:
+    """Run one size in its own process."""
+    child = Path(__file__).with_name("city_block_child.py")
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, str(child), str(count)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, timeout=3000, env=environment)
+    figures: dict[str, Any] = json.loads(done.stdout)
+    return figures
+
+
+def test_a_city_of_thousands_of_stations_is_registered_in_minutes() -> None:
+    rows = [of_size(count) for count in COUNTS]
+    for row in rows:
+        seconds = row["seconds"]
+        print(
+            f"\n{row['stations']} stations, {row['planes']:.1f} planes each: {row['tried']} pairs tried in "
+            f"{row['rounds']} rounds ({row['tried'] / row['stations']:.2f} a station), {row['links']} accepted, "
+            f"{row['misleading']} wrong in no loop and left out; of the others {row['wrong']} wrong, "
+            f"{row['wrong_used']} used, {row['good_rejected']} good ones rejected\n"
+            f"{row['connected']} stations connected, {row['tracks']} planes, {row['conditions']} conditions, "
+            f"{row['removed']} features removed\n"
+            f"processor seconds: {', '.join(f'{part} {seconds[part]:.2f}' for part in PARTS if part in seconds)}; "
+            f"peak {row['peak_mb']:.0f} MB\n"
+            f"largest error {1e3 * row['largest_error_m']:.1f} mm, NEES of each station "
+            f"{row['nees_of_each']:.3f}, of all together {row['nees_together'] or float('nan'):.3f}, variance factor "
+            f"{row['variance_factor']:.2f}"
+        )
+    fitted = [row for row in rows if row["stations"] >= FITTED_FROM]
+    if len(fitted) > 1:
+        logs = np.log([row["stations"] for row in fitted])
+        for part in PARTS:
+            spent = np.log([max(row["seconds"].get(part, 0.0), 1e-3) for row in fitted])
+            print(f"{part} grows as n^{np.polyfit(logs, spent, 1)[0]:.2f}")
+    for row in rows:
+        whole = sum(row["seconds"].get(part, 0.0) for part in ("choice", "loops of rounds", "network"))
+        assert whole < MOST_S
+        assert row["peak_mb"] < MOST_MB
+        assert row["stations"] < LARGE or row["tried"] <= 4 * row["stations"]
+        assert row["stations"] < LARGE or row["connected"] > 0.9 * row["stations"]
+        assert row["largest_error_m"] < 0.05
+        assert row["wrong_used"] == 0
+        if row["nees_together"] is not None:
+            degrees = 6 * (row["connected"] - 1)
+            low, high = stats.chi2.ppf([0.0005, 0.9995], degrees) / degrees
+            assert low < row["nees_together"] < high
