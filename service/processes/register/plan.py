@@ -316,7 +316,7 @@ def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> 
 
 def _network_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
     inputs = job["inputs"]
-    arguments = {**_network_arguments(job, features), "pairs": pairs, "method": inputs["method"]}
+    arguments = {**_network_arguments(job, features), "pairs": pairs, "method": inputs["method"], "ties": ties(job)}
     if inputs.get("scanner") is not None:
         arguments["inputs"] = {"scanner": inputs["scanner"], "targets": job["targets"]}
     return StepCall("adjust-network", arguments, "adjusting all stations", weight=NETWORK_WEIGHT)

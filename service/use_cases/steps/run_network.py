@@ -66,7 +66,12 @@ def adjust_network(context: StepContext, arguments: Json) -> Json:
     key = f"jobs/{arguments['job_id']}/network.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
     applied = scanner is not None and is_applied(result, scanner)
-    return {"network": key, "poses": _stored_poses(context, arguments["job_id"], result, applied=applied)}
+    # the covariance of all poses together, of n² elements, is for targets and control only
+    needed = arguments.get("ties", True)
+    return {
+        "network": key,
+        "poses": _stored_poses(context, arguments["job_id"], result, applied=applied) if needed else None,
+    }
 
 
 def _stored_poses(context: StepContext, job_id: str, result: NetworkRegistration, *, applied: bool) -> str:
@@ -124,36 +129,32 @@ def _poses(
     names: Sequence[str],
 ) -> Json:
     """Give the poses between full coordinates, covariances, and where the features of each station are."""
-    poses = {}
+    poses, adjusted = {}, _adjusted_places(result, features)
     for station, reduced in result.poses.items():
         pose = reduced.moved_to_origins(origins[0], origins[station])
         poses[names[station]] = {
             "matrix": pose.target_from_source.as_matrix().tolist(),
             "covariance": pose.covariance.tolist(),
-            "centroid_m": _centroid(station, reduced, result, features, origins[0]),
+            "centroid_m": _centroid(reduced, adjusted.get(station), origins[0]),
             "a_posteriori": result.variance_factor > 1.0,
         }
     return poses
 
 
-def _centroid(
-    station: int,
-    pose: PoseEstimate,
-    result: NetworkRegistration,
-    features: Mapping[int, StationFeatures],
-    origin_m: Vector3,
-) -> list[float] | None:
+def _adjusted_places(result: NetworkRegistration, features: Mapping[int, StationFeatures]) -> dict[int, list[Vector3]]:
+    """Give where the features of each station in the adjustment are, in its reduced frame."""
+    found: dict[int, list[Vector3]] = {}
+    for track in () if result.joint is None else result.joint.tracks:
+        for station, number in track.members:
+            seen = features[station]
+            places = seen.planes.centroids if track.kind is TrackKind.PLANE else seen.lines.anchors
+            found.setdefault(station, []).append(places[number])
+    return found
+
+
+def _centroid(pose: PoseEstimate, places: Sequence[Vector3] | None, origin_m: Vector3) -> list[float] | None:
     """Give the centroid of a station's features in the adjustment, in the full coordinates of the first station."""
-    if result.joint is None:
+    if places is None:
         return None
-    planes, lines = features[station].planes.centroids, features[station].lines.anchors
-    points = [
-        (planes if track.kind is TrackKind.PLANE else lines)[number]
-        for track in result.joint.tracks
-        for seen_from, number in track.members
-        if seen_from == station
-    ]
-    if not points:
-        return None
-    centroid = pose.target_from_source.apply(np.mean(points, axis=0)) + origin_m
+    centroid = pose.target_from_source.apply(np.mean(places, axis=0)) + origin_m
     return [float(coordinate) for coordinate in centroid]
