@@ -187,7 +187,8 @@ class CityBlock:
             if np.sqrt(np.trace(estimate.position_covariance_m2(centroid))) > WEAKEST_STD_M:
                 continue
             if rng.random() < wrong_share:
-                along = self.poses[pair[0]].rotation.inv().apply([rng.choice([-10.0, 10.0]), 0.0, 0.0])
+                away = rng.uniform(7.0, 14.0) * rng.choice([-1.0, 1.0])
+                along = self.poses[pair[0]].rotation.inv().apply([away, 0.0, 0.0])
                 estimate = replace(estimate, target_from_source=RigidTransform.from_translation(along) * pose)
             links.append(
                 StationLink(
