@@ -279,7 +279,9 @@ class _Closings:
         self._targets = np.array([link.target for link in links], dtype=np.int64)
         matrices = np.array([link.target_from_source.target_from_source.as_matrix() for link in links])
         covariances = np.array([link.with_floor(floor_noises).target_from_source.covariance for link in links])
-        centroids = np.array([link.centroid_m for link in links])
+        centroids = np.array([link.centroid_m for link in links]).reshape(-1, 3)
+        # of no links too
+        matrices, covariances = matrices.reshape(-1, 4, 4), covariances.reshape(-1, 6, 6)
         rotations, translations = matrices[:, :3, :3], matrices[:, :3, 3]
         back = np.swapaxes(rotations, 1, 2)
         by_pose = np.zeros((len(links), 6, 6))  # as `inversion_jacobian`

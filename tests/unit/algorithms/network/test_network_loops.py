@@ -251,3 +251,8 @@ def test_registrations_that_may_all_be_the_wrong_one_are_all_blamed_with_the_oth
 
 def test_separate_failures_are_explained_separately() -> None:
     assert set(wrong_links([(0, 1), (0, 2), (7, 8), (7, 9)], [])) == {0, 7}
+
+
+def test_without_registrations_there_is_no_loop() -> None:
+    verdict = examine_loops([], ("S1", "S2"))
+    assert (verdict.loops, dict(verdict.rejected), verdict.uncontrolled) == ((), {}, ())
