@@ -14,6 +14,7 @@ FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "adj_open" / "tl
 RADIUS_M = 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sphere", "scan"), [("A", "SP1_Scan002"), ("B", "SP1_Scan003")])
 def test_a_scanned_sphere_lies_where_its_authors_fitted_it(sphere: str, scan: str) -> None:
     path = FOLDER / f"{scan}_sphere.txt"

@@ -13,6 +13,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "samples", "least"),
     [("opening", ("12", "21", "51"), 0.91), ("tin", ("21",), 0.92), ("quantile", ("41",), 0.88)],

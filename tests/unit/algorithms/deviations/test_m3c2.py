@@ -37,6 +37,7 @@ def compared(first: np.ndarray, second: np.ndarray, cores: np.ndarray, options: 
     return m3c2(first, second, cores, exact_poses(), options, rng=np.random.default_rng(1))
 
 
+@pytest.mark.slow
 def test_without_pose_errors_and_waves_it_is_the_plain_method() -> None:
     first, second = waving_floor(0.0), waving_floor(0.004)
     found = compared(first, second, first[CORES])

@@ -11,6 +11,8 @@ from algorithms.evidence.log_odds import Weights
 from algorithms.evidence.place import Place, place_of
 from tests.scenes.buildings.drawn_stations import DrawnStation, drawn_stations
 
+pytestmark = pytest.mark.slow
+
 WEIGHTS = Weights(1.0, 2.0, 1.0, 1.0, 0.5, 2.0, 0.3, 0.1, 1.5, 0.07, 10.0, -4.0, 2.0, -6.9)
 CALIBRATION = Calibration(WEIGHTS, pairs=4000, accepted=2000, wrong=0)
 ASIDE = RigidTransform.from_translation([0.0, 1.5, 0.0])

@@ -71,6 +71,7 @@ def pose() -> RigidTransform:
     return RigidTransform.from_components(np.asarray(truth().translation) + 0.005, turn * truth().rotation)
 
 
+@pytest.mark.slow
 def test_two_scans_of_one_office_differ_by_a_motion_only() -> None:
     found = rigidity(target(), source(), truth())
     assert found.kind is None
@@ -99,6 +100,7 @@ def test_scans_whose_coordinates_are_rounded_differ_by_a_motion_only(axes: slice
     assert abs(found.scale.value) < 4.0 * found.scale.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.003])
 def test_a_scale_is_found_to_its_standard_deviation(factor: float) -> None:
     found = rigidity(target(), source(lambda points: scaled(points, factor)), pose())

@@ -21,7 +21,12 @@ def test_every_filter_is_offered() -> None:
     assert set(FILTERS) == set(EVERY_FILTER)
 
 
-@pytest.mark.parametrize("name", sorted(EVERY_FILTER))
+SLOW_FILTERS = {"majority", "mdl"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW_FILTERS)) for name in sorted(EVERY_FILTER)]
+)
 def test_a_filter_finds_the_ground_between_houses_and_trees(name: str) -> None:
     points, ground = hills_with_houses(density=1.0)
     found = ground_of(points, EVERY_FILTER[name](), 1.0, NoProgress())
