@@ -11,7 +11,7 @@ from algorithms.simulation.scene import Scene
 
 SUB_RAYS = 12
 """Rays per footprint besides the centre."""
-RINGS, RAYS_PER_RING = 6, 12
+RAYS_OF_A_PICTURE = 144
 """Rays per footprint where reflectances meet: a step across the beam is drawn smooth."""
 MIN_JUMP_M = 0.005
 """Neighbours on different faces that differ by less are not worth a closer look."""
@@ -91,9 +91,9 @@ def mean_reflectances(
 ) -> Scalars:
     """Give the reflectance (n,) that beams see: the signal of the whole footprint over the cosine at its centre.
 
-    The footprint is a Gaussian beam of rings about its centre, so that no side of an edge weighs more; each ray counts
-    with the reflectance and the cosine of what it meets, and nothing where that lies beyond the echo that is returned:
-    a target that the beam meets in part is weaker. The tail is the same beam once more, beside.
+    The footprint is a Gaussian beam, the same on both sides of its centre, so that no side of an edge weighs more; each
+    ray counts with the reflectance and the cosine of what it meets, and nothing where that lies beyond the echo that is
+    returned: a target that the beam meets in part is weaker. The tail is the same beam once more, beside.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def mean_reflectances(
     centre
         What their centres met: rays that meet something farther away than the echo separation do not count.
     """
-    offsets, weights = _rings()
+    offsets = _gaussian_rays()
     signal = np.zeros(len(directions))
     parts = [(1.0 - scanner.tail_share, 0.0), (scanner.tail_share, scanner.tail_offset_rad)]
     for share, turn in parts:
@@ -122,19 +122,18 @@ def mean_reflectances(
         ranges = hits.ranges_m.reshape(len(directions), -1)
         same = np.abs(ranges - centre.ranges_m[:, None]) < scanner.echo_separation_m
         seen = (scene.reflectances[hits.triangles] * hits.cosines).reshape(len(directions), -1)
-        signal += (np.where(same, share * weights, 0.0) * seen).sum(axis=1)
+        signal += share * np.where(same, seen, 0.0).mean(axis=1)
     return np.asarray(signal / np.maximum(centre.cosines, MIN_COSINE))
 
 
-def _rings() -> tuple[Array, Scalars]:
-    """Give the rays of a footprint in rings: (k, 2) offsets in footprint radii, (k,) Gaussian weights of sum 1."""
-    edges = np.linspace(0.0, 1.5, RINGS + 1)
-    radii = 0.5 * (edges[1:] + edges[:-1])
-    angles = 2.0 * np.pi * (np.arange(RAYS_PER_RING) + 0.5) / RAYS_PER_RING
-    weights = np.repeat(np.exp(-2.0 * edges[:-1] ** 2) - np.exp(-2.0 * edges[1:] ** 2), RAYS_PER_RING)
-    turns = angles + np.arange(RINGS)[:, None] * np.pi / RAYS_PER_RING / 2.0
-    offsets = np.stack([radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)], axis=-1).reshape(-1, 2)
-    return offsets, weights / weights.sum()
+def _gaussian_rays() -> Array:
+    """Give rays of equal power (k, 2) in footprint radii: a sunflower pattern and its mirror image."""
+    half = RAYS_OF_A_PICTURE // 2
+    share = (np.arange(half) + 0.5) / half
+    radius = np.sqrt(-0.5 * np.log(1.0 - share))
+    angle = np.arange(half) * np.pi * (3.0 - np.sqrt(5.0))
+    offsets = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    return np.vstack([offsets, -offsets])
 
 
 def mixed_hits(

@@ -82,10 +82,12 @@ def _scan(
     scene: Scene, casters: _Casters, pose: RigidTransform, scanner: VirtualScanner, rng: np.random.Generator, name: str
 ) -> Scan:
     readings = _cast_beams(scene, casters, pose, scanner, rng)
+    # what the centres met tells where reflectances meet; mixed, a beam that just missed foil counts as on it
+    meeting = near_reflectance_edges(readings.hits, scene, scanner) if scanner.mixed_intensities else None
     if scanner.mixed_pixels:
         _mix_at_depth_edges(scene, casters, pose, scanner, readings, rng)
-    if scanner.mixed_intensities:
-        _mix_reflectances(scene, casters, pose, scanner, readings)
+    if meeting is not None:
+        _mix_reflectances(scene, casters, pose, scanner, readings, np.flatnonzero(meeting & readings.hits.found))
     if scene.unevenness is not None:
         _make_uneven(scene, scene.unevenness, pose, scanner, readings)
     count = scanner.rows * scanner.columns
@@ -187,10 +189,14 @@ def _mix_at_depth_edges(
 
 
 def _mix_reflectances(
-    scene: Scene, casters: _Casters, pose: RigidTransform, scanner: VirtualScanner, readings: _Readings
+    scene: Scene,
+    casters: _Casters,
+    pose: RigidTransform,
+    scanner: VirtualScanner,
+    readings: _Readings,
+    flagged: Array,
 ) -> None:
-    """Give beams that straddle an edge between reflectances the mean of their footprint."""
-    flagged = np.flatnonzero(near_reflectance_edges(readings.hits, scene, scanner) & readings.hits.found)
+    """Give beams that straddle an edge between reflectances, numbers (k,), the mean of their footprint."""
     origin = np.asarray(pose.translation)
     for start in range(0, len(flagged), CHUNK // 64):
         beams = flagged[start : start + CHUNK // 64]

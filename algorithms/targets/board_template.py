@@ -6,7 +6,7 @@ import numpy as np
 from scipy import special
 
 from algorithms.arrays import Array, Scalars, Vectors2
-from algorithms.targets.damped_fit import damped_fit
+from algorithms.targets.damped_fit import damped_fit, gain_of, residual_covariance
 
 ANGLES = np.deg2rad(np.arange(0.0, 90.0, 7.5))
 SHIFTS = np.linspace(-0.16, 0.16, 5)
@@ -14,6 +14,9 @@ SHIFTS = np.linspace(-0.16, 0.16, 5)
 MOST_SEARCHED, LEAST_SEARCHED = 500, 12
 BLUR_PRIOR = 0.7
 """Standard deviation of the logarithm of the blur: it is the sampling's and the beam's, within a factor of two."""
+SLOPE_PRIOR = 0.1
+"""Standard deviation of the brightness' relative change from the middle of the board to its rim: the nearer rim of a
+slanting board is brighter."""
 FIRST_EVALUATIONS, HOPELESS = 25, 0.4
 """A crossing is found in so many; a template that with equal weights, which leave the least sum of squares, explains
 less than such a share of the intensities is not looked at more closely."""
@@ -87,7 +90,8 @@ def searched_crossing(places: Vectors2, intensities: Scalars, size_m: float) -> 
 def fit_crossing(
     places: Vectors2, intensities: Scalars, start: tuple[Array, float, float], blur_m: float, reach_m: float
 ) -> CrossingFit | None:
-    """Fit I = level + half contrast * erf(d1 / s1 sqrt 2) * erf(d2 / s2 sqrt 2) with d the distances from two edges.
+    """Fit I = g (level + half contrast * erf(d1 / s1 sqrt 2) * erf(d2 / s2 sqrt 2)) with d the distances from two edges
+    and g a brightness that is 1 in the middle and changes evenly along the board.
 
     Bright surfaces scatter more than dark ones and edges more than surfaces, so each measurement's weight is that of
     its level, and the covariance is taken from the residuals themselves (White 1980, in the form HC3).
@@ -114,24 +118,27 @@ def fit_crossing(
     unit = float(np.std(intensities))
     if unit <= 0.0:
         return None
-    first = np.array([place[0], place[1], angle, angle + 0.5 * np.pi, level, half, np.log(blur_m), np.log(blur_m)])
+    blur = np.log(blur_m)
+    first = np.array([place[0], place[1], angle, angle + 0.5 * np.pi, level, half, blur, blur, 0.0, 0.0])
+    middle = places.mean(axis=0)
+    along = (places - middle) / max(float(np.abs(places - middle).max()), 1e-300)
     weights = np.full(len(places), 1.0 / unit)
+    prior = np.diag([1.0 / BLUR_PRIOR] * 2 + [1.0 / SLOPE_PRIOR] * 2)
+    prior = np.column_stack([np.zeros((4, 6)), prior])
     solution = first
     whole = float(np.sum((intensities - intensities.mean()) ** 2))
     for most in (FIRST_EVALUATIONS, 60, 60):
 
         def model(x: Array, weights: Array = weights) -> tuple[Scalars, Array]:
-            value, derivatives = _model(x, places)
-            prior = np.zeros((2, 8))
-            prior[[0, 1], [6, 7]] = 1.0 / BLUR_PRIOR
-            residuals = np.append((value - intensities) * weights, (x[6:] - first[6:]) / BLUR_PRIOR)
+            value, derivatives = _model(x, places, along)
+            residuals = np.append((value - intensities) * weights, prior @ (x - first))
             return residuals, np.vstack([derivatives * weights[:, None], prior])
 
         solution = damped_fit(model, solution, most_evaluations=most).solution
         # also what is no number is not near
         if not float(np.linalg.norm(solution[:2] - place)) <= reach_m:
             return None
-        values, _ = _model(solution, places)
+        values, _ = _model(solution, places, along)
         misfits = intensities - values
         share = np.clip((values - solution[4]) / (2.0 * abs(solution[5]) + 1e-300) + 0.5, 0.0, 1.0)
         dark, bright = _spread(misfits, share < 0.15), _spread(misfits, share > 0.85)
@@ -140,60 +147,52 @@ def fit_crossing(
         weights = 1.0 / np.sqrt(np.maximum(variances, (1e-4 * unit) ** 2))
         if np.sum(misfits**2) > (1.0 - HOPELESS) * whole:
             break
-    values, derivatives = _model(solution, places)
+    values, derivatives = _model(solution, places, along)
     misfits = intensities - values
     half = abs(float(solution[5]))
+    design, n = derivatives * weights[:, None], len(places)
+    gain = gain_of(np.vstack([design, prior]))
+    covariance = residual_covariance(design, gain[:n], misfits * weights) + gain[n:].T @ gain[n:]
     return CrossingFit(
         place=solution[:2],
-        covariance=_sandwich(derivatives * weights[:, None], misfits * weights)[:2, :2],
+        covariance=covariance[:2, :2],
         angles_rad=solution[2:4],
         dark=float(solution[4]) - half,
         bright=float(solution[4]) + half,
         agreement=1.0 - float(np.sum(misfits**2)) / whole * (len(places) - 1) / max(len(places) - len(first), 1),
         rms=float(np.sqrt(np.mean(misfits**2))) / half if half > 0.0 else np.inf,
-        blurs_m=np.exp(solution[6:]),
+        blurs_m=np.exp(solution[6:8]),
     )
 
 
-def _model(x: Array, places: Vectors2) -> tuple[Array, Array]:
-    """Give the template's intensities (n,) and their derivatives (n, 8)."""
+def _model(x: Array, places: Vectors2, along: Vectors2) -> tuple[Array, Array]:
+    """Give the template's intensities (n,) and their derivatives (n, 10)."""
     shifted = places - x[:2]
     edges, slopes, turned, blurred = [], [], [], []
     for angle, blur in ((x[2], np.exp(x[6])), (x[3], np.exp(x[7]))):
         distance = shifted @ np.array([np.cos(angle), np.sin(angle)])
-        along = shifted @ np.array([-np.sin(angle), np.cos(angle)])
+        beside = shifted @ np.array([-np.sin(angle), np.cos(angle)])
         # a step of the iteration may go anywhere; beyond 40 standard deviations nothing is left
         slope = np.sqrt(2.0 / np.pi) / blur * np.exp(-0.5 * np.clip(distance / blur, -40.0, 40.0) ** 2)
         edges.append(special.erf(distance / (np.sqrt(2.0) * blur)))
         slopes.append(slope)
-        turned.append(slope * along)
+        turned.append(slope * beside)
         blurred.append(-slope * distance)
     product = edges[0] * edges[1]
-    out = np.empty((len(places), 8))
+    out = np.empty((len(places), 10))
     by_first, by_second = slopes[0] * edges[1], edges[0] * slopes[1]
     out[:, 0] = -x[5] * (by_first * np.cos(x[2]) + by_second * np.cos(x[3]))
     out[:, 1] = -x[5] * (by_first * np.sin(x[2]) + by_second * np.sin(x[3]))
     out[:, 2], out[:, 3] = x[5] * turned[0] * edges[1], x[5] * edges[0] * turned[1]
     out[:, 4], out[:, 5] = 1.0, product
     out[:, 6], out[:, 7] = x[5] * blurred[0] * edges[1], x[5] * edges[0] * blurred[1]
-    return x[4] + x[5] * product, out
+    pattern, gradient = x[4] + x[5] * product, 1.0 + along @ x[8:]
+    out[:, :8] *= gradient[:, None]
+    out[:, 8:] = pattern[:, None] * along
+    return pattern * gradient, out
 
 
 def _spread(misfits: Array, which: Array) -> float:
     """Give the standard deviation of some residuals; of all where there are few."""
     chosen = misfits[which] if np.count_nonzero(which) >= 5 else misfits
     return float(np.sqrt(np.mean(chosen**2)))
-
-
-def _sandwich(design: Array, residuals: Array) -> Array:
-    """Give the covariance of weighted least squares whose residuals have unequal variances.
-
-    The prior of the blur carries over where points alone do not tell it.
-    """
-    prior = np.zeros(8)
-    prior[6:] = 1.0 / BLUR_PRIOR**2
-    inverse = np.linalg.pinv(design.T @ design + np.diag(prior), hermitian=True)
-    gain = design @ inverse
-    leverage = np.minimum(np.einsum("ij,ij->i", gain, design), 0.95)
-    meat = gain * (residuals / (1.0 - leverage))[:, None]
-    return np.asarray(meat.T @ meat)

@@ -74,11 +74,29 @@ def damped_fit(
     return DampedFit(solution, *seen(solution))
 
 
-def residual_covariance(design: Array, gain: Array, residuals: Scalars) -> Array:
-    """Give the covariance (k, k) of parameters from the residuals themselves (White 1980, in the form HC3).
+def gain_of(design: Array) -> Array:
+    """Give the derivatives (n, k) of the parameters by the measurements from those of the measurements (n, k)."""
+    return np.asarray(design @ np.linalg.pinv(design.T @ design, hermitian=True))
 
-    Few residuals may tell a variance: it is larger by as much as that of a t distribution is than 1, whose degrees of
-    freedom are those of the variance as a quadratic form of equal errors (Bell and McCaffrey 2002).
+
+def residual_covariance(design: Array, gain: Array, residuals: Scalars) -> Array:
+    """Give the covariance (k, k) of parameters from the residuals themselves, measurements being independent.
+
+    Parameters
+    ----------
+    design, gain, residuals
+        As of `error_parts`.
+    """
+    parts = error_parts(design, gain, residuals)
+    return np.asarray(parts.T @ parts)
+
+
+def error_parts(design: Array, gain: Array, residuals: Scalars) -> Array:
+    """Give what each measurement moves the parameters by, (n, k), as its residual tells it (White 1980, form HC3).
+
+    The sum of their squares is a variance. Few residuals may tell it: it is larger by as much as that of a t
+    distribution is than 1, whose degrees of freedom are those of the variance as a quadratic form of equal errors (Bell
+    and McCaffrey 2002).
 
     Parameters
     ----------
@@ -99,4 +117,4 @@ def residual_covariance(design: Array, gain: Array, residuals: Scalars) -> Array
         square = float(np.sum(share**2 * (1.0 - 2.0 * leverage))) + projected
         freedom = max(mean**2 / max(square, 1e-300), LEAST_FREEDOM)
         parts[:, k] *= np.sqrt(freedom / (freedom - 2.0))
-    return np.asarray(parts.T @ parts)
+    return parts

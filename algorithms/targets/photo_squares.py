@@ -6,7 +6,7 @@ import numpy as np
 
 from algorithms.arrays import Array, Flags, Scalars, Vectors2
 from algorithms.targets.bright_spot import SpotShape
-from algorithms.targets.damped_fit import damped_fit
+from algorithms.targets.damped_fit import damped_fit, error_parts, gain_of
 from algorithms.targets.options import TargetKind
 
 KNOWN_BLUR = 0.4
@@ -180,14 +180,13 @@ class SquareModel:
             misfits = fitted.residuals[:n]
             noise = max(float(np.sqrt(np.sum(misfits**2) / max(n - len(x), 1))), 0.3)
         design = fitted.jacobian
-        gain = design @ np.linalg.pinv(design.T @ design, hermitian=True)
-        leverage = np.minimum(np.einsum("ij,ij->i", gain[:n], design[:n]), 0.95)
-        meat = gain * np.append(misfits / (1.0 - leverage), np.full(4, noise))[:, None]
+        gain = gain_of(design)
+        parts = np.vstack([error_parts(design[:n], gain[:n], misfits), noise * gain[n:]])
         # what is not the square's own (joints of bricks, shadows) is not independent from pixel to pixel
-        together = np.vstack([self._by_blocks(meat[:n]), meat[n:]])
-        covariances = [(each.T @ each)[:2, :2] for each in (meat, together)]
+        together = np.vstack([self._by_blocks(parts[:n]), parts[n:]])
+        covariances = [(each.T @ each)[:2, :2] for each in (parts, together)]
         share, _ = self.share(x)
-        inside = meat[:, :2] * np.append(share, np.ones(4))[:, None]
+        inside = parts[:, :2] * np.append(share, np.ones(4))[:, None]
         by_ground = gain[:n, :2].T * (1.0 - share)
         return x, float(np.sum(misfits**2)), np.asarray(max(covariances, key=np.trace)), by_ground, inside.T @ inside
 

@@ -236,12 +236,35 @@ def test_the_centres_of_retro_cylinders_scatter_as_their_covariances_say() -> No
 
 @pytest.mark.parametrize("kind", [TargetKind.RETRO_SQUARE, TargetKind.RETRO_CYLINDER])
 @pytest.mark.parametrize("tail", [False, True])
-def test_the_derivatives_of_a_spots_picture_are_its_differences(kind: TargetKind, tail: bool) -> None:
+@pytest.mark.parametrize("slope", [-0.3, 0.3])
+def test_the_derivatives_of_a_spots_picture_are_its_differences(kind: TargetKind, tail: bool, slope: float) -> None:
     places = np.random.default_rng(2).uniform(-0.05, 0.05, (40, 2))
-    problem = SpotModel(places, np.zeros(40), np.linspace(0.0, 1.0, 40), SpotShape(kind, 0.05, 0.3), 1.0, True)
-    own = (0.4,) if kind is TargetKind.RETRO_SQUARE else (0.4, 0.02, 0.03)
+    shape = SpotShape(kind, 0.05, slope, 3.0)
+    problem = SpotModel(places, np.zeros(40), np.linspace(0.0, 1.0, 40), shape, 1.0, True)
+    own = (0.4,) if kind is TargetKind.RETRO_SQUARE else (0.4, 0.02, 0.05, 0.03)
     x = np.array([0.003, 0.002, 0.5, 7.0, np.log(0.003), *own, *((0.1, 0.02) if tail else ())])
     steps = 1e-6 * np.eye(len(x))
     differences = [(problem.intensities(x + s)[0] - problem.intensities(x - s)[0]) / 2e-6 for s in steps]
     expected = np.stack(differences, axis=1)
     np.testing.assert_allclose(problem.intensities(x)[1], expected, atol=1e-6 * float(np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("height_m", [-0.55, 0.4])
+def test_a_near_cylinder_is_seen_in_perspective_as_its_model_draws_it(height_m: float) -> None:
+    centre, blur_m = np.array([4.6, 0.0003, height_m]), 0.25 * (0.003 + 0.3e-3 * 4.6)
+    elevation = float(np.arctan2(height_m, 4.6))
+    scanner = replace(
+        FINE, rows=40, columns=40, lowest_rad=elevation - 0.012, highest_rad=elevation + 0.012, leftmost_rad=-0.012,
+        rightmost_rad=0.012, range_noise_std_m=0.0, angle_noise_std_rad=0.0, intensity_noise=0.0,
+    )  # fmt: skip
+    scene = scene_from_parts("cylinder", retro_cylinder(centre, RETRO_M), [])
+    scan = scan_scene(scene, RigidTransform.identity(), scanner, np.random.default_rng(1))
+    assert scan.intensity is not None
+    range_m = float(np.hypot(centre[0], centre[1]))
+    towards = np.array([centre[0], centre[1], 0.0]) / range_m
+    met = scan.points * (range_m / (scan.points @ towards))[:, None]
+    places = np.column_stack([met @ np.array([-towards[1], towards[0], 0.0]), met[:, 2] - height_m])
+    shape = SpotShape(TargetKind.RETRO_CYLINDER, RETRO_M, height_m / range_m, range_m)
+    picture, _ = shape.picture(places, float(np.log(blur_m)), shape.begins)
+    brightest = float(scan.intensity.max())
+    assert np.abs(scan.intensity / brightest - picture / picture.max()).max() < 0.025
