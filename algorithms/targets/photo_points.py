@@ -26,7 +26,7 @@ BOARD_TURNS = np.deg2rad(np.arange(0.0, 90.0, 15.0))
 SQUARE_TURNS = np.deg2rad([0.0, 22.5, 45.0, 67.5])
 LEAST_LIKENESS, WORTH_TRYING, MOST_TRIED = 0.45, 0.75, 4
 """Correlation with the template of places that are looked at closely, that relative to the largest, and how many."""
-LEAST_STD_PX = 0.004
+LEAST_STD_PX = 0.002
 """A centre in a photo is never known better: brightness is not even to the last."""
 AROUND, CLEAR_BLURS = 1.5, 3.0
 """The ground's texture is that of so many sizes around a square, beyond so many blurs from it."""

@@ -47,5 +47,5 @@ def test_a_crossing_is_as_certain_as_said_also_where_the_nearer_rim_is_brighter(
         assert fit is not None
         error = fit.place - crossing
         squares.append(float(error @ np.linalg.solve(fit.covariance, error)))
-    # 2 +- 0.26 is one standard deviation of the mean of 60; without the slope in the model it is more than 3
+    # 2 +- 0.26 is one standard deviation of the mean of 60; without the slope in the model it is 12
     assert 1.3 < float(np.mean(squares)) < 2.7
