@@ -142,6 +142,10 @@ class Information:
         """Give N x for x (u,) or (u, k)."""
         return np.asarray(self.matrix @ right)
 
+    def scaled(self, factor: float) -> "Information":
+        """Multiply it by a factor."""
+        return Information(factor * self.matrix)
+
     def mixed(self, share: float, other: "Information", other_share: float) -> "Information":
         """Give the weighted sum of two, of which the other one may know the first unknowns only."""
         u, known = self.matrix.shape[0], other.matrix.shape[0]

@@ -25,6 +25,7 @@ from algorithms.network.instrument_responses import (
     without_instrument_errors,
 )
 from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
+from algorithms.network.open_stations import adjust_determined
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures, Tracks
 from algorithms.scans.instrument_errors import DriftError, InstrumentError, Sweep
@@ -155,7 +156,7 @@ def calibrate_instruments(
     tracks
         Objects and the features that show them.
     stations
-        Stations in the adjustment; the first one is fixed.
+        Stations in the adjustment; the first one is fixed. Those that the features leave open take no part.
     start
         Poses in a common frame.
     sought
@@ -166,15 +167,16 @@ def calibrate_instruments(
     Raises
     ------
     DegenerateGeometryError, TooFewCorrespondencesError
-        As `adjust_jointly`.
+        As `adjust_determined`.
     InvalidInputError
         Nothing is sought.
     """
     if not sought:
         raise InvalidInputError("scanner", "no error is sought", "name at least one")
     tracks = tells_of_instruments(dict(features), tracks)
-    network = _Network(features, tracks, tuple(stations), start, tuple(sought), options)
-    without = adjust_jointly(features, tracks, stations, start, options)
+    determined = adjust_determined(features, tracks, stations, start, options)
+    without, tracks, stations = determined.joint, determined.tracks, determined.joint.stations
+    network = _Network(features, tracks, stations, start, tuple(sought), options)
     zeros = np.array([1.0 / each.tolerance**2 for each in sought])
     whole = network.estimated(np.ones(len(sought), dtype=bool), zeros, without)
     chosen = _significant(whole, sought, zeros)

@@ -16,7 +16,7 @@ from algorithms.network.instrument_calibration import (
     calibrate_instruments,
     widened_by_tolerances,
 )
-from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
+from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import (
     LoopVerdict,
@@ -25,6 +25,7 @@ from algorithms.network.loop_closure import (
     examine_loops,
     loop_covariance_factor,
 )
+from algorithms.network.open_stations import DeterminedStations, adjust_determined
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
 from algorithms.network.station_fusion import (
     FusedStations,
@@ -39,6 +40,8 @@ from algorithms.network.tied_network import RegisteredGroup, same_targets
 from algorithms.network.tracks import StationFeatures, Tracks, build_tracks
 
 DEFAULT_OPTIONS = AdjustmentOptions()
+MOST_NAMED = 20
+"""Stations that a remark names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,8 @@ class NetworkRegistration:
     """Errors of instruments and tripods; None: nobody asked, or they could not be looked for, `remarks` says why."""
     covariances: StationCovariances | None = None
     """Of the poses of all stations but the first, in their order; None: there is no other."""
+    left_out: tuple[int, ...] = ()
+    """Connected stations that lines and planes leave open: registrations alone hold them."""
 
     @property
     def variance_factor(self) -> float:
@@ -130,18 +135,19 @@ def register_network(
         graph = adjust_pose_graph(kept, stations)
     start = {station: graph.unknowns.poses[k] for k, station in enumerate(stations)}
     tracks = build_tracks(features, kept, start)
-    joint, remarks = _adjusted(features, tracks, stations, start, options)
+    determined, remarks = _adjusted(features, tracks, stations, start, options, names)
+    joint = None if determined is None else determined.joint
     calibration, words = _calibrated(features, tracks, stations, graph, options, instruments)
     remarks = (*remarks, *words)
     share = share_of_features(kept)
     if calibration is not None and instruments is not None and instruments.apply and calibration.estimated:
-        if calibration.of_surfaces is None:
+        if calibration.of_surfaces is None or len(calibration.of_surfaces.stations) < len(stations):
             remarks = (*remarks, "the errors of the instrument are not taken off: planes and pipes leave a pose open")
         else:
             joint, share = calibration.of_surfaces, 1.0
     factor = loop_covariance_factor(kept)
-    registered = adjust_pose_graph(with_shared_scans(kept), stations)
-    fused = fused_stations(joint, registered, share)
+    shared = with_shared_scans(kept)
+    fused = fused_stations(joint, adjust_pose_graph(shared, stations), share, shared, stations)
     found = zip(stations[1:], fused.poses, strict=True)
     return NetworkRegistration(
         poses={0: fixed, **{station: pose.with_covariance_scaled(factor) for station, pose in found}},
@@ -156,6 +162,7 @@ def register_network(
         remarks=(*remarks, *_in_words(fused, joint)),
         instruments=calibration,
         covariances=fused.covariances.scaled(factor),
+        left_out=() if determined is None else determined.left_out,
     )
 
 
@@ -188,17 +195,27 @@ def _adjusted(
     stations: Sequence[int],
     start: Mapping[int, RigidTransform],
     options: AdjustmentOptions,
-) -> tuple[JointAdjustment | None, tuple[str, ...]]:
-    """Adjust all stations; where that is not possible, say why."""
+    names: Sequence[str],
+) -> tuple[DeterminedStations | None, tuple[str, ...]]:
+    """Adjust all stations that lines and planes determine; say which they do not, or why none."""
     try:
-        joint = adjust_jointly(features, tracks, stations, start, options)
+        found = adjust_determined(features, tracks, stations, start, options)
     except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
         remark = (
             f"the stations could not be adjusted together to lines and planes ({error}); their poses are adjusted to "
             "the registrations of pairs"
         )
         return None, (remark,)
-    return joint, () if joint.solution.converged else ("the adjustment of all stations did not settle",)
+    remarks = [] if found.joint.solution.converged else ["the adjustment of all stations did not settle"]
+    if found.left_out:
+        named = ", ".join(names[station] for station in found.left_out[:MOST_NAMED])
+        more = len(found.left_out) - MOST_NAMED
+        remarks.append(
+            f"{len(found.left_out)} of {len(stations)} stations are held by the registrations of pairs alone, because "
+            f"the lines and planes that they share with others leave them open: {named}"
+            f"{f' and {more} more' if more > 0 else ''}"
+        )
+    return found, tuple(remarks)
 
 
 def _calibrated(

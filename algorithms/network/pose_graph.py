@@ -118,16 +118,21 @@ def adjust_pose_graph(links: Sequence[StationLink], stations: Sequence[int]) -> 
         Numbers of the stations; the first one is fixed and defines the frame. Their places in this list are the numbers
         of the poses in the solution.
     """
-    place = {station: k for k, station in enumerate(stations)}
     start = tree_poses(links, stations[0])
-    observed = RelativePoses(
+    unknowns = unknowns_of([start[station] for station in stations])
+    problem = Problem((observed_links(links, stations),))
+    return solve(problem, unknowns, np.zeros((unknowns.count, 0)), MAX_ITERATIONS)
+
+
+def observed_links(links: Sequence[StationLink], stations: Sequence[int]) -> RelativePoses:
+    """Take registrations for observations of the poses of stations, numbered by their places in a list."""
+    place = {station: k for k, station in enumerate(stations)}
+    return RelativePoses(
         np.array([place[link.target] for link in links], dtype=np.int64),
         np.array([place[link.source] for link in links], dtype=np.int64),
         RigidTransform.concatenate([link.target_from_source.target_from_source for link in links]),
         np.array([link.target_from_source.covariance for link in links]),
     )
-    unknowns = unknowns_of([start[station] for station in stations])
-    return solve(Problem((observed,)), unknowns, np.zeros((unknowns.count, 0)), MAX_ITERATIONS)
 
 
 def unknowns_of(poses: Sequence[RigidTransform], mounts: int = 0) -> Unknowns:

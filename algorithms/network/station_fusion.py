@@ -10,15 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import stats
+from scipy import sparse, stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.inverse import Information, Inverse
+from algorithms.adjustment.problem import Problem
 from algorithms.adjustment.solver import Solution
+from algorithms.adjustment.weights import whitening_of
 from algorithms.arrays import Array, Matrix
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.geometry.rotations import cross_matrices
 from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.links import StationLink
+from algorithms.network.pose_graph import observed_links
 
 CONTRADICTION_ALPHA = 0.001
 """Probability with which two good estimates are taken to contradict each other."""
@@ -93,41 +97,113 @@ def share_of_features(links: Sequence[StationLink]) -> float:
     return share if share >= LEAST_SHARE else 0.0
 
 
-def fused_stations(joint: JointAdjustment | None, graph: Solution, share: float) -> FusedStations:
-    """Mix the poses of the two adjustments: N = ω N1 + (1 - ω) N2, which never promises too much.
+def fused_stations(
+    joint: JointAdjustment | None,
+    graph: Solution,
+    share: float,
+    links: Sequence[StationLink] = (),
+    stations: Sequence[int] = (),
+) -> FusedStations:
+    """Mix the poses of the two adjustments: N = ω N1 + (1 - ω) N2, which never promises too much (MATH 6.6).
 
     N1 and N2 are the normal equations, which many stations leave sparse; mounts of photos, which only the first has,
-    stay among its unknowns.
+    stay among its unknowns. Stations that the first leaves open are attached to its own by the registrations that touch
+    them, which so count whole.
 
     Parameters
     ----------
     joint
         Of lines and planes; None, or not settled: the poses are those of the registrations.
     graph
-        Of the registrations, the same stations in the same order.
+        Of the registrations.
     share
         ω.
+    links
+        The registrations of the graph.
+    stations
+        Its stations in their order; none: those of `joint`.
     """
     base = [graph.unknowns.poses[k] for k in range(1, len(graph.unknowns.poses))]
     size = 6 * len(base)
     if joint is None or not joint.solution.converged or share < LEAST_SHARE:
         alone = StationCovariances(graph.inverse, len(base), 1.0)
         return FusedStations(_estimates(base, np.zeros(size), alone), 0.0, 1.0, alone)
-    adjusted = [joint.solution.unknowns.poses[k] for k in range(1, len(base) + 1)]
-    away = np.concatenate([_motion(pose, own) for pose, own in zip(adjusted, base, strict=True)])
-    if share > 1.0 - LEAST_SHARE:
-        features = StationCovariances(joint.solution.inverse, len(base), joint.variance_factor)
-        return FusedStations(_estimates(base, away, features), 1.0, 1.0, features)
-    known, weight = joint.solution.information, 1.0 / joint.variance_factor
-    told = weight * _reduced(known, away)
+    only_features = share > 1.0 - LEAST_SHARE
+    if set(stations) <= set(joint.stations):
+        adjusted = [joint.solution.unknowns.poses[k] for k in range(1, len(base) + 1)]
+        away = np.concatenate([_motion(pose, own) for pose, own in zip(adjusted, base, strict=True)])
+        if only_features:
+            features = StationCovariances(joint.solution.inverse, len(base), joint.variance_factor)
+            return FusedStations(_estimates(base, away, features), 1.0, 1.0, features)
+        known = joint.solution.information.scaled(1.0 / joint.variance_factor)
+        told = _reduced(known, away)
+    else:
+        known, told = _with_attached(joint, graph, links, stations)
+        inverse = known.inverse()
+        away = inverse.times(told)[:size]
+        if only_features:
+            features = StationCovariances(inverse, len(base), 1.0)
+            return FusedStations(_estimates(base, away, features), 1.0, 1.0, features)
     registered = np.concatenate([graph.information.times(away), np.zeros(len(told) - size)])
     # (C1 + C2)⁻¹ = N1 (N1 + N2)⁻¹ N2
-    both = known.mixed(weight, graph.information, 1.0).inverse()
-    differing = float(told @ both.times(registered))
-    factor = differing / size if differing > stats.chi2.isf(CONTRADICTION_ALPHA, size) else 1.0
-    mixture = known.mixed(share * weight, graph.information, 1.0 - share).inverse()
+    both = known.mixed(1.0, graph.information, 1.0).inverse()
+    differing, degrees = float(told @ both.times(registered)), 6 * (len(joint.stations) - 1)
+    factor = differing / degrees if differing > stats.chi2.isf(CONTRADICTION_ALPHA, degrees) else 1.0
+    mixture = known.mixed(share, graph.information, 1.0 - share).inverse()
     covariances = StationCovariances(mixture, len(base), factor)
     return FusedStations(_estimates(base, mixture.times(share * told)[:size], covariances), share, factor, covariances)
+
+
+def _with_attached(
+    joint: JointAdjustment, graph: Solution, links: Sequence[StationLink], stations: Sequence[int]
+) -> tuple[Information, Array]:
+    """Give N1 of all stations, those that lines and planes leave open by the registrations that touch them, and N1 x.
+
+    x are the motions from the poses of the graph, followed by the errors of mounts.
+    """
+    inside = set(joint.stations)
+    size, mounts = 6 * (len(stations) - 1), joint.solution.unknowns.count - 6 * (len(joint.stations) - 1)
+    carried = _carried(joint, graph, stations, mounts)
+    place = {station: k for k, station in enumerate(stations)}
+    of_graph = [graph.unknowns.poses[place[station]] for station in joint.stations]
+    to_own = of_graph[0].inv()
+    away = np.concatenate([
+        _motion(joint.solution.unknowns.poses[k], to_own * of_graph[k]) for k in range(1, len(of_graph))
+    ])  # fmt: skip
+    own = joint.solution.information.scaled(1.0 / joint.variance_factor)
+    touching = [link for link in links if not inside.issuperset(link.stations)]
+    system = Problem((observed_links(touching, stations),)).linearised(graph.unknowns)
+    whitening = whitening_of(system)
+    jacobian = sparse.csr_array(whitening.matrix @ system.jacobian)
+    told = carried.T @ _reduced(own, away)
+    told[:size] -= jacobian.T @ whitening.apply(system.residuals)
+    known = Information(sparse.csc_array(carried.T @ sparse.csc_array(own.matrix) @ carried))
+    return known.mixed(1.0, Information(sparse.csc_array(jacobian.T @ jacobian)), 1.0), np.asarray(told)
+
+
+def _carried(joint: JointAdjustment, graph: Solution, stations: Sequence[int], mounts: int) -> sparse.csr_array:
+    """Say how the unknowns of an adjustment of some stations answer to those of all of them.
+
+    P = P_f⁻¹ P_k in the frame of its fixed station f: turns by R_fᵀ (w_k - w_f), shifts by
+    R_fᵀ (d_k - d_f + S(t_k - t_f) w_f).
+    """
+    place = {station: k for k, station in enumerate(stations)}
+    at = np.array([place[station] for station in joint.stations], dtype=np.int64)
+    matrices = np.asarray(graph.unknowns.poses.as_matrix())[at]
+    back, apart = matrices[0, :3, :3].T, matrices[1:, :3, 3] - matrices[0, :3, 3]
+    count, size = len(apart), 6 * (len(stations) - 1)
+    turned = np.kron(np.eye(2), back)
+    by_fixed = np.tile(-turned, (count, 1, 1))
+    by_fixed[:, 3:, :3] = back @ cross_matrices(apart)
+    rows = np.broadcast_to((6 * np.arange(count)[:, None] + np.arange(6))[:, :, None], (count, 6, 6)).ravel()
+    columns, values = [], []
+    for first, blocks in ((at[1:], np.tile(turned, (count, 1, 1))), (np.repeat(at[:1], count), by_fixed)):
+        if (first > 0).all():  # the first station of all has no unknowns
+            columns.append(np.broadcast_to(6 * (first[:, None, None] - 1) + np.arange(6), (count, 6, 6)).ravel())
+            values.append(blocks.ravel())
+    entries = (np.concatenate(values), (np.tile(rows, len(values)), np.concatenate(columns)))
+    poses = sparse.coo_array(entries, shape=(6 * count, size))
+    return sparse.csr_array(sparse.block_diag([poses, sparse.eye_array(mounts)]) if mounts else poses)
 
 
 def _reduced(known: Information, away: Array) -> Array:

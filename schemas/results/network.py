@@ -57,6 +57,11 @@ class NetworkAdjustment(Document):
     """Test of the sum of squared residuals; null: no redundancy."""
     tracks: TrackCounts
     """What of the building is seen from several stations."""
+    left_out: list[str] = Field(
+        default_factory=list,
+        description="Stations that the lines and planes which they share with others leave open: the registrations of "
+        "pairs alone hold them, and they take no part here.",
+    )
     removed: list[RemovedFeature]
     """Planes and lines of single stations that were left out."""
 

@@ -31,7 +31,9 @@ def network_document(
         Of the stations.
     """
     adjustment = (
-        None if result.joint is None or result.tracks is None else _adjustment(result.joint, result.tracks, names)
+        None
+        if result.joint is None or result.tracks is None
+        else _adjustment(result.joint, result.tracks, result.left_out, names)
     )
     return Network(
         links=[
@@ -75,7 +77,9 @@ def _state(number: int, link: StationLink, result: NetworkRegistration) -> str:
     return "uncontrolled" if number in result.uncontrolled else "used"
 
 
-def _adjustment(joint: JointAdjustment, tracks: Tracks, names: Sequence[str]) -> NetworkAdjustment:
+def _adjustment(
+    joint: JointAdjustment, tracks: Tracks, left_out: Sequence[int], names: Sequence[str]
+) -> NetworkAdjustment:
     solution = joint.solution
     return NetworkAdjustment(
         model="gauss-helmert-tracks",
@@ -98,6 +102,7 @@ def _adjustment(joint: JointAdjustment, tracks: Tracks, names: Sequence[str]) ->
             lost_edges=tracks.lost_edges,
             conflicts=tracks.conflicts,
         ),
+        left_out=[names[station] for station in left_out],
         removed=[_removed(entry, tracks, names) for entry in joint.removed],
     )
 
