@@ -2,8 +2,9 @@
 
 Up to eight stations every pair is tried. Beyond, in rounds: first neighbours in the order of the list (stations are
 mostly recorded as the surveyor walked), the most alike scans, and, where positions are roughly known, the nearest;
-then, as long as the network is in parts, pairs that may join them; and pairs of connected stations that overlap
-according to the poses found so far, so that every station is controlled by loops. Stations whose scans cannot reach
+then, as long as the network is in parts, pairs that may join them, a few for each part; and pairs of connected stations
+that overlap according to the poses found so far, first over registrations that no loop holds, then so that every
+station has several. Stations whose scans cannot reach
 each other according to their approximate poses are never paired. The number of pairs is bounded by n (3 + 2 log2 n),
 of more than some hundred stations by 4000, and of more than a thousand by 4 n.
 """
@@ -12,7 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import ceil, log2
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 from jaxtyping import Int64
@@ -109,7 +110,7 @@ def first_pairs(alike: Likeness, whereabouts: Whereabouts = NOWHERE) -> list[Pai
 
 
 def next_pairs(
-    alike: Likeness, surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts = NOWHERE
+    alike: Likeness, surfaces: Sequence[Array], tried: Tried, whereabouts: Whereabouts = NOWHERE
 ) -> list[PairOfStations]:
     """Give the pairs of a further round; none when nothing promising is left or the bound is reached.
 
@@ -136,9 +137,10 @@ def next_pairs(
 
 
 def _joining(alike: Likeness, tried: Tried, whereabouts: Whereabouts) -> list[PairOfStations]:
-    """Give for each station outside the largest part its most promising pairs with other parts, best first.
+    """Give for each part but the largest its most promising pairs with other parts, best first.
 
-    Promising are scans that are alike, and stations that are near in the list.
+    Promising are scans that are alike, and stations that are near in the list. One pair joins a part however large it
+    is, so a part has no more than a few pairs for each of the stations along its edge, about the root of all of them.
     """
     if len(tried.parts) < 2:
         return []
@@ -161,11 +163,22 @@ def _joining(alike: Likeness, tried: Tried, whereabouts: Whereabouts) -> list[Pa
         best = promise.copy()
         for row, other in _largest(best, JOINING_EACH):
             ranked[_sorted(int(stations[row]), other)] = float(promise[row, other])
-    return sorted(ranked, key=lambda pair: (-ranked[pair], pair))
+    left = [JOINING_EACH * ceil(np.sqrt(len(part))) for part in tried.parts]
+    chosen = []
+    for pair in sorted(ranked, key=lambda pair: (-ranked[pair], pair)):
+        ends = [int(part_of[station]) for station in pair if part_of[station] != part_of[largest[0]]]
+        if any(left[number] > 0 for number in ends):
+            chosen.append(pair)
+            for number in ends:
+                left[number] -= 1
+    return chosen
 
 
-def _closing(surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts) -> list[PairOfStations]:
-    """Give pairs of connected stations that overlap in the poses so far, for stations with few registrations."""
+def _closing(surfaces: Sequence[Array], tried: Tried, whereabouts: Whereabouts) -> list[PairOfStations]:
+    """Give pairs of connected stations that overlap in the poses so far, what nothing controls yet first.
+
+    First one pair over each registration that is in no loop, then pairs of stations with few registrations.
+    """
     degrees = np.zeros(len(surfaces), dtype=np.int64)
     for pair in tried.accepted:
         degrees[list(pair)] += 1
@@ -179,12 +192,49 @@ def _closing(surfaces: Sequence[Points], tried: Tried, whereabouts: Whereabouts)
                 for share, first, second in _overlaps(cells)
                 if (pair := _sorted(part[first], part[second])) not in known and not whereabouts.are_apart(*pair)
             ]
-    chosen = []
+    controlling, closing = [], []
+    together = _looped(tried, len(surfaces))
     for _, pair in sorted(found):
-        if (degrees[list(pair)] < LOOPS_EACH).any():
-            chosen.append(pair)
-            degrees[list(pair)] += 1
-    return chosen
+        if together.joined(*pair):
+            controlling.append(pair)
+        elif (degrees[list(pair)] < LOOPS_EACH).any():
+            closing.append(pair)
+        else:
+            continue
+        degrees[list(pair)] += 1
+    return controlling + closing
+
+
+def _looped(tried: Tried, stations: int) -> "_Groups":
+    """Group the stations that loops of registrations hold together."""
+    import networkx as nx
+
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_edges_from(tried.accepted)
+    groups = _Groups(stations)
+    bridges = {_sorted(*edge) for edge in cast("list[PairOfStations]", list(nx.bridges(graph)))}
+    for pair in tried.accepted:
+        if _sorted(*pair) not in bridges:
+            groups.joined(*pair)
+    return groups
+
+
+class _Groups:
+    """Groups of stations that grow together."""
+
+    def __init__(self, stations: int) -> None:
+        self._above = list(range(stations))
+
+    def joined(self, first: int, second: int) -> bool:
+        """Put two stations into one group; say whether they were in different ones."""
+        ours, theirs = self._top(first), self._top(second)
+        self._above[theirs] = ours
+        return ours != theirs
+
+    def _top(self, station: int) -> int:
+        while self._above[station] != station:
+            self._above[station] = station = self._above[self._above[station]]
+        return station
 
 
 def occupied_cells(points: Points, pose: RigidTransform) -> CellNumbers:

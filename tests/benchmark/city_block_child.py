@@ -21,7 +21,7 @@ from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops
 from algorithms.network.network_registration import NetworkRegistration
 from algorithms.network.pose_graph import chained_parts
-from algorithms.network.similarity import distance_profile, likeness
+from algorithms.network.similarity import appearance, likeness
 from tests.scenes.buildings.city_block import CityBlock, city_block
 from tests.scenes.lines.line_scenes import pose_error
 
@@ -55,7 +55,7 @@ class Clock:
 def grown(block: CityBlock, clock: Clock) -> tuple[list[StationLink], int, int]:
     """Try pairs in rounds as a job does; give the accepted registrations, and how many pairs in how many rounds."""
     rng, n = np.random.default_rng(2), len(block.poses)
-    described = clock.timed("choice", lambda: likeness([distance_profile(block.features[k].planes) for k in range(n)]))
+    described = clock.timed("choice", lambda: likeness([appearance(block.features[k].planes) for k in range(n)]))
     alike = described()
     tried: list[tuple[int, int]] = []
     links: list[StationLink] = []

@@ -22,7 +22,7 @@ from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops
 from algorithms.network.network_registration import register_network
 from algorithms.network.pose_graph import chained_parts
-from algorithms.network.similarity import distance_profile, likeness
+from algorithms.network.similarity import appearance, likeness
 from algorithms.network.surface_control import MOST_POINTS, SurfaceControl
 from algorithms.network.tracks import StationFeatures
 from algorithms.progress import NoProgress
@@ -58,7 +58,7 @@ def register_all(paths: Sequence[Path]) -> dict[str, object]:
     features = [features_of(path) for path in paths]
     clock.note("features")
     names = [path.stem for path in paths]
-    alike = likeness([distance_profile(scan.planes) for scan in features])
+    alike = likeness([appearance(scan.planes) for scan in features])
     surfaces = [
         np.ascontiguousarray(scan.surface.points[:: max(len(scan.surface.points) // MOST_POINTS, 1)])
         for scan in features

@@ -11,7 +11,7 @@ from algorithms.network.candidate_pairs import Tried, first_pairs, next_pairs
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops
 from algorithms.network.pose_graph import chained_parts
-from algorithms.network.similarity import distance_profile, likeness
+from algorithms.network.similarity import appearance, likeness
 from algorithms.network.whereabouts import whereabouts_of
 from service.ports import Json, StepContext
 from service.use_cases.steps.feature_store import load_features
@@ -29,7 +29,7 @@ def choose_pairs(context: StepContext, arguments: Json) -> Json:
     poses: dict[int, PoseEstimate] = {}
     for number, key in enumerate(arguments["features"]):
         features = load_features(context.blobs.local_path(key))
-        profiles.append(distance_profile(features.planes))
+        profiles.append(appearance(features.planes))
         surfaces.append(_thinned(features))
         approximate = arguments.get("known", {}).get(names[number], {}).get("approximate_pose")
         if approximate is not None:

@@ -7,15 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.geometry.planes import Planes
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network import candidate_pairs
 from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, next_pairs
-from algorithms.network.similarity import Likeness, distance_profile, likeness
+from algorithms.network.loop_closure import examine_loops
+from algorithms.network.pose_graph import chained_parts
+from algorithms.network.similarity import Likeness, appearance, likeness
 from algorithms.network.whereabouts import Whereabouts, whereabouts_of
 from service.processes.register.plan import RegisterPlan
-from tests.scenes.buildings.plane_rooms import plane_rooms, seen_from
+from tests.scenes.buildings.city_block import city_block
+from tests.scenes.buildings.plane_rooms import PlaneRooms, plane_rooms, seen_from
 from tests.scenes.lines.line_scenes import LineScene, random_motion
 
 NO_LINES = LineScene(np.empty((0, 3)), np.empty((0, 3)))
@@ -29,7 +34,12 @@ def surface_at(x: float, size: float = 10.0) -> np.ndarray:
 
 def unlike(stations: int) -> Likeness:
     """Let no two scans have anything in common."""
-    return Likeness(np.eye(stations))
+    return alike_by(np.eye(stations))
+
+
+def alike_by(descriptions: np.ndarray) -> Likeness:
+    """Let scans be alike as descriptions of length one are."""
+    return Likeness(sparse.csr_array((len(descriptions), 0)), descriptions.astype(np.float32))
 
 
 def apart(places: Whereabouts, stations: int) -> set[tuple[int, int]]:
@@ -133,9 +143,55 @@ def test_a_gap_in_the_order_is_bridged_by_likeness() -> None:
     # stations 0-9 and 10-19 are two corridors, which only the pair (2, 17) connects
     descriptions = np.eye(20)
     descriptions[17, [2, 17]] = 0.9, np.sqrt(1.0 - 0.9**2)
-    alike = Likeness(descriptions)
+    alike = alike_by(descriptions)
     _, parts = grown(20, lambda a, b: ((a < 10) == (b < 10) and abs(a - b) == 1) or {a, b} == {2, 17}, alike)
     assert len(parts) == 1
+
+
+def test_a_part_asks_for_few_pairs_however_many_stations_it_has() -> None:
+    n = 400
+    parts = [list(range(200)), list(range(200, 300)), list(range(300, 400))]
+    poses = {k: RigidTransform.from_translation([50.0 * k, 0.0, 0.0]) for k in range(n)}  # none overlap
+    accepted = [(k, k + 1) for part in parts for k in part[:-1]]
+    chosen = next_pairs(unlike(n), [surface_at(0.0)] * n, Tried(accepted, accepted, poses, parts))
+    assert 0 < len(chosen) <= 2 * 3 * 10
+    assert all(parts_of(n, [*accepted, pair]) != parts_of(n, accepted) for pair in chosen[:3])
+
+
+def test_what_no_loop_holds_is_controlled_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    # two triangles and the pair (2, 3) between them; further pairs over it overlap less than those inside
+    n = 9
+    accepted = [(0, 1), (0, 2), (1, 2), (2, 3), (3, 4), (3, 5), (4, 5), (6, 7), (7, 8)]
+    poses = {k: RigidTransform.from_translation([2.0 * (k % 6) + 100.0 * (k > 5), 0.0, 0.0]) for k in range(n)}
+    parts = [list(range(6)), [6, 7, 8]]
+    monkeypatch.setattr(candidate_pairs, "most_pairs", lambda stations: len(accepted) + 2 + 0 * stations)
+    monkeypatch.setattr(candidate_pairs, "_joining", lambda *known: [])  # noqa: ARG005 - whatever is known
+    chosen = next_pairs(unlike(n), [surface_at(0.0)] * n, Tried(accepted, accepted, poses, parts))
+    assert (6, 8) in chosen
+    (other,) = set(chosen) - {(6, 8)}
+    assert other in {(1, 3), (2, 4)}
+
+
+@pytest.mark.slow
+def test_a_city_holds_together_by_four_pairs_tried_for_each_station(monkeypatch: pytest.MonkeyPatch) -> None:
+    n = 150
+    monkeypatch.setattr(candidate_pairs, "MOST_SEARCHED", 4 * n)
+    block, rng = city_block(n, np.random.default_rng(8)), np.random.default_rng(9)
+    alike = likeness([appearance(block.features[k].planes) for k in range(n)])
+    tried: list[tuple[int, int]] = []
+    links, fresh, largest = [], first_pairs(alike), 0
+    while fresh:
+        tried += fresh
+        links += block.registered(fresh, rng)
+        rejected = examine_loops(links, block.names).rejected
+        used = [link for number, link in enumerate(links) if number not in rejected]
+        parts, poses = chained_parts(used, n)
+        largest = max(len(part) for part in parts)
+        fresh = next_pairs(alike, block.surfaces, Tried(tried, [link.stations for link in used], poses, parts))
+    assert len(tried) <= 4 * n
+    everything = block.registered(list(combinations(range(n), 2)), rng)
+    reachable = max(len(part) for part in chained_parts(everything, n)[0])
+    assert largest > 0.95 * reachable
 
 
 def test_known_positions_bring_the_nearest_stations_together() -> None:
@@ -149,7 +205,7 @@ def test_known_positions_bring_the_nearest_stations_together() -> None:
 
 def test_scans_are_compared_in_pieces_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(6)
-    alike = likeness(list(rng.exponential(size=(40, 30)) * (rng.random((40, 30)) < 0.3)))
+    alike = alike_by(rng.random((40, 30)))
     whole = first_pairs(alike)
     monkeypatch.setattr(candidate_pairs, "ROWS_AT_ONCE", 7)
     assert first_pairs(alike) == whole
@@ -163,9 +219,39 @@ def test_scans_of_the_same_rooms_are_more_alike_than_others() -> None:
         for _ in range(2):
             order = rng.permutation(len(rooms.normals))
             _, planes = seen_from(rooms, NO_LINES, random_motion(rng), order, 0.002, rng)
-            profiles.append(distance_profile(planes))
+            profiles.append(appearance(planes))
     alike = likeness(profiles).rows(np.arange(8)) - 2.0 * np.eye(8)
     assert [int(np.argmax(row)) for row in alike] == [1, 0, 3, 2, 5, 4, 7, 6]
+
+
+def parallel_planes(offsets: list[float], looks: list[float]) -> Planes:
+    """Give walls across x at some offsets that look along x (1) or against it (-1)."""
+    rooms = PlaneRooms(
+        np.array([[look, 0.0, 0.0] for look in looks]), np.array([[x, 0.0, 0.0] for x in offsets]),
+        np.tile([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (len(looks), 1, 1)), np.full((len(looks), 2), 4.0),
+        np.ones(len(looks), dtype=bool), np.zeros((0, 2), np.int64), np.zeros((0, 3)), np.zeros(0),
+    )  # fmt: skip
+    rng = np.random.default_rng(3)
+    return seen_from(rooms, NO_LINES, random_motion(rng), rng.permutation(len(looks)), 1e-6, rng)[1]
+
+
+def test_two_distances_between_three_planes_tell_more_than_single_ones() -> None:
+    # each of the first three distances is in the third scan too, but never next to each other
+    walls = [parallel_planes(places, [1.0, -1.0, 1.0]) for places in ([0.0, 2.03, 5.17], [1.0, 3.03, 6.17])]
+    walls.append(parallel_planes([0.0, 2.03, 9.0], [1.0, -1.0, 1.0]))
+    alike = likeness([appearance(planes) for planes in walls]).rows(np.arange(3))
+    assert alike[0, 1] > 1.0
+    assert alike[0, 2] < 0.25
+
+
+def test_it_does_not_matter_from_which_end_parallel_planes_are_read() -> None:
+    walls = (
+        parallel_planes([0.0, 2.03, 5.17], [1.0, -1.0, 1.0]),
+        parallel_planes([0.0, -2.03, -5.17], [-1.0, 1.0, -1.0]),
+    )
+    first, second = (appearance(planes) for planes in walls)
+    np.testing.assert_array_equal(first.triples, second.triples)
+    np.testing.assert_allclose(first.triple_weights, second.triple_weights, atol=1e-3)
 
 
 def job(stations: int, pairs: Any = "auto") -> dict[str, Any]:
@@ -281,7 +367,7 @@ def test_stations_that_are_apart_are_never_paired() -> None:
     n = 30
     surfaces = [surface_at(0.0)] * n
     places = whereabouts_of(surfaces, {k: roughly(6.0 * k) for k in range(n)})
-    alike = Likeness(np.ones((n, 1)))
+    alike = alike_by(np.ones((n, 1)))
     tried, fresh = [], first_pairs(alike, places)
     while fresh:
         tried += fresh
