@@ -92,8 +92,8 @@ def adjust_jointly(
     """Adjust the poses of all stations, and remove features that are not what their track is (MATH 4.5).
 
     The worst feature goes first; features of stations that no other one of the same round concerns are judged at once,
-    because they hardly tell of each other. In the end everything removed is tested against the solution and taken back
-    if it fits.
+    because they hardly tell of each other. In the end everything removed is tested against the solution and taken back,
+    in the same way, if it fits.
 
     Parameters
     ----------
@@ -243,23 +243,27 @@ class _Search:
                     number, track = active[group.numbers[k]]
                     if (number, track.members[slot]) not in self._returned:
                         failing.append((float(log_p[k]), number, track.members[slot]))
-        chosen: set[tuple[int, Member]] = set()
-        concerned: set[int] = set()
-        for _, number, member in sorted(failing):
-            stations = {station for station, _ in self._used_of(number)}
-            if len(chosen) < allowed and not stations & concerned:
-                chosen.add((number, member))
-                concerned |= stations
-        return chosen
+        return self._apart([(number, member) for _, number, member in sorted(failing)], allowed)
 
     def _returning(self, solution: Solution) -> set[tuple[int, Member]]:
-        """Find the removed feature that fits best, if it passes its test."""
+        """Find the removed features that pass their tests best, at most one for each station and those that see it."""
         fitting = [
             (statistic / self._factor / self._critical(degrees), number, member)
             for number, member, statistic, degrees in self._tested_outside(solution)
             if degrees > 0 and statistic / self._factor <= self._critical(degrees)
         ]
-        return {min(fitting)[1:]} if fitting else set()
+        return self._apart([(number, member) for _, number, member in sorted(fitting)], len(fitting))
+
+    def _apart(self, ranked: Sequence[tuple[int, Member]], most: int) -> set[tuple[int, Member]]:
+        """Choose from features, the first one first, those that touch no station which a chosen one touches already."""
+        chosen: set[tuple[int, Member]] = set()
+        concerned: set[int] = set()
+        for number, member in ranked:
+            stations = {member[0], *(station for station, _ in self._used_of(number))}
+            if len(chosen) < most and not stations & concerned:
+                chosen.add((number, member))
+                concerned |= stations
+        return chosen
 
     def _tested_outside(self, solution: Solution) -> list[tuple[int, Member, float, float]]:
         """Test each removed feature with those of its track that are used: number, feature, T, degrees of freedom."""

@@ -1,14 +1,21 @@
 """Many stations: what one adjustment of all makes of registered pairs."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from algorithms.adjustment.solver import Solution, solve
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.network import joint_adjustment
 from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.network_registration import NetworkRegistration, register_network
+from algorithms.network.pose_graph import chained_parts
+from algorithms.network.track_observations import TrackKind, largest_first
+from algorithms.network.tracks import build_tracks
+from tests.scenes.buildings.city_block import city_block
 from tests.scenes.buildings.station_networks import StationNetwork, station_network
 from tests.scenes.lines.line_scenes import KEEP_ALL, pose_error
 
@@ -144,3 +151,35 @@ def test_the_fixed_station_is_the_identity_without_error(network: StationNetwork
     fixed = registered(network).poses[0]
     np.testing.assert_array_equal(fixed.target_from_source.as_matrix(), RigidTransform.identity().as_matrix())
     np.testing.assert_array_equal(fixed.covariance, np.zeros((6, 6)))
+
+
+def test_features_of_different_stations_come_back_in_one_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    block = city_block(24, np.random.default_rng(4))
+    near = [(k, k + step) for step in (1, 2, 3) for k in range(24 - step)]
+    links = block.registered(near, np.random.default_rng(5))
+    parts, poses = chained_parts(links, 24)
+    inside = max(parts, key=len)
+    tracks = build_tracks(block.features, [link for link in links if link.target in inside], poses)
+    search = joint_adjustment._Search(
+        block.features,
+        [largest_first(TrackKind.PLANE, members, block.features) for members in tracks.planes],
+        inside, poses, KEEP_ALL,
+    )  # fmt: skip
+    concerned: set[int] = set()
+    for number, members in enumerate(tracks.planes):
+        seeing = {station for station, _ in members}
+        if len(members) > 2 and not seeing & concerned:
+            search.removed.add((number, members[0]))
+            concerned |= seeing
+    assert len(search.removed) > 1
+    rounds = 0
+
+    def counted(*given: Any, **named: Any) -> Solution:
+        nonlocal rounds
+        rounds += 1
+        return solve(*given, **named)
+
+    monkeypatch.setattr(joint_adjustment, "solve", counted)
+    search.run(1.0)
+    assert not search.removed
+    assert rounds == 2
