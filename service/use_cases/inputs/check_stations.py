@@ -1,9 +1,9 @@
 """Check what the schema of a request cannot know: names, files and scans that must exist."""
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
 
-from algorithms.scans.content import ScanContent, same_content
+from algorithms.network.options import MOST_TIED
+from algorithms.scans.content import ROUNDED_M, ScanContent, same_content
 from schemas.requests.posed_stations import PosedStation
 from schemas.requests.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
@@ -14,6 +14,9 @@ from service.use_cases.inputs.check_control import control_faults
 from service.use_cases.inputs.check_photos import station_photo_faults
 from service.use_cases.inputs.check_starts import start_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
+
+MOST_COMPARED = 100
+"""Scans with as many points and nearly the same mean that one is compared with."""
 
 
 def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations: int) -> None:
@@ -34,6 +37,7 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *start_faults(inputs),
         *control_faults(inputs),
         *_scanner_faults(inputs),
+        *_tied_faults(inputs),
         *_method_faults(inputs),
         *_same_scan_faults(inputs.stations, files),
         *(
@@ -119,6 +123,27 @@ def _scanner_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
                 yield FieldFault(where, f"there is no station '{name}'")
 
 
+def _tied_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
+    """Name what can be adjusted with fewer stations only: it takes one dense covariance of all their poses."""
+    if len(inputs.stations) <= MOST_TIED:
+        return
+    stated = any(station.targets for station in inputs.stations)
+    asked = {
+        "targets": inputs.targets is not None,
+        "control": bool(inputs.control),
+        "fix": inputs.fix != "first-station",
+        "scanner": inputs.scanner is not None and inputs.scanner.asks,
+        "stations": stated,
+    }
+    for name in (name for name, is_asked in asked.items() if is_asked):
+        what = "`targets` of stations" if name == "stations" else f"`{name}`"
+        detail = (
+            f"{len(inputs.stations)} stations, with {what} at most {MOST_TIED}: leave it out, or register the parts of "
+            "the site that have targets or control as jobs of their own"
+        )
+        yield FieldFault(pointer_to("inputs", name), detail)
+
+
 def _method_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
     """Name compared methods that ask for other features: all share those of the job's own method."""
     shared = getattr(inputs.method, "features", None)
@@ -132,15 +157,46 @@ def _method_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
 
 def _same_scan_faults(stations: Sequence[Station], files: FileStore) -> Iterable[FieldFault]:
     """Name the stations whose scans are one and the same measurement: a scan laid on itself fits, and says nothing."""
-    known = [(number, station, _found_scan(station.scan, files)) for number, station in enumerate(stations)]
-    for (number, station, own), (first, other, others) in combinations(known, 2):
-        if own is None or others is None or not _same_scan(own, others):
-            continue
-        for here, name in ((number, other.name), (first, station.name)):
+    known = [(number, found) for number, station in enumerate(stations) if (found := _found_scan(station.scan, files))]
+    for first, second in sorted({*_of_one_file(known), *_of_one_content(known)}):
+        for here, other in ((first, second), (second, first)):
             yield FieldFault(
                 pointer_to("inputs", "stations", here, "scan"),
-                f"the scan is the same measurement as that of station '{name}': a scan laid on itself says nothing",
+                f"the scan is the same measurement as that of station '{stations[other].name}': a scan laid on itself "
+                "says nothing",
             )
+
+
+def _of_one_file(known: Sequence[tuple[int, tuple[str, Json]]]) -> Iterable[tuple[int, int]]:
+    """Pair scans that are the same number in the same content with the first such one."""
+    first: dict[tuple[str, int], int] = {}
+    for number, (sha256, found) in known:
+        before = first.setdefault((sha256, found["index"]), number)
+        if before != number:
+            yield before, number
+
+
+def _of_one_content(known: Sequence[tuple[int, tuple[str, Json]]]) -> Iterable[tuple[int, int]]:
+    """Pair each scan with the first one before it that has the same points.
+
+    Sorted by the number of points and their mean, the same ones are neighbours: thousands are not compared with each
+    other.
+    """
+    contents = sorted(
+        (
+            (ScanContent.from_json(found["content"]), number)
+            for number, (_, found) in known
+            if found.get("content") is not None  # files of earlier times are without
+        ),
+        key=lambda entry: (entry[0].points, entry[0].mean_m[0], entry[1]),
+    )
+    for place, (content, number) in enumerate(contents):
+        for other, before in reversed(contents[max(0, place - MOST_COMPARED) : place]):
+            if other.points != content.points or content.mean_m[0] - other.mean_m[0] > ROUNDED_M:
+                break
+            if same_content(other, content):
+                yield min(before, number), max(before, number)
+                break
 
 
 def _found_scan(scan: ScanReference, files: FileStore) -> tuple[str, Json] | None:
@@ -149,16 +205,6 @@ def _found_scan(scan: ScanReference, files: FileStore) -> tuple[str, Json] | Non
     if file is None:
         return None
     return next(((file.sha256, found) for found in file.scans if found["index"] == scan.index), None)
-
-
-def _same_scan(first: tuple[str, Json], second: tuple[str, Json]) -> bool:
-    """Tell whether two scans of files are one: the same number in the same content, or the same points."""
-    if first[0] == second[0] and first[1]["index"] == second[1]["index"]:
-        return True
-    own, other = (found.get("content") for _, found in (first, second))
-    if own is None or other is None:  # files of earlier times are without
-        return False
-    return same_content(ScanContent.from_json(own), ScanContent.from_json(other))
 
 
 def _file_faults(station: Station | PosedStation, files: FileStore, where: str) -> Iterable[FieldFault]:

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from algorithms.network.options import MOST_TIED
 from schemas.requests.register_inputs import RegisterInputs, Station
 from service.errors import InvalidRequestError
 from service.ports import StoredFile
@@ -55,3 +56,34 @@ def test_the_same_points_in_another_format_are_refused_for_both_stations(other_m
     with pytest.raises(InvalidRequestError) as caught:
         check_register_inputs(inputs, store, 5)
     assert [fault.pointer for fault in caught.value.faults] == ["/inputs/stations/0/scan", "/inputs/stations/1/scan"]
+
+
+def test_every_further_copy_of_a_scan_is_named() -> None:
+    store = MemoryFileStore()
+    for number, mean_m in enumerate((1.0, 7.0, 1.00004, 1.00008)):
+        store.add(replace(FILE, id="abcd"[number] * 32, sha256=str(number) * 64, scans=(_contents(mean_m),)))
+    stations = [{"name": name, "scan": {"file": name * 32, "index": 0}} for name in "abcd"]
+    with pytest.raises(InvalidRequestError) as caught:
+        check_register_inputs(RegisterInputs.model_validate({"stations": stations}), store, 5)
+    assert {fault.pointer for fault in caught.value.faults} == {f"/inputs/stations/{k}/scan" for k in (0, 2, 3)}
+
+
+@pytest.mark.parametrize(
+    ("asked", "pointer"),
+    [
+        ({"targets": {"kinds": [{"kind": "sphere", "radius_m": 0.1}]}}, "/inputs/targets"),
+        ({"fix": "free"}, "/inputs/fix"),
+        ({"scanner": {"estimate": ["vertical_index"]}}, "/inputs/scanner"),
+    ],
+)
+def test_of_very_many_stations_what_needs_one_covariance_of_all_is_refused(
+    asked: dict[str, object], pointer: str
+) -> None:
+    store = MemoryFileStore()
+    store.add(replace(FILE, scans=tuple({"index": k} for k in range(MOST_TIED + 1))))
+    stations = [{"name": f"S{k}", "scan": {"file": FILE.id, "index": k}} for k in range(MOST_TIED + 1)]
+    check_register_inputs(RegisterInputs.model_validate({"stations": stations}), store, 5000)
+    with pytest.raises(InvalidRequestError) as caught:
+        check_register_inputs(RegisterInputs.model_validate({"stations": stations, **asked}), store, 5000)
+    assert [fault.pointer for fault in caught.value.faults] == [pointer]
+    assert f"at most {MOST_TIED}" in caught.value.faults[0].detail
