@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from peer_child import peak_memory_mb
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.network import network_registration
@@ -20,7 +21,7 @@ from algorithms.network.candidate_pairs import Tried, first_pairs, most_pairs, n
 from algorithms.network.links import StationLink
 from algorithms.network.loop_closure import examine_loops
 from algorithms.network.network_registration import NetworkRegistration
-from algorithms.network.pose_graph import chained_parts
+from algorithms.network.pose_graph import chained_parts, connected_stations
 from algorithms.network.similarity import appearance, likeness
 from tests.scenes.buildings.city_block import CityBlock, city_block
 from tests.scenes.lines.line_scenes import pose_error
@@ -31,6 +32,9 @@ FEATURE_SHARE = 0.7
 MOST_ROUNDS = 12
 """As the plan of a job allows."""
 WRONG_M = 1.0
+WRONG_POSE_M = 0.05
+NEAR_M = 45.0
+"""Farther apart no two stations see enough in common."""
 PARTS = {"examine_loops": "loops", "adjust_pose_graph": "graph", "_adjusted": "joint", "fused_stations": "fusion"}
 
 
@@ -82,6 +86,13 @@ def without_misleading(block: CityBlock, links: list[StationLink]) -> list[Stati
         links = [link for number, link in enumerate(links) if number not in misleading]
 
 
+def reachable(block: CityBlock) -> int:
+    """Give how many stations would hold together with the first one if all pairs were tried."""
+    places = np.array([pose.translation for pose in block.poses])
+    pairs = sorted((min(pair), max(pair)) for pair in cKDTree(places).query_pairs(NEAR_M))
+    return len(connected_stations(block.registered(pairs, np.random.default_rng(3)), 0))
+
+
 def is_wrong(block: CityBlock, link: StationLink) -> bool:
     """Say whether a registration is not the truth."""
     truth = block.poses[link.target].inv() * block.poses[link.source]
@@ -105,7 +116,10 @@ def judged(block: CityBlock, links: list[StationLink], result: NetworkRegistrati
     if joint is not None:
         stacked = np.concatenate([error(joint.solution.unknowns.poses[k], s) for k, s in enumerate(joint.stations)][1:])
         together = float(stacked @ joint.solution.information.times(stacked)) / len(stacked)
+    away = np.abs(np.array(own)[:, 3:]).max(axis=1, initial=0.0)
     return {
+        "wrong_poses": int((away > WRONG_POSE_M).sum()),
+        "reachable": reachable(block),
         "largest_error_m": float(np.abs(np.array(own)[:, 3:]).max(initial=0.0)),
         "nees_of_each": float(np.mean(each)),
         "nees_together": together,
@@ -128,7 +142,7 @@ def main(stations: int) -> None:
         result = clock.timed("network", network_registration.register_network)(block.features, links, block.names)
         for name, work in kept.items():
             setattr(network_registration, name, work)
-        joint = result.joint
+        joint, peak_mb = result.joint, peak_memory_mb()
         figures = {
             "stations": count,
             "planes": float(np.mean([len(numbers) for numbers in block.seen])),
@@ -143,9 +157,10 @@ def main(stations: int) -> None:
             "removed": 0 if joint is None else len(joint.removed),
             "conditions": 0 if joint is None else joint.observation_count,
             "variance_factor": result.variance_factor,
+            "left_out": len(result.left_out),
             "remarks": result.remarks,
             "seconds": clock.seconds,
-            "peak_mb": peak_memory_mb(),
+            "peak_mb": peak_mb,
             **judged(block, links, result),
         }
     print(json.dumps(figures))
