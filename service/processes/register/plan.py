@@ -228,7 +228,7 @@ def _grown(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
     done: list[Json] = []
     for stage in range(1, 2 * MOST_ROUNDS, 2):
         if stage == len(outputs):
-            return _Pairs([_choice_call(job, outputs[0], done)], done, stage)
+            return _Pairs([_choice_call(job, outputs[0], done, (stage + 1) // 2)], done, stage)
         chosen = outputs[stage][0]["pairs"]
         if stage == 1:
             chosen = _with_starts(chosen, job["inputs"])
@@ -309,9 +309,12 @@ def _with_starts(chosen: Sequence[Sequence[str]], inputs: Json) -> Sequence[Sequ
     return [*chosen, *(pair for pair in starts if set(pair) not in known)]
 
 
-def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:
+def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json], number: int) -> StepCall:
     arguments = {**_network_arguments(job, features), "pairs": pairs, "known": known_of_stations(job["inputs"])}
-    return StepCall("choose-pairs", arguments, "choosing pairs of stations", weight=CHOICE_WEIGHT)
+    accepted = sum(pair.get("status") == "accepted" for pair in pairs)
+    told = f", {accepted} of {len(pairs)} tried so far accepted" if pairs else ""
+    label = f"choosing pairs of stations, round {number}{told}"
+    return StepCall("choose-pairs", arguments, label, weight=CHOICE_WEIGHT)
 
 
 def _network_call(job: Json, features: Sequence[Json], pairs: Sequence[Json]) -> StepCall:

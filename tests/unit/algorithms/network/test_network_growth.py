@@ -333,6 +333,15 @@ def test_pairs_are_numbered_through_over_all_rounds() -> None:
     assert (call.arguments["number"], call.arguments["target"]["name"]) == (2, "S0")
 
 
+def test_each_round_says_what_became_of_the_pairs_before() -> None:
+    outputs: list[list[dict[str, Any]]] = [[{"features": "f"}] * 9]
+    (first,) = RegisterPlan().next_stage(job(9), outputs) or []
+    outputs += [[{"pairs": [["S0", "S1"], ["S1", "S2"]]}], [{"status": "accepted"}, {"status": "rejected"}]]
+    (second,) = RegisterPlan().next_stage(job(9), outputs) or []
+    assert first.label == "choosing pairs of stations, round 1"
+    assert second.label == "choosing pairs of stations, round 2, 1 of 2 tried so far accepted"
+
+
 def test_growth_ends_even_if_there_is_always_something_to_try() -> None:
     assert len(stages(9, [[["S0", "S1"]]] * 12)) == 1 + 24 + 2
 
