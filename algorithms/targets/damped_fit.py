@@ -117,4 +117,4 @@ def error_parts(design: Array, gain: Array, residuals: Scalars) -> Array:
         square = float(np.sum(share**2 * (1.0 - 2.0 * leverage))) + projected
         freedom = max(mean**2 / max(square, 1e-300), LEAST_FREEDOM)
         parts[:, k] *= np.sqrt(freedom / (freedom - 2.0))
-    return parts
+    return np.asarray(parts)

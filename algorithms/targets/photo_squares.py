@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.arrays import Array, Flags, Scalars, Vectors2
-from algorithms.targets.bright_spot import SpotShape
 from algorithms.targets.damped_fit import damped_fit, error_parts, gain_of
 from algorithms.targets.options import TargetKind
+from algorithms.targets.spot_shape import SpotShape
 
 KNOWN_BLUR = 0.4
 """Standard deviation of the logarithm of the blur: lens and pixel, within a factor of one and a half."""

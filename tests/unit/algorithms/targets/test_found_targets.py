@@ -17,10 +17,11 @@ from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.scene import scene_from_parts
 from algorithms.simulation.target_parts import BOARD_WHITE, checker_board, facing, plate, retro_cylinder, sphere
-from algorithms.targets.bright_spot import SpotModel, SpotShape
+from algorithms.targets.bright_spot import SpotModel
 from algorithms.targets.finding import TargetsOfScan, find_targets
 from algorithms.targets.options import BoardKind, RetroKind, SoughtKind, SphereKind, TargetKind
 from algorithms.targets.seen_cloud import closed_raster
+from algorithms.targets.spot_shape import SpotShape
 
 RADIUS_M, BOARD_M, RETRO_M = 0.0725, 0.15, 0.05
 FINE = VirtualScanner(
