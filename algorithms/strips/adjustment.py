@@ -1,6 +1,7 @@
 """Adjust a block of strips: robust weights, tests one at a time, observations of zero that are wrong (MATH 12.2, 12.3).
 
-The order is that of Haring (H-19) as in networks; what is tested as a whole is how one strip sees one patch.
+The order is that of Haring (H-19) as in networks; what is tested is how one strip sees one patch: as a whole, and for
+a shift along the normal, which a heap, high grass or another roof is, and which the test of a whole hides among tilts.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from algorithms.adjustment.testing import (
     global_test,
     normal_critical_value,
 )
-from algorithms.arrays import Array, Flags, Matrices3, Matrix
+from algorithms.arrays import Array, Flags, Matrices3, Matrix, Points, Scalars
 from algorithms.errors import NotConvergedError, TooFewCorrespondencesError
 from algorithms.progress import Progress
 from algorithms.strips.block import Block, Equations, Reduced, State, positive_solution
@@ -69,16 +70,26 @@ class Adjusted:
     control_before_m: Float64[Array, "m"]
     statistics: Float64[Array, "k"]
     """(k,) T of each tie."""
+    lifts: Float64[Array, "k"]
+    """(k,) T of a shift of each tie along its normal alone."""
     control_statistics: Float64[Array, "m"]
     """(m,)."""
     critical: float
     """Limit of T of ties, the variance factor of the tests in it."""
+    lift_critical: float
+    """The same of shifts along the normal."""
     control_critical: float
     test_variance_factor: float
     variance_factor: float
     """On the variances of ties and control: that of the global test where it finds them too small, else 1."""
     test: GlobalTest
     iterations: int
+
+    @property
+    def failed_by(self) -> tuple[Scalars, Scalars]:
+        """T of the test that each tie (k,) fails worst, or passes by least, and its limit (k,)."""
+        lifted = self.lifts / self.lift_critical > self.statistics / self.critical
+        return np.where(lifted, self.lifts, self.statistics), np.where(lifted, self.lift_critical, self.critical)
 
     @property
     def paired(self) -> Flags:
@@ -142,6 +153,8 @@ def adjust_block(block: Block, start: State, options: CorrectionOptions, alpha: 
 class _Tests:
     statistics: Float64[Array, "k"]
     degrees: Float64[Array, "k"]
+    lifts: Float64[Array, "k"]
+    """(k,) of the one way in which surfaces mostly are wrong: for one strip the whole patch stands higher or lower."""
     control: Float64[Array, "m"]
 
 
@@ -239,9 +252,10 @@ class _Search:
             at, reduced, normal = self.solve()
             tests = self.tests(at, reduced, linalg.inv(normal))
             factor = self.test_factor(tests)
-            passing = ~self.used & (tests.statistics <= limit * factor) & ~back
+            shares = np.maximum(tests.statistics / limit, tests.lifts / single)
+            passing = ~self.used & (shares <= factor) & ~back
             known = ~self.control_used & (tests.control <= single * factor) & ~control_back
-            failing = np.where(self.used, tests.statistics / limit, 0.0)
+            failing = np.where(self.used, shares, 0.0)
             patches = self.block.ties.patches
             worst = np.zeros(len(self.block.references_m))
             np.maximum.at(worst, patches, failing)
@@ -268,13 +282,16 @@ class _Search:
         turned = np.einsum("kji,kj->ki", vectors, at.residuals / std[:, None])
         seen = values > NOT_CONTROLLED
         statistics = (np.where(seen, turned**2, 0.0) / np.where(seen, values, 1.0)).sum(axis=1)
+        lifts = lifts_of(left, at.residuals / std[:, None], used=self.used)
         planes = self.block.control.patches
         own = self.plane_cofactors(reduced, cofactors, planes)
         variance = np.einsum("mi,mij,mj->m", at.control_by_planes, own, at.control_by_planes)
         known = at.control_std_m**2 * self.factor + np.where(self.control_used, -1.0, 1.0) * variance
         sure = known > NOT_CONTROLLED * at.control_std_m**2
         control = np.where(sure, at.control**2 / np.where(sure, known, 1.0), 0.0)
-        return _Tests(self.factor * statistics, seen.sum(axis=1).astype(np.float64), self.factor * control)
+        return _Tests(
+            self.factor * statistics, seen.sum(axis=1).astype(np.float64), self.factor * lifts, self.factor * control
+        )
 
     def plane_cofactors(self, reduced: Reduced, cofactors: Matrix, patches: Array) -> Matrices3:
         """Give the covariances (m, 3, 3) of the planes of some patches."""
@@ -345,14 +362,30 @@ class _Search:
             control_m=at.control,
             control_before_m=before.control,
             statistics=tests.statistics,
+            lifts=tests.lifts,
             control_statistics=tests.control,
             critical=tie_limit(alpha) * factor,
+            lift_critical=normal_critical_value(alpha) ** 2 * factor,
             control_critical=normal_critical_value(alpha) ** 2 * factor,
             test_variance_factor=factor,
             variance_factor=self.factor,
             test=global_test(self.omega(at), self.redundancy(), GLOBAL_ALPHA),
             iterations=self.iterations,
         )
+
+
+def lifts_of(cofactors: Matrices3, residuals: Points, *, used: Flags) -> Array:
+    """Test ties (k,) for a shift along the normal, T of MATH 4.4 with one degree of freedom (MATH 12.2).
+
+    `cofactors` (k, 3, 3) are those of the residuals (k, 3), both over the standard deviations of the ties; ties that
+    are not used are compared with what the others predict.
+    """
+    own, out = cofactors[:, 0, 0], np.zeros(len(residuals))
+    sure = used & (own > NOT_CONTROLLED)
+    out[sure] = residuals[sure, 0] ** 2 / own[sure]
+    weights = np.linalg.inv(cofactors[~used])
+    out[~used] = np.einsum("kj,kj->k", weights[:, 0], residuals[~used]) ** 2 / weights[:, 0, 0]
+    return out
 
 
 def tie_limit(alpha: float) -> float:

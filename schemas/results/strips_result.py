@@ -115,9 +115,9 @@ class MismatchedPatch(Document):
     gap_m: float
     """Its distance from the plane of the others along the normal, after corrections [m]."""
     statistic: float
-    """T of its test."""
+    """T of the test that it fails worst: of its distance and both tilts, or of its distance alone."""
     critical: float
-    """Limit of T."""
+    """Limit of that T."""
 
 
 class ControlFigures(Document):

@@ -104,13 +104,13 @@ def tables_of(told: Told) -> dict[str, tuple[str, bytes]]:
             int(ties.patches[k]), told.strips[int(ties.strips[k])].name, *(f"{value:.3f}" for value in middles[k]),
             *(f"{value:.4f}" for value in normals[k]), int(ties.points[k]), f"{ties.rms_m[k]:.4f}",
             f"{adjusted.gaps_before_m[k, 0]:.4f}", f"{adjusted.residuals_m[k, 0]:.4f}",
-            f"{adjusted.statistics[k]:.2f}", int(adjusted.used[k]), int(adjusted.paired[k]),
+            f"{adjusted.statistics[k]:.2f}", f"{adjusted.lifts[k]:.2f}", int(adjusted.used[k]), int(adjusted.paired[k]),
         )
         for k in range(len(ties))
     )  # fmt: skip
     head = (
         "patch", "strip", "x_m", "y_m", "z_m", "normal_x", "normal_y", "normal_z", "points", "rms_m", "gap_before_m",
-        "gap_after_m", "statistic", "used", "tied",
+        "gap_after_m", "statistic", "statistic_of_shift", "used", "tied",
     )  # fmt: skip
     of_coefficients = (
         (
@@ -225,7 +225,8 @@ def _patches(told: Told) -> PatchFigures:
 def _mismatched(told: Told) -> list[MismatchedPatch]:
     adjusted, ties = told.adjusted, told.adjusted.block.ties
     wrong = np.flatnonzero(~adjusted.used)
-    worst = wrong[np.argsort(-adjusted.statistics[wrong], kind="stable")][:MOST_MISMATCHED]
+    statistics, limits = adjusted.failed_by
+    worst = wrong[np.argsort(-(statistics / limits)[wrong], kind="stable")][:MOST_MISMATCHED]
     places = ties.anchors_m.mean(axis=1) + told.origin_m
     return [
         MismatchedPatch(
@@ -235,8 +236,8 @@ def _mismatched(told: Told) -> list[MismatchedPatch]:
             y_m=float(places[k, 1]),
             z_m=float(places[k, 2]),
             gap_m=float(adjusted.residuals_m[k, 0]),
-            statistic=float(adjusted.statistics[k]),
-            critical=adjusted.critical,
+            statistic=float(statistics[k]),
+            critical=float(limits[k]),
         )
         for k in worst.tolist()
     ]

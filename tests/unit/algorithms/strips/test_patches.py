@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from algorithms.arrays import Points
+from algorithms.strips.adjustment import lifts_of
 from algorithms.strips.block import COMBINED
 from algorithms.strips.candidates import frames_of
 from algorithms.strips.homologous import PointCells, homologous
@@ -93,3 +94,19 @@ def test_lines_are_told_by_the_turns_of_the_mirror_also_where_points_are_missing
     assert found[-1] == 19
     # at the turn itself a point or two may count for the neighbour
     assert (found == rows[seen]).mean() > 0.98
+
+
+def test_a_shift_along_the_normal_is_what_its_estimation_takes_off_the_squares() -> None:
+    rng = np.random.default_rng(4)
+    design, values = rng.normal(size=(24, 5)), rng.normal(size=24)
+    lifted = np.column_stack([design, np.arange(24) == 3])
+    squares = [float(np.linalg.lstsq(columns, values)[1][0]) for columns in (design, lifted)]
+    tie = slice(3, 6)
+    for used in (True, False):
+        rows = np.ones(24, dtype=bool)
+        rows[tie] = used
+        unknowns = np.linalg.lstsq(design[rows], values[rows])[0]
+        spread = (design[tie] @ np.linalg.inv(design[rows].T @ design[rows]) @ design[tie].T)[None]
+        own = np.eye(3) + (-spread if used else spread)
+        (found,) = lifts_of(own, (values - design @ unknowns)[None, tie], used=np.array([used]))
+        assert found == pytest.approx(squares[0] - squares[1], rel=1e-9)
