@@ -9,7 +9,7 @@ from algorithms.arrays import Points
 from algorithms.strips.adjustment import lifts_of
 from algorithms.strips.block import COMBINED
 from algorithms.strips.candidates import frames_of
-from algorithms.strips.homologous import PointCells, homologous
+from algorithms.strips.homologous import PointCells, homologous, times_counted
 from algorithms.strips.options import PatchOptions
 from algorithms.strips.patch_kernels import line_numbers
 from algorithms.strips.strip import Strip
@@ -110,3 +110,11 @@ def test_a_shift_along_the_normal_is_what_its_estimation_takes_off_the_squares()
         own = np.eye(3) + (-spread if used else spread)
         (found,) = lifts_of(own, (values - design @ unknowns)[None, tie], used=np.array([used]))
         assert found == pytest.approx(squares[0] - squares[1], rel=1e-9)
+
+
+def test_points_that_patches_share_count_once_in_all() -> None:
+    places, radii = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 5.0], [0.5, 0.0], [30.0, 0.0]]), np.array([4, 4, 4, 2.0, 4])
+    drawn = np.random.default_rng(0).uniform(-10.0, 10.0, (100_000, 2))
+    inside = np.hypot(*(drawn[:, None] - places).transpose(2, 0, 1)) < radii
+    expected = [inside.sum(axis=1)[inside[:, k]].mean() for k in range(4)]
+    np.testing.assert_allclose(times_counted(places, radii), [*expected, 1.0], rtol=0.01)
