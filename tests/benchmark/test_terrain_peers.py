@@ -15,6 +15,8 @@ from tests.scenes.labelled_terrain import FOLDER, SAMPLES, agreement, labelled_s
 pytestmark = [
     pytest.mark.benchmark,
     pytest.mark.skipif(not FOLDER.exists(), reason="labelled points are not here: ../shared/data/terrain_isprs"),
+    # pysmrf multiplies transforms as affine 3 advises against
+    pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning"),
 ]
 
 
