@@ -30,6 +30,8 @@ OUTER, BEYOND = (0.30, 0.46), (0.56, 0.85)
 LEAST_OUTER, MOST_BEYOND = 0.5, 0.5
 """Correlation with the template there: the pattern must be as large as the board, and no larger."""
 MOST_OFF_PLANE = 0.15
+MOST_STD = 0.03
+"""Standard deviation of a board's crossing in sides: what chance makes look like one is known worse."""
 REACH = 0.25
 """A crossing lies within so many sides of where it is looked for."""
 INNER, LEAST_AREA = 0.22, 0.7
@@ -232,6 +234,7 @@ def _not_a_board(
     outer = _correlation(values, signs, on_plane & (radius > OUTER[0]) & (radius < OUTER[1]))
     beyond = _correlation(values, signs, on_plane & (radius > BEYOND[0]) & (radius < BEYOND[1]))
     off_plane = float(np.mean(~on_plane[inside]))
+    std = float(np.sqrt(np.linalg.eigvalsh(fit.covariance)[-1])) / size_m
     same = np.sign(fit.agreement) if outer is None else np.sign(outer)
     checks = (
         (counts.min() < LEAST_IN_QUADRANT, f"a square holds only {counts.min()} points"),
@@ -242,6 +245,7 @@ def _not_a_board(
         ),
         (contrast < LEAST_CONTRAST, f"the contrast is only {contrast:.2f}"),
         (skew > WORST_ANGLE_RAD, f"the edges are {np.degrees(skew):.0f} degrees off a right angle"),
+        (std > MOST_STD, f"its crossing is known to {std * size_m * 1e3:.1f} mm only"),
         (off_plane > MOST_OFF_PLANE, f"{off_plane:.0%} of its points lie off its plane"),
         (area < LEAST_AREA, f"it holds only {area:.0%} of the points that a board of {size_m * 1e3:.0f} mm should"),
         (outer is not None and abs(outer) < LEAST_OUTER, f"the pattern is smaller than {size_m * 1e3:.0f} mm"),
