@@ -74,15 +74,18 @@ class RayCaster:
         found, triangles = found[steep], triangles[steep]
         return _hits(len(directions), found, triangles, height[steep] / towards[steep], np.abs(towards[steep]))
 
-    def occluded(self, origins: Points, directions: Points | Vector3, nearest_m: float) -> Flags:
+    def occluded(
+        self, origins: Points, directions: Points | Vector3, nearest_m: float, farthest_m: float = np.inf
+    ) -> Flags:
         """Tell from which origins (n, 3) rays along unit directions, (n, 3) or one for all, meet anything.
 
-        What is nearer than `nearest_m` does not count.
+        What is nearer than `nearest_m` or farther than `farthest_m` does not count.
         """
         rays = np.empty((len(origins), 6), dtype=np.float32)
         rays[:, :3] = origins - self._centre
         rays[:, 3:] = directions
-        return np.asarray(self._tree.test_occlusions(self._core.Tensor(rays), tnear=nearest_m).numpy(), dtype=bool)
+        met = self._tree.test_occlusions(self._core.Tensor(rays), tnear=nearest_m, tfar=farthest_m)
+        return np.asarray(met.numpy(), dtype=bool)
 
 
 def _hits(count: int, found: Array, triangles: Indices, ranges: Scalars, cosines: Scalars) -> Hits:

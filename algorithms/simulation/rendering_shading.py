@@ -4,14 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from algorithms.arrays import Array, Flags, Indices, Points, Scalars, Vector3
+from algorithms.arrays import Array, Flags, Indices, Points, Vector3
 from algorithms.simulation.ray_casting import RayCaster
 from algorithms.simulation.scene import Scene
 from algorithms.simulation.sun import Daylight
 from algorithms.simulation.textures import face_axes
 
 SHADOW_FROM_M = 1e-3
-"""Nothing nearer to a surface throws a shadow on it: single precision finds the surface itself there."""
+"""Nearer to a surface single precision finds the surface itself."""
+LIFT_M = 1e-4
+"""What is so near is looked for from this far above the surface; from there alone, all shadows would be too short."""
 ON_TUBE = 1e-3
 """Relative to its radius, how near to a tube's mantle the corners of its facets lie."""
 SUN_RIM = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
@@ -75,7 +77,7 @@ class Shading:
         light = self.daylight.skylight(normals)
         facing = normals @ self.daylight.towards_sun
         towards = self.daylight.towards_sun if towards_sun is None else towards_sun[found]
-        sunny = self._in_sun(points, facing, np.broadcast_to(towards, points.shape))
+        sunny = self._in_sun(points, normals, np.broadcast_to(towards, points.shape))
         light[sunny] += self.daylight.sun_share * facing[sunny, None]
         lit[found] = sunny
         colors[found] = albedos * light
@@ -87,9 +89,9 @@ class Shading:
         found = np.flatnonzero(sights.triangles >= 0)
         rays = directions[found]
         points = origin + sights.ranges_m[found, None] * rays
-        facing = self._normals(points, sights.triangles[found], rays) @ self.daylight.towards_sun
+        normals = self._normals(points, sights.triangles[found], rays)
         for towards in self.daylight.towards_disc(SUN_RIM):
-            half[found] |= self._in_sun(points, facing, np.broadcast_to(towards, points.shape)) != sights.lit[found]
+            half[found] |= self._in_sun(points, normals, np.broadcast_to(towards, points.shape)) != sights.lit[found]
         return half
 
     def labels(self, sights: Sights) -> Indices:
@@ -130,12 +132,18 @@ class Shading:
             albedos[here], fields[here] = material.texture.paint(u, v, self._albedos[number])
         return albedos, fields
 
-    def _in_sun(self, points: Points, facing: Scalars, towards: Points) -> Flags:
-        """Tell from which points (n, 3), whose normals have the cosine `facing` (n,) to the sun, it can be seen."""
-        sunny = np.asarray(facing > 0.0) & self.daylight.shines
+    def _in_sun(self, points: Points, normals: Points, towards: Points) -> Flags:
+        """Tell from which points (n, 3) of surfaces with normals (n, 3) the sun can be seen."""
+        sunny = np.asarray(normals @ self.daylight.towards_sun > 0.0) & self.daylight.shines
         candidates = np.flatnonzero(sunny)
         if len(candidates):
-            sunny[candidates] = ~self.shadow_caster.occluded(points[candidates], towards[candidates], SHADOW_FROM_M)
+            feet, rays = points[candidates], towards[candidates]
+            hidden = self.shadow_caster.occluded(feet, rays, SHADOW_FROM_M)
+            # a wall throws its shadow from its foot on: a thread of sunlight there would shift the edge in photos
+            hidden |= self.shadow_caster.occluded(
+                feet + LIFT_M * normals[candidates], rays, 0.0, SHADOW_FROM_M + LIFT_M
+            )
+            sunny[candidates] = ~hidden
         return np.asarray(sunny)
 
 

@@ -13,6 +13,7 @@ from algorithms.simulation.house import house_scene
 from algorithms.simulation.materials import PAINT, PLASTER, STEEL, Material
 from algorithms.simulation.parts import Part, box, moved, polygons
 from algorithms.simulation.rendering import _ideal_pixels, lattice, render_photo, station_photos
+from algorithms.simulation.rendering_shading import Shading
 from algorithms.simulation.rendering_truth import EdgeKind, TrueEdges, visible_edges
 from algorithms.simulation.scene import Scene, scene_from_parts
 from algorithms.simulation.stations import station_pose
@@ -130,6 +131,21 @@ def test_shadows_lie_where_geometry_says() -> None:
     height = 2.5 - (10.0 - 7.8) * towards[2] / -towards[1]
     ends = _edge_near(_truth(scene, QUIET), EdgeKind.SHADOW, 2, height)
     assert abs(np.mean(_measured_offsets(_photo(scene, QUIET), SMALL, ends))) < 0.02
+
+
+@pytest.mark.parametrize("height_m", [0.0005, 0.002, 3.0])
+def test_a_shadow_reaches_from_the_foot_of_a_wall_to_where_the_sun_passes_over_it(height_m: float) -> None:
+    """A lit thread along the foot would move the edge that a photo shows there."""
+    wall = polygons(
+        [np.array([(-8.0, 10.0, 0.0), (8.0, 10.0, 0.0), (8.0, 10.0, height_m), (-8.0, 10.0, height_m)])], PLASTER
+    )
+    ground = polygons([np.array([(-8.0, 0.0, 0.0), (8.0, 0.0, 0.0), (8.0, 20.0, 0.0), (-8.0, 20.0, 0.0)])], PLASTER)
+    sun = Daylight(azimuth_rad=np.deg2rad(90.0), elevation_rad=np.deg2rad(45.0))
+    before_wall_m = height_m * np.array([0.02, 0.3, 0.6, 0.8, 1.2, 1.5])
+    points = np.column_stack([np.full(6, 0.1), 10.0 - before_wall_m, np.zeros(6)])
+    eye = np.array([0.0, 2.0, 1.5])
+    rays = (points - eye) / np.linalg.norm(points - eye, axis=1)[:, None]
+    assert Shading(_scene(wall, ground), sun).look(eye, rays).lit.tolist() == [False] * 4 + [True] * 2
 
 
 def test_a_sun_with_a_disc_throws_half_shadows_around_the_sharp_edge() -> None:
