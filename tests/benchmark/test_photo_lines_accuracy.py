@@ -8,6 +8,7 @@ import pytest
 
 from algorithms.features.photo_lines.projected_edges import project_edges
 from algorithms.features.photo_lines.projection_options import ProjectionOptions
+from algorithms.features.photo_lines.thin_lines import middles_of_thin_lines
 from algorithms.photos.detector import detect_edges
 from algorithms.photos.options import EdgeOptions
 from algorithms.progress import NoProgress
@@ -37,10 +38,10 @@ def camera_pose(pose, target):
     return CAMERA.scan_from_camera(head_angle_towards(pose, np.asarray(target)))
 
 
-def judged(edges, truth, partner, pose):
-    """Normalised errors, and errors in standard deviations, of all lines whose edges have a true partner."""
-    known = np.flatnonzero(partner >= 0)
-    lines, world = edges.lines[known], truth.world[partner[known]]
+def judged(edges, true_ends, pose):
+    """Normalised errors, and errors in standard deviations, of all lines whose true ends in the world are known."""
+    known = np.flatnonzero(np.isfinite(true_ends[:, 0, 0]))
+    lines, world = edges.lines[known], true_ends[known]
     errors = line_errors(lines, pose.inv().apply(world[:, 0]), pose.inv().apply(world[:, 1]))
     std = np.sqrt(np.einsum("nii->ni", lines.covariances))
     return normalised_errors(lines, errors), np.abs(errors) / std
@@ -81,7 +82,7 @@ def test_true_edges_of_the_house_with_noise_become_honest_lines():
             segments, CAMERA.camera, scan_from_camera, scan, ProjectionOptions(),
             noise_std_m=NOISE_M, progress=NoProgress(),
         )  # fmt: skip
-        everything.append(judged(edges, truth, edges.segment_numbers, pose))
+        everything.append(judged(edges, truth.world[edges.segment_numbers], pose))
     normalised, shares = (np.concatenate(parts) for parts in zip(*everything, strict=True))
     share, wrong, mean, std = report("house, true edges", normalised, shares)
     assert share >= 0.99
@@ -89,17 +90,33 @@ def test_true_edges_of_the_house_with_noise_become_honest_lines():
     assert abs(mean - 4.0) < LIMIT + SAMPLING * std
 
 
-def partners(segments, truth):
-    """For each found edge the true edge within one pixel that runs along 70 % of it, or -1."""
+def partners(ends, least_px, truth):
+    """For each found edge the true edge within one pixel that runs along it for so much, or -1."""
     first, last = truth.ideal[:, 0], truth.ideal[:, 1]
     lengths = truth.lengths_px
     along = (last - first) / lengths[:, None]
-    apart = segments.ends[:, :, None, :] - first
+    apart = ends[:, :, None, :] - first
     across = np.abs(apart[..., 0] * along[:, 1] - apart[..., 1] * along[:, 0]).max(axis=1)
     places = np.einsum("neti,ti->net", apart, along)
     common = np.minimum(places.max(axis=1), lengths) - np.maximum(places.min(axis=1), 0.0)
-    near = (across < 1.0) & (common > 0.7 * segments.lengths[:, None])
+    near = (across < 1.0) & (common > least_px[:, None])
     return np.where(near.any(axis=1), np.argmin(np.where(near, across, np.inf), axis=1), -1)
+
+
+def true_ends_of(segments, truth):
+    """Ends in the world of what each found edge shows, NaN where nobody knows: of thin lines it is their middle."""
+    thin = middles_of_thin_lines(segments, ProjectionOptions().min_separation_px)
+    shifts = thin.half_widths_px[:, None, None] * thin.segments.normals[:, None]
+    # the sides of joints are cut by other joints
+    least_px = np.where(thin.half_widths_px > 0.0, 0.3, 0.7) * segments.lengths
+    one, other = (partners(thin.segments.ends + side * shifts, least_px, truth) for side in (1.0, -1.0))
+    known = (one >= 0) & (other >= 0) & ((one != other) == (thin.half_widths_px > 0.0))
+    first, second = truth.world[one], truth.world[other]
+    along = second[:, 1] - second[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    places = np.einsum("nei,ni->ne", first - second[:, :1], along)
+    beside = second[:, :1] + places[:, :, None] * along[:, None]
+    return np.where(known[:, None, None], 0.5 * (first + beside), np.nan)
 
 
 SOUTH, NORTH, MIDDLE = (5.5, 0.0, 2.5), (5.5, 8.0, 2.5), (0.0, 0.0, 4.0)
@@ -132,7 +149,7 @@ def rendered():
                     noise_std_m=NOISE_M, progress=NoProgress(),
                 )  # fmt: skip
                 seconds.append(process_time() - began)
-                parts.append(judged(edges, truth, partners(segments, truth)[edges.segment_numbers], pose))
+                parts.append(judged(edges, true_ends_of(segments, truth)[edges.segment_numbers], pose))
         found[name] = tuple(np.concatenate(part) for part in zip(*parts, strict=True))
     return found, seconds[1:]  # the first one compiles
 
