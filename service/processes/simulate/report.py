@@ -44,6 +44,11 @@ class _Found:
     status: str
 
 
+def _as_listed(photo: Json) -> Json:
+    """Give a photo as a request of `register` or `calibrate-mount` lists it: with its stated pose."""
+    return {"file": photo["file"], "camera": photo["camera"], "scan_from_camera": photo["stated_scan_from_camera"]}
+
+
 def report_simulation(context: StepContext, arguments: Json) -> Json:
     """Write the result document and the downloads beside the scans."""
     job_id, inputs, stations = arguments["job_id"], arguments["inputs"], arguments["stations"]
@@ -62,7 +67,7 @@ def report_simulation(context: StepContext, arguments: Json) -> Json:
     truth = {name: matrix_rows(pose) for name, pose in zip(names, poses, strict=True)}
     texts = {"truth.json": ("application/json", json.dumps(truth, indent=1))}
     if inputs["photos"] is not None:
-        photos = [{"name": each["name"], "photos": each["photos"]} for each in stations]
+        photos = [{"name": each["name"], "photos": list(map(_as_listed, each["photos"]))} for each in stations]
         texts["photos.json"] = ("application/json", json.dumps({"stations": photos}, indent=1))
     if pairs is not None:
         texts["links.svg"] = ("image/svg+xml", links_drawing(setups, expected))

@@ -212,6 +212,10 @@ def test_photos_of_a_wrong_mount_have_a_stated_pose_besides_the_true_one(context
     )
     np.testing.assert_allclose((stated.inv() * true).rotation.as_rotvec(), [1.995e-3, 0.0, 0.0], atol=1e-6)
     np.testing.assert_allclose((stated.inv() * true).translation, [0.0, 0.005, 0.0], atol=1e-9)
+    listed = json.loads(context.blobs.local_path("jobs/j/artifacts/photos.json").read_text())
+    (of_list,) = listed["stations"][0]["photos"]
+    assert set(of_list) == {"file", "camera", "scan_from_camera"}
+    assert of_list["scan_from_camera"] == [list(row) for row in photo.stated_scan_from_camera]
 
 
 @pytest.mark.parametrize(
