@@ -127,9 +127,12 @@ def _fitted(corners: Array, places: Array, cell_m: float) -> Array:
         outward = np.sign(end[along] - start[along]) * (1.0 if across == 0 else -1.0)
         apart = outward * (places[:, across] - start[across])
         beside = (places[:, along] > min(start[along], end[along])) & (places[:, along] < max(start[along], end[along]))
-        beside &= np.abs(apart) < REACH_CELLS * cell_m
+        reach = REACH_CELLS * cell_m
+        beside &= np.abs(apart) < reach
         if beside.any():
-            place = start[across] + outward * float(np.quantile(apart[beside], OUTERMOST))
+            # evenly spread from the reach inside to the side, the quantile lies by its rest before it
+            side = (float(np.quantile(apart[beside], OUTERMOST)) + reach) / OUTERMOST - reach
+            place = start[across] + outward * side
             moved[k, across] = moved[(k + 1) % len(corners), across] = place
     return moved
 
