@@ -117,12 +117,17 @@ def log_odds(counts: Counts, weights: Weights) -> LogOdds:
     h = len(counts.found)
     fitting = 1.0 - np.exp(-counts.fitting / weights.fitting_patches)
     return LogOdds(
-        weights.fitting * np.bincount(counts.fitting_pose, fitting, h),
-        np.bincount(counts.against_pose, of_impossible(counts.through, counts.beside, weights), h),
+        weights.fitting * _sums(counts.fitting_pose, fitting, h),
+        _sums(counts.against_pose, of_impossible(counts.through, counts.beside, weights), h),
         weights.found * counts.found - weights.missing * counts.missing,
         weights.features * np.sqrt(counts.features) + weights.control * counts.control,
         np.full(h, -weights.chosen),
     )
+
+
+def _sums(numbers: Int64[Array, "n"], values: Scalars, count: int) -> Array:
+    """Add up values by numbers; `numpy.bincount` of no values gives integers."""
+    return np.bincount(numbers, values, count).astype(np.float64)
 
 
 def of_impossible(through: Scalars, beside: Scalars, weights: Weights) -> Scalars:

@@ -89,3 +89,10 @@ def test_of_a_repetition_that_stands_in_free_space_less_is_left() -> None:
         posterior(evidence(80.0, 30.0, impossible=(0.0, against)), alike, WEIGHTS).poses[1] for against in (0.0, -5.0)
     )
     assert stained < 0.01 * clean
+
+
+def test_a_pose_that_no_piece_speaks_for_or_against_has_the_odds_of_the_rest() -> None:
+    nothing = np.zeros(0)
+    found = log_odds(Counts.of([replace(PLAIN, fitting=nothing, through=nothing, beside=nothing)]), WEIGHTS)
+    assert found.fits.tolist() == found.impossible.tolist() == [0.0]
+    assert found.total[0] == found.lines[0] + found.features[0] - WEIGHTS.chosen
