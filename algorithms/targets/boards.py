@@ -20,7 +20,7 @@ LEAST_SADDLE = 0.07
 MOST_CANDIDATES = 1500
 WORTH_A_WORD = 0.5
 """Crossings that agree less with the template are not even named as rejected."""
-LEAST_AGREEMENT, LEAST_COVERAGE = 0.65, 0.7
+LEAST_AGREEMENT, LEAST_COVERAGE = 0.8, 0.7
 LEAST_CONTRAST = 0.25
 LEAST_IN_QUADRANT = 4
 STEEPEST_RAD = float(np.deg2rad(75.0))
