@@ -5,11 +5,11 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import BeforeValidator, Field
 
 from schemas.requests.hybrid_network import HybridNetwork, NetworkName, Number, ScannerParameter, Std
-from schemas.requests.network_texts import NetworkText, network_dictionary
+from schemas.requests.network_texts import Jag3dTexts, NetworkText, network_dictionary
 from schemas.values.base import RequestModel
 
 GivenNetwork: TypeAlias = Annotated[
-    HybridNetwork, BeforeValidator(network_dictionary, json_schema_input_type=HybridNetwork | NetworkText)
+    HybridNetwork, BeforeValidator(network_dictionary, json_schema_input_type=HybridNetwork | NetworkText | Jag3dTexts)
 ]
 """A network, or the text of a file of another program that holds one."""
 
@@ -104,7 +104,7 @@ class AdjustInputs(RequestModel):
 
     network: GivenNetwork = Field(title="Network")
     """Stations, points and observations; or the text of GNU Gama's or RiSCAN PRO's file: `{"format": "gama-local",
-    "xml": "…"}`."""
+    "xml": "…"}`, or JAG3D's: `{"format": "jag3d", "files": [{"type": "directions", "text": "…"}]}`."""
     datum: NetworkDatum = Field(default_factory=lambda: FreeDatum(type="free"), title="Datum")
     """What defines the frame."""
     other_datum: OtherDatum | None = Field(default=None, title="Other datum")

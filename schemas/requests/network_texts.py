@@ -6,10 +6,11 @@ from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
-from pydantic import Field
+from pydantic import Field, ValidationError
 from pydantic_core import PydanticCustomError
 
 from schemas.requests.gama_networks import network_of_gama
+from schemas.requests.jag3d_networks import network_of_jag3d
 from schemas.values.base import RequestModel
 
 
@@ -36,6 +37,27 @@ class NetworkText(RequestModel):
     """The file's text."""
 
 
+class Jag3dFile(RequestModel):
+    """A text file of JAG3D."""
+
+    type: Literal[
+        "reference-points", "stochastic-points", "datum-points", "new-points", "directions", "zenith-angles",
+        "slope-distances", "horizontal-distances", "height-differences",
+    ]  # fmt: skip
+    """What its lines are."""
+    text: Annotated[str, Field(max_length=20_000_000)]
+    """Its lines."""
+    std: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    """Standard deviation of lines that state none: gon of directions and zenith angles, metres of all else."""
+
+
+class Jag3dTexts(RequestModel):
+    """A network as JAG3D's text files."""
+
+    format: Literal["jag3d"]
+    files: Annotated[list[Jag3dFile], Field(min_length=1, max_length=1000)]
+
+
 def network_dictionary(given: Any) -> Any:
     """Give the network of a text in place of it, in the layout `hybrid-network/1`; what is none goes through as it is.
 
@@ -44,6 +66,8 @@ def network_dictionary(given: Any) -> Any:
     PydanticCustomError
         No XML, XML that declares entities, or what this service has no observation for, by name.
     """
+    if isinstance(given, dict) and given.get("format") == "jag3d":
+        return _of_jag3d(given)
     if not isinstance(given, dict) or "xml" not in given:
         return given
     read = FORMATS.get(str(given.get("format")))
@@ -58,6 +82,18 @@ def network_dictionary(given: Any) -> Any:
         raise _fault(f"this is no XML: {error}") from None
     try:
         return _as_tuples(read(root))
+    except ValueError as error:
+        raise _fault(str(error)) from None
+
+
+def _of_jag3d(given: dict[str, Any]) -> Any:
+    try:
+        texts = Jag3dTexts.model_validate(given)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise _fault(f"jag3d: {'/'.join(str(part) for part in first['loc'])}: {first['msg']}") from None
+    try:
+        return _as_tuples(network_of_jag3d([file.model_dump() for file in texts.files]))
     except ValueError as error:
         raise _fault(str(error)) from None
 

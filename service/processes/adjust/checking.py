@@ -78,7 +78,6 @@ class _Checked:
         network = self.network
         cameras = {c.id for c in [*([network.camera] if network.camera else []), *network.cameras]}
         mounts, instruments = {m.id for m in network.mounts}, {s.id for s in network.scanners}
-        points = self.point_names()
         for k, mount in enumerate(network.mounts):
             at = f"{self.where}/mounts/{k}"
             if mount.state != "unknown" and mount.approx is None:
@@ -92,7 +91,7 @@ class _Checked:
             if station.type == "photo":
                 yield from self._photo_fields(at, station, cameras, mounts)
             else:
-                yield from _scanner_fields(at, station, instruments, points)
+                yield from _scanner_fields(at, station, instruments)
 
     def _photo_fields(
         self, at: str, station: NetworkStation, cameras: set[str], mounts: set[str]
@@ -208,11 +207,12 @@ class _Checked:
         yield from ((f"p{control.point}", WORLD) for control in observed.control if control.use == "control")
 
     def point_names(self) -> set[str]:
-        """Give the names of all points that are observed."""
+        """Give the names of all points that are observed, and of the marks of stations."""
         if "_points" not in self.__dict__:
             observed = self.observed
             points = {e.point for kind in ("polar", "image", "coordinates") for e in getattr(observed, kind)}
             points |= {c.point for c in observed.control if c.use == "control"}
+            points |= {station.point for station in self.network.stations if station.point is not None}
             for kind in ("distances", "heights", "vectors"):
                 points |= {end for e in getattr(observed, kind) for end in (e.start, e.end)}
             self._points = points
@@ -238,13 +238,11 @@ class _Joined:
         self.above[self.top(first)] = self.top(second)
 
 
-def _scanner_fields(at: str, station: NetworkStation, instruments: set[str], points: set[str]) -> Iterator[FieldFault]:
+def _scanner_fields(at: str, station: NetworkStation, instruments: set[str]) -> Iterator[FieldFault]:
     if station.scanner is not None and station.scanner not in instruments:
         yield FieldFault(f"{at}/scanner", f"there is no scanner '{station.scanner}'")
     if station.carrier is not None or station.mount is not None or station.camera is not None:
         yield FieldFault(at, "a scanner station has no camera, carrier or mount")
-    if station.point is not None and station.point not in points:
-        yield FieldFault(f"{at}/point", f"no observation names the point '{station.point}'")
 
 
 def _components(network: HybridNetwork) -> int:

@@ -45,7 +45,7 @@ def read_network(given: Json, datum: Json | None = None) -> NamedNetwork:
 
 
 def point_names(given: Json) -> list[str]:
-    """Give the names of all points that are observed, in the order in which they first appear."""
+    """Give the names of all points that are observed, in the order in which they first appear, and of station marks."""
     observations = given["observations"]
     names: dict[str, None] = {}
     for kind, keys in (
@@ -56,7 +56,7 @@ def point_names(given: Json) -> list[str]:
             if kind == "control" and each["use"] == "check":
                 continue
             names.update((each[key], None) for key in keys)
-    return list(names)
+    return list(names | dict.fromkeys(s["point"] for s in given["stations"] if s["point"] is not None))
 
 
 class _Reading:

@@ -9,8 +9,10 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.progress import NoProgress
 from schemas.requests.adjust_inputs import AdjustInputs
 from schemas.requests.hybrid_network import HybridNetwork
+from service.processes.adjust.adjusting import adjusted_document
 
 GAMA = """<?xml version="1.0"?>
 <gama-local xmlns="http://www.gnu.org/software/gama/gama-local"><network axes-xy="ne" angles="left-handed">
@@ -131,3 +133,72 @@ def test_approximate_coordinates_are_taken_as_the_arrays_of_a_request() -> None:
     assert _network(network).points_approx == {"P1": (1.0, 2.0, 3.0)}
     with pytest.raises(ValidationError, match=r"points_approx\.P1\.1"):
         _network(network | {"points_approx": {"P1": [1.0, "2", 3.0]}})
+
+
+REFERENCE = "# name y x z\nA 0 0 10\nB 100 0 12\nC 0 100 11\n"
+
+
+def _jag3d(*files: dict[str, Any]) -> HybridNetwork:
+    return _network({"format": "jag3d", "files": list(files)})
+
+
+def test_texts_of_jag3d_are_read_by_their_columns_with_directions_turned() -> None:
+    network = _jag3d(
+        {"type": "reference-points", "text": REFERENCE},
+        {"type": "stochastic-points", "text": "D 5 6 7 0.01 0.02"},
+        {"type": "new-points", "text": "P 50 60 11 # about there"},
+        {"type": "directions", "text": "A B 100.0 0.001\n\nA P 1.5 1.6 44.2 0.002"},
+        {"type": "zenith-angles", "text": "A P 1.5 1.6 99.4", "std": 0.001},
+        {"type": "slope-distances", "text": "A P 1.5 1.6 78.1 0.003\nB P 78.2 0.004"},
+        {"type": "height-differences", "text": "A P 1.1 0.001"},
+    )
+    observed = network.observations
+    assert [(c.point, c.held) for c in observed.control] == [("A", True), ("B", True), ("C", True), ("D", False)]
+    np.testing.assert_allclose(np.sqrt(np.diag(np.array(observed.control[3].covariance))), [0.01, 0.01, 0.02])
+    assert network.points_approx["P"] == (50.0, 60.0, 11.0)
+    horizontal = [(o.point, o.horizontal, o.sigma_horizontal) for o in observed.polar if o.horizontal is not None]
+    assert horizontal == [("B", -100.0, 0.001), ("P", -44.2, 0.002)]
+    assert [(o.zenith, o.sigma_zenith, o.height_m) for o in observed.polar if o.zenith] == [(99.4, 0.001, 1.6)]
+    assert [o.distance for o in observed.polar if o.distance] == [78.1]
+    assert [(d.distance, d.sigma) for d in observed.distances] == [(78.2, 0.004)]
+    assert [(h.difference, h.sigma) for h in observed.heights] == [(1.1, 0.001)]
+    assert [station.height_m for station in network.stations if station.id.startswith("zenith")] == [1.5]
+
+
+def test_a_point_is_where_the_lines_of_jag3d_were_measured_from() -> None:
+    places = {"A": (0.0, 0.0, 10.0), "B": (100.0, 0.0, 12.0), "C": (0.0, 100.0, 11.0), "P": (50.0, 60.0, 13.0)}
+    lines: dict[str, list[str]] = {"directions": [], "zenith-angles": [], "slope-distances": []}
+    for target in "ABC":
+        east, north, up = np.subtract(places[target], places["P"])
+        up += 1.4 - 1.6
+        length = float(np.linalg.norm([east, north, up]))
+        bearing = float(np.arctan2(east, north)) * 200.0 / np.pi + 31.0
+        zenith = float(np.arccos(up / length)) * 200.0 / np.pi
+        lines["directions"].append(f"P {target} {bearing:.9f} 0.0003")
+        lines["zenith-angles"].append(f"P {target} 1.6 1.4 {zenith:.9f} 0.0003")
+        lines["slope-distances"].append(f"P {target} 1.6 1.4 {length:.9f} 0.001")
+    files = [{"type": kind, "text": "\n".join(rows)} for kind, rows in lines.items()]
+    files = [{"type": "reference-points", "text": REFERENCE}, *files, {"type": "new-points", "text": "P 51 58 12.5"}]
+    inputs = AdjustInputs.model_validate({
+        "network": {"format": "jag3d", "files": files}, "datum": {"type": "control"}, "gross_errors": "none",
+    })  # fmt: skip
+    document, *_ = adjusted_document(inputs.model_dump(mode="json"), "job", NoProgress())
+    (found,) = [each for each in document.points if each.id == "P"]
+    np.testing.assert_allclose(found.xyz_m, places["P"], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "what"),
+    [
+        ("directions", "A B 100.0", "line 1 has no standard deviation; state it in the line, in gon"),
+        ("zenith-angles", "A B 100.0 78.2", "has 78.2 for a standard deviation"),
+        ("slope-distances", "A B 10,5 0.001", "'10,5 0.001' are no numbers"),
+        ("new-points", "P 1 2", "a point is `name y x z`"),
+        ("stochastic-points", "P 1 2 3", "a stochastic point has standard deviations"),
+        ("height-differences", "A B 1.5 1.6 0.1 0.001", "between points above their marks"),
+        ("gnss", "A B 1 2 3", "files/0/type"),
+    ],
+)
+def test_lines_of_jag3d_that_say_too_little_are_refused_by_type_and_line(kind: str, text: str, what: str) -> None:
+    with pytest.raises(ValidationError, match=re.escape(what)):
+        _jag3d({"type": kind, "text": text})
