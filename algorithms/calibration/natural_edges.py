@@ -196,6 +196,10 @@ class _System:
     right: Float64[Array, "u"]
     omega: float
     """Weighted squares of the gaps as they are."""
+    whole: Float64[Array, "w w"]
+    """Normal equations with the planes, which come after the mounts."""
+    lines: tuple[tuple[Array, Array], ...]
+    """Of each line, what it adds to them: derivatives (2 k, w) and gaps (2 k,) of its pairs, whitened."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,6 +312,7 @@ class _Edges:
         keys = np.column_stack([station, pairs.lines])
         order = np.lexsort((keys[:, 1], keys[:, 0]))
         starts = np.flatnonzero(np.any(np.diff(keys[order], axis=0, prepend=-1) != 0, axis=1))
+        lines = []
         for rows in np.split(order, starts[1:]) if len(order) else []:
             k = len(rows)
             by_line = gaps.by_line[rows].reshape(2 * k, 4)
@@ -328,13 +333,19 @@ class _Edges:
             normal += design.T @ design
             right -= design.T @ values
             omega += float(values @ values)
+            lines.append((design, values))
+        whole = normal.copy()
         if p == 0:
-            return _System(normal, right, omega)
+            return _System(normal, right, omega, whole, tuple(lines))
         factor = linalg.cho_factor(normal[u:, u:])
         eliminated = linalg.cho_solve(factor, np.column_stack([normal[u:, :u], right[u:]]))
         omega -= float(right[u:] @ eliminated[:, -1])
         return _System(
-            normal[:u, :u] - normal[:u, u:] @ eliminated[:, :-1], right[:u] - normal[:u, u:] @ eliminated[:, -1], omega
+            normal[:u, :u] - normal[:u, u:] @ eliminated[:, :-1],
+            right[:u] - normal[:u, u:] @ eliminated[:, -1],
+            omega,
+            whole,
+            tuple(lines),
         )
 
     def _plane_roots(self, planes: Array) -> Float64[Array, "p 3 3"]:
@@ -357,6 +368,7 @@ class _Edges:
         system = self._system(pairs, of_pairs)
         prior = np.diag(np.tile(self.reach**-2.0, self.mounts))
         covariance = np.linalg.inv(system.normal / factor + prior)
+        moved = _moved_by_single_lines(system, factor, prior)
         before = edge_gaps(self.stations, self.photos, pairs, np.zeros_like(errors)).values
         counts = np.bincount(pairs.photos, minlength=len(self.photos))
         all_edges, mounts = self.edges_of(candidates), self.mounts_of(candidates)
@@ -366,13 +378,41 @@ class _Edges:
             of_mount = self.mounts_of(pairs) == k
             found.append(
                 _found(
-                    errors[k], covariance[own, own], self.reach, places[k],
+                    errors[k], _with_most_moved(covariance[own, own], moved[:, own]), self.reach, places[k],
                     np.where([photo.mount == k for photo in self.photos], counts, 0),
                     len(np.unique(all_edges[mounts == k])), before[of_mount], of_pairs.values[of_mount],
                 )
             )  # fmt: skip
         redundancy = max(2 * len(pairs) - 6 * self.mounts, 0)
         return EdgeCalibration(tuple(found), pairs, of_pairs.values, factor, redundancy, converged)
+
+
+def _moved_by_single_lines(system: _System, factor: float, prior: Array) -> Float64[Array, "l u"]:
+    """Give how far the mounts would move without each line in turn (external reliability, MATH 4)."""
+    normal = system.whole / factor
+    normal[: len(prior), : len(prior)] += prior
+    root = linalg.cho_factor(normal)
+    right = sum((design.T @ values for design, values in system.lines), np.zeros(len(normal)))
+    solution = linalg.cho_solve(root, right / factor)
+    moved = np.zeros((len(system.lines), len(prior)))
+    for k, (design, values) in enumerate(system.lines):
+        gain = linalg.cho_solve(root, design.T)
+        own = np.eye(len(values)) - design @ gain / factor
+        moved[k] = (gain @ np.linalg.lstsq(own, values - design @ solution, rcond=1e-9)[0])[: len(prior)] / factor
+    return moved
+
+
+def _with_most_moved(covariance: Matrix6, moved: Float64[Array, "l 6"]) -> Matrix6:
+    """Add to a mount's covariance what the line of most influence moves it by.
+
+    An edge that is not the line's, and lies no farther from it than rounded edges may, is not found by its gap where it
+    has great weight. So a mount is never more certain than it would be moved by any single line.
+    """
+    if len(moved) == 0:
+        return covariance
+    influence = np.einsum("ki,ki->k", moved, np.linalg.solve(covariance, moved.T).T)
+    most = moved[np.argmax(influence)]
+    return np.asarray(covariance + np.outer(most, most))
 
 
 def _factor(omega: float, redundancy: int) -> float:

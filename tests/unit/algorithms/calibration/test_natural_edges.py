@@ -54,6 +54,19 @@ def test_mounts_are_as_certain_as_they_say() -> None:
     assert np.mean(squares) == pytest.approx(6.0, abs=2.0)
 
 
+def test_no_single_line_moves_a_mount_farther_than_it_is_certain() -> None:
+    room, options = room_of(8, boxes=0, clutter=20), EdgeCalibrationOptions(rounding_std_m=0.002)
+    whole = mounts_from_edges(room.stations, room.photos, options)
+    (found,), (station,) = whole.mounts, room.stations
+    influences = []
+    for line in np.unique(whole.pairs.lines):
+        rest = replace(station, lines=station.lines[np.delete(np.arange(len(station.lines)), line)])
+        (other,) = mounts_from_edges([rest], room.photos, options).mounts
+        moved = other.error - found.error
+        influences.append(float(moved @ np.linalg.solve(found.covariance, moved)))
+    assert 0.02 < max(influences) < 1.02
+
+
 def test_two_cameras_have_mounts_of_their_own() -> None:
     wrong, right = room_of(6), room_of(7, np.zeros(6))
     photos = [*wrong.photos, *(replace(photo, station=1, mount=1) for photo in right.photos)]
