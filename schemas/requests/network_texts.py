@@ -55,7 +55,9 @@ class Jag3dTexts(RequestModel):
     """A network as JAG3D's text files."""
 
     format: Literal["jag3d"]
+    """That the files are JAG3D's."""
     files: Annotated[list[Jag3dFile], Field(min_length=1, max_length=1000)]
+    """One of each type, or several."""
 
 
 def network_dictionary(given: Any) -> Any:
