@@ -1,10 +1,10 @@
-"""The log-odds of a pose against chance: terms that add up, each bounded by what one piece of surface can say.
+"""The log-odds of a pose against chance: terms that add up, the same for every pair, each read off two scans.
 
-A piece that stands in free space speaks against a pose, but it may have moved between the scans: however large it is,
-it costs no more than the logarithm of how seldom that happens. A plane that lies on a plane speaks for a pose, but
-planes lie on planes by chance: however large it is, it counts no more than the logarithm of how often they do. So
-pieces add up, and patches within a piece saturate. What a pose was given by being chosen out of all poses is taken off
-(`chosen`), so that the first few planes, which any pose can be made to fit, prove nothing.
+How much of a right pose stands in free space differs from pair to pair far more than chance would have it: next to
+nothing in a building that is left alone, a tenth where furniture moved. Counts that scatter like that have heavy tails,
+and what they say grows with their logarithms: the first square metre in free space says most, the hundredth hardly
+anything. So do pieces that fit. What a pair shows of *any* pose that is proposed is the chance level of this very pair:
+a pose is more than chance by what it is ahead of the next, and less where nearly all poses look as good.
 """
 
 from collections.abc import Sequence
@@ -16,121 +16,157 @@ from jaxtyping import Float64, Int64
 from algorithms.arrays import Array, Scalars
 from algorithms.evidence.pose_evidence import PoseEvidence
 
+FULL_PATCHES = 20.0
+"""Patches of a piece that fit at which two thirds of what a piece can say is said."""
+LEAST_AGAINST, LEAST_FITTING = 0.1, 20.0
+"""Patches added to those against a pose and to those that fit, so that none of either is no infinite odds."""
+MOST_AHEAD = 9.0
+"""No pose is ahead of the next by more than this, nor one that stands alone: the right one may not have been found."""
+
 
 @dataclass(frozen=True)
 class Weights:
-    """The calibrated constants (`calibration.json`), all but the first four in units of log-odds."""
+    """The calibrated constants (`calibration.json`)."""
 
-    fitting_patches: float
-    """Patches of a piece that fit at which two thirds of what it can say is said."""
-    against_patches: float
-    """The same of patches of a piece that cannot be where it is."""
+    through: float
+    """Of the logarithm of patches that fit to patches that were looked through."""
     beside: float
-    """What a patch beside parallel surface counts, of one that was looked through."""
-    likeness: float
-    """How steeply the probability of a repetition grows with how much a scan is like itself."""
+    """Of the logarithm of patches that fit to patches beside parallel surface."""
     fitting: float
-    """Most that a piece that fits says for a pose."""
+    """Of the logarithm of the number of pieces that fit."""
     against: float
-    """Most that a piece that cannot be where it is says against it."""
-    found: float
-    """Of a line that the other scan should have seen and has."""
-    missing: float
-    """Of one that it has not."""
-    features: float
-    """Of the square root of the number of lines and planes that lie closely on each other."""
-    control: float
-    """Of a unit of `PoseEvidence.control`."""
+    """Of the logarithm of the number of pieces that cannot be where they are."""
+    determined: float
+    """Of how well the patches that fit determine the pose, beside what so many could."""
+    ahead: float
+    """Of the distance from the next pose, `MOST_AHEAD` at most."""
+    usual: float
+    """Of what free space and parallel surface say of the middle one of all poses of the pair."""
     chosen: float
     """Taken off each pose: what being chosen gives it."""
-    repetition: float
-    """Log-odds that a building repeats itself under a motion under which neither scan is like itself."""
-    told_apart: float
-    """How much of what is impossible in a repetition of the best pose, and not in that, speaks against it."""
     elsewhere: float
-    """Log-odds that another place, which neither scan shows, looks like this one."""
+    """Log-odds that another place, which neither scan shows, looks like this one; no pair can tell."""
 
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """The evidence of h poses side by side; pieces of all poses one after the other."""
+    """The evidence of h poses side by side."""
 
-    fitting: Float64[Array, "a"]
-    """(a,) patches that fit, by pieces."""
-    fitting_pose: Int64[Array, "a"]
-    """(a,) number of the pose that each of them belongs to."""
-    through: Float64[Array, "b"]
-    """(b,) patches that were looked through, by pieces that cannot be where they are."""
-    beside: Float64[Array, "b"]
-    """(b,) patches of these pieces beside parallel surface."""
-    against_pose: Int64[Array, "b"]
-    """(b,) number of the pose that each of them belongs to."""
-    found: Float64[Array, "h"]
-    """(h,) lines that are found again."""
-    missing: Float64[Array, "h"]
-    """(h,) lines that should have been seen and are not."""
-    features: Float64[Array, "h"]
-    """(h,) lines and planes in common."""
+    fits: Float64[Array, "h"]
+    """(h,) patches that fit."""
+    through: Float64[Array, "h"]
+    """(h,) patches that were looked through."""
+    beside: Float64[Array, "h"]
+    """(h,) patches beside parallel surface."""
+    fitting: Float64[Array, "h"]
+    """(h,) pieces that fit, the more of each the more of its patches do (`FULL_PATCHES`)."""
+    against: Float64[Array, "h"]
+    """(h,) pieces that cannot be where they are."""
     control: Float64[Array, "h"]
     """(h,) `PoseEvidence.control`."""
+    pair: Int64[Array, "h"]
+    """(h,) number of the pair that each belongs to, ascending from zero without gaps."""
 
     @classmethod
     def of(cls, poses: Sequence[PoseEvidence]) -> "Counts":
-        """Put the evidence of poses side by side."""
-        numbers = np.arange(len(poses))
+        """Put the evidence of the poses of one pair side by side."""
         return cls(
-            np.concatenate([np.zeros(0), *(each.fitting for each in poses)]),
-            np.repeat(numbers, [len(each.fitting) for each in poses]),
-            np.concatenate([np.zeros(0), *(each.through for each in poses)]),
-            np.concatenate([np.zeros(0), *(each.beside for each in poses)]),
-            np.repeat(numbers, [len(each.through) for each in poses]),
-            np.array([each.lines.found for each in poses], dtype=np.float64),
-            np.array([each.lines.expected - each.lines.found for each in poses], dtype=np.float64),
-            np.array([each.common for each in poses], dtype=np.float64),
+            np.array([each.fitting.sum() for each in poses]),
+            np.array([each.through.sum() for each in poses]),
+            np.array([each.beside.sum() for each in poses]),
+            np.array([pieces_of(each.fitting).sum() for each in poses]),
+            np.array([float(len(each.through)) for each in poses]),
             np.array([each.control for each in poses]),
+            np.zeros(len(poses), dtype=np.int64),
         )
+
+
+def pieces_of(fitting: Scalars) -> Scalars:
+    """Give what pieces count, of which so many patches fit: each from nothing to one."""
+    return np.asarray(-np.expm1(-fitting / FULL_PATCHES))
 
 
 @dataclass(frozen=True, eq=False)
 class LogOdds:
     """What each source says of h poses; their sum is the log-odds against chance."""
 
-    fits: Scalars
-    """(h,) pieces that fit; never negative."""
-    impossible: Scalars
-    """(h,) pieces in free space or beside surface; never positive."""
-    lines: Scalars
-    """(h,) lines that should have been seen."""
-    features: Scalars
-    """(h,) lines and planes in common, and how well they determine the pose."""
+    free_space: Scalars
+    """(h,) patches that fit beside those that were looked through."""
+    beside: Scalars
+    """(h,) patches that fit beside those beside parallel surface."""
+    pieces: Scalars
+    """(h,) pieces that fit, and pieces that cannot be where they are."""
+    determined: Scalars
+    """(h,) how well the pose is determined."""
+    ahead: Scalars
+    """(h,) how far it is ahead of the next pose; negative of all but the best."""
+    usual: Scalars
+    """(h,) what is usual for poses of this pair, taken off."""
     chosen: Scalars
     """(h,) for having been chosen; negative."""
 
     @property
     def total(self) -> Scalars:
         """(h,) sum."""
-        return np.asarray(self.fits + self.impossible + self.lines + self.features + self.chosen)
+        own = self.free_space + self.beside + self.pieces + self.determined
+        return np.asarray(own + self.ahead + self.usual + self.chosen)
 
 
 def log_odds(counts: Counts, weights: Weights) -> LogOdds:
-    """Weigh the evidence of h poses. O(pieces)."""
-    h = len(counts.found)
-    fitting = 1.0 - np.exp(-counts.fitting / weights.fitting_patches)
+    """Weigh the evidence of h poses, of one pair or of many. O(h log h)."""
+    fits = np.log(counts.fits + LEAST_FITTING)
+    free_space = weights.through * (fits - np.log(counts.through + LEAST_AGAINST))
+    beside = weights.beside * (fits - np.log(counts.beside + LEAST_AGAINST))
+    pieces = weights.fitting * np.log1p(counts.fitting) - weights.against * np.log1p(counts.against)
+    # of n patches the determinant of six parameters grows with the sixth power
+    determined = weights.determined * (counts.control - 6.0 * np.log1p(counts.fits / 2.0))
+    first, size = np.unique(counts.pair, return_index=True, return_counts=True)[1:]
+    usual = _middle(free_space + beside, counts.pair, first, size)
+    ahead = _ahead(free_space + beside + pieces + determined, counts.pair, first, size)
     return LogOdds(
-        weights.fitting * _sums(counts.fitting_pose, fitting, h),
-        _sums(counts.against_pose, of_impossible(counts.through, counts.beside, weights), h),
-        weights.found * counts.found - weights.missing * counts.missing,
-        weights.features * np.sqrt(counts.features) + weights.control * counts.control,
-        np.full(h, -weights.chosen),
+        free_space,
+        beside,
+        pieces,
+        determined,
+        weights.ahead * ahead,
+        -weights.usual * usual[counts.pair],
+        np.full(len(fits), -weights.chosen),
     )
 
 
-def _sums(numbers: Int64[Array, "n"], values: Scalars, count: int) -> Array:
-    """Add up values by numbers; `numpy.bincount` of no values gives integers."""
-    return np.bincount(numbers, values, count).astype(np.float64)
+def _ahead(own: Scalars, pair: Array, first: Array, size: Array) -> Scalars:
+    """Give how far each pose is ahead of the best other one of its pair."""
+    order = np.lexsort((-own, pair))
+    best, second = order[first], order[first + np.minimum(size, 2) - 1]
+    ahead = own - own[best][pair]
+    ahead[best] = np.where(size > 1, np.minimum(own[best] - own[second], MOST_AHEAD), MOST_AHEAD)
+    return np.asarray(ahead)
 
 
-def of_impossible(through: Scalars, beside: Scalars, weights: Weights) -> Scalars:
-    """Give what pieces that cannot be where they are say of a pose, by the patches of each; never positive."""
-    size = (through + weights.beside * beside) / weights.against_patches
-    return np.asarray(weights.against * np.expm1(-size))
+def _middle(values: Scalars, pair: Array, first: Array, size: Array) -> Array:
+    """Give the median of the values of each pair."""
+    order = np.lexsort((values, pair))
+    return np.asarray((values[order[first + (size - 1) // 2]] + values[order[first + size // 2]]) / 2.0)
+
+
+def of_impossible(through: Scalars, beside: Scalars, pose: PoseEvidence, weights: Weights) -> Scalars:
+    """Give what each of the pieces that cannot be where they are takes off the log-odds: as if it alone were missing.
+
+    Parameters
+    ----------
+    through, beside
+        (b,) patches of each piece.
+    pose
+        The evidence of the pose, with all its pieces.
+    weights
+        Calibrated constants.
+    """
+    said = np.zeros(len(through))
+    for weight, all_of_it, own in (
+        (weights.through, pose.through.sum(), through),
+        (weights.beside, pose.beside.sum(), beside),
+    ):
+        rest = np.maximum(all_of_it - own, 0.0)
+        said -= weight * np.log((all_of_it + LEAST_AGAINST) / (rest + LEAST_AGAINST))
+    count = len(pose.through)
+    return np.asarray(said - weights.against * np.log((count + 1.0) / max(count, 1)))

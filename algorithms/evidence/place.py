@@ -6,19 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Array, Vector3
+from algorithms.arrays import Vector3
 from algorithms.evidence.calibration import Calibration
 from algorithms.evidence.log_odds import Counts, Weights, log_odds, of_impossible
 from algorithms.evidence.patches import PATCH_M
-from algorithms.evidence.pose_evidence import PairEvidence, Piece
-from algorithms.evidence.posterior import likeness_of, posterior
+from algorithms.evidence.pose_evidence import PairEvidence, Piece, PoseEvidence
+from algorithms.evidence.posterior import posterior
 from algorithms.features.scan_features import ScanFeatures
-from algorithms.geometry.rotations import rotation_matrix
 from algorithms.matching.directions import comes_first
-from algorithms.scans.pose_scores import score_poses, strict_limits
 
-LIKE_POINTS = 3000
-"""Surface points with which a scan is laid on itself by the motion between two poses."""
 LEAST_PROBABILITY = 1e-4
 """Less probable poses are not named."""
 
@@ -32,8 +28,6 @@ class OtherPlace:
     probability: float
     log_odds: float
     """Against chance."""
-    repeats: bool
-    """Whether the building may look like itself there; else the pose is as probable as its evidence says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +41,7 @@ class PieceAgainst:
     area_m2: float
     """About how much surface it is."""
     log_odds: float
-    """What it says of the pose; negative."""
+    """What the pose would gain were it not there; negative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +58,18 @@ class Place:
     """Of another place that looks like this one and that neither scan shows."""
     none: float
     """Of none of these: the scans have nothing in common, or the right pose was not found."""
-    fits: float
-    """Log-odds for the pose by pieces of surface that fit."""
-    impossible: float
-    """By pieces that stand in free space or beside surface; never positive."""
-    lines: float
-    """By lines that should have been seen."""
-    features: float
-    """By lines and planes in common and what they determine."""
+    free_space: float
+    """Log-odds for the pose by patches of surface that fit beside those that were looked through."""
+    beside: float
+    """By those that fit beside those beside parallel surface."""
+    pieces: float
+    """By the number of pieces that fit and of those that cannot be where they are."""
+    determined: float
+    """By how well what fits determines the pose."""
+    ahead: float
+    """By how far it is ahead of the next pose; negative where another one is better."""
+    usual: float
+    """By what is usual for poses of this pair."""
     chosen: float
     """For having been chosen out of all; negative."""
     against: tuple[PieceAgainst, ...]
@@ -103,21 +101,14 @@ def place_of(
     if not comes_first(target, source):
         return place_of(source, target, [pose.inv() for pose in poses], calibration).exchanged()
     counted = PairEvidence(target, source)
-    parts = log_odds(Counts.of([counted.of(pose) for pose in poses]), calibration.weights)
+    shown = [counted.of(pose) for pose in poses]
+    parts = log_odds(Counts.of(shown), calibration.weights)
     total = parts.total
-    best = int(np.argmax(total))
-    like = self_likeness(poses, poses[best : best + 1], target, source)[:, 0]
-    found = posterior(parts, likeness_of(like[:, 0::2], like[:, 1::2]), calibration.weights)
+    found = posterior(total, calibration.weights.elsewhere)
     at_most = 1.0 - calibration.upper_95
     onto, back = RigidTransform.from_translation(target.origin_m), RigidTransform.from_translation(-source.origin_m)
-    by_evidence = found.poses[best] * np.exp(total - total[best])
     others = [
-        OtherPlace(
-            onto * poses[k] * back,
-            float(found.poses[k]),
-            float(total[k]),
-            bool(found.poses[k] > by_evidence[k]),
-        )
+        OtherPlace(onto * poses[k] * back, float(found.poses[k]), float(total[k]))
         for k in np.argsort(-found.poses, kind="stable").tolist()
         if k and found.poses[k] >= LEAST_PROBABILITY
     ]
@@ -127,21 +118,23 @@ def place_of(
         others=tuple(others),
         elsewhere=found.elsewhere,
         none=found.none,
-        fits=float(parts.fits[0]),
-        impossible=float(parts.impossible[0]),
-        lines=float(parts.lines[0]),
-        features=float(parts.features[0]),
+        free_space=float(parts.free_space[0]),
+        beside=float(parts.beside[0]),
+        pieces=float(parts.pieces[0]),
+        determined=float(parts.determined[0]),
+        ahead=float(parts.ahead[0]),
+        usual=float(parts.usual[0]),
         chosen=float(parts.chosen[0]),
-        against=_against(counted.impossible(poses[0]), (target, source), calibration.weights),
+        against=_against(counted.impossible(poses[0]), shown[0], (target, source), calibration.weights),
         calibration=calibration,
     )
 
 
 def _against(
-    pieces: Sequence[Piece], scans: tuple[ScanFeatures, ScanFeatures], weights: Weights
+    pieces: Sequence[Piece], pose: PoseEvidence, scans: tuple[ScanFeatures, ScanFeatures], weights: Weights
 ) -> tuple[PieceAgainst, ...]:
     through, beside = (np.array([getattr(each, name) for each in pieces]) for name in ("through", "beside"))
-    said = of_impossible(through, beside, weights).tolist()
+    said = of_impossible(through, beside, pose, weights).tolist()
     found = [
         PieceAgainst(
             each.in_target,
@@ -152,32 +145,3 @@ def _against(
         for each, value in zip(pieces, said, strict=True)
     ]
     return tuple(sorted(found, key=lambda piece: piece.log_odds))
-
-
-def self_likeness(
-    poses: Sequence[RigidTransform], bases: Sequence[RigidTransform], target: ScanFeatures, source: ScanFeatures
-) -> Array:
-    """Lay each scan on itself by the motion from each base to each pose.
-
-    Returns
-    -------
-    (h, b, 4): support and violation of the target, and of the source; zero where pose and base are the same.
-    """
-    found = np.zeros((len(poses), len(bases), 4))
-    pairs = [(i, j) for i in range(len(poses)) for j in range(len(bases)) if poses[i] is not bases[j]]
-    if not pairs:
-        return found
-    noise_m = max(target.noise_std_m, source.noise_std_m)
-    for first, scan in ((0, target), (2, source)):
-        motions = [poses[i] * bases[j].inv() if first == 0 else bases[j].inv() * poses[i] for i, j in pairs]
-        scores = score_poses(
-            np.array([rotation_matrix(motion) for motion in motions]),
-            np.array([motion.translation for motion in motions]),
-            scan.index,
-            scan.index,
-            points=LIKE_POINTS,
-            limits=strict_limits(noise_m, scan.index.spacing_m),
-        )
-        where = tuple(np.array(pairs).T)
-        found[(*where, first)], found[(*where, first + 1)] = scores.support, scores.violation
-    return found

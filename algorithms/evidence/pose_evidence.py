@@ -1,4 +1,4 @@
-"""What two scans show in a pose, counted once: pieces that fit, pieces that cannot be there, lines, features."""
+"""What two scans show in a pose, counted once: pieces that fit, pieces that cannot be there, what they determine."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,6 @@ from algorithms.arrays import Array, Scalars, Vector3
 from algorithms.evidence.patches import Patches
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.rotations import rotation_matrix
-from algorithms.matching.feature_fit import GATES, common_features, feature_pose_near
-from algorithms.matching.line_evidence import LineEvidence, LineWitness
 from algorithms.scans.pose_scores import FINAL_POINTS, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex
 from algorithms.scans.surface_outcomes import surface_outcomes
@@ -39,10 +37,6 @@ class PoseEvidence:
     """(b,) patches that the other instrument looked through, of each connected piece that cannot be where it is."""
     beside: Float64[Array, "b"]
     """(b,) patches of the same pieces that stand beside parallel surface."""
-    lines: LineEvidence
-    """Lines that the other scan should have seen, having both surfaces beside them, and those it has."""
-    common: int
-    """Lines and planes that lie closely on each other."""
     control: float
     """Logarithm of the determinant of what the fitting patches say of the six parameters, of the scan where it is less:
     a pose that hangs on one plane has little of it."""
@@ -75,21 +69,16 @@ class PairEvidence:
         """
         self._scans = (target, source)
         self._patches = (Patches.of(target), Patches.of(source))
-        self._lines = LineWitness(target, source)
         noise_m = max(target.noise_std_m, source.noise_std_m)
         self._limits = strict_limits(noise_m, max(target.index.spacing_m, source.index.spacing_m))
 
     def of(self, pose: RigidTransform) -> PoseEvidence:
         """Count what both scans show in a pose, target from source between the reduced frames."""
         target, source = self._scans
-        fitted = feature_pose_near(target, source, pose)
         ours = self._laid(source.index, target.index, pose, self._patches[1])
         theirs = self._laid(target.index, source.index, pose.inv(), self._patches[0])
-        max_angle_rad, max_distance_m = GATES[-1]
         fitting, through, beside = (np.concatenate(both) for both in zip(ours[:3], theirs[:3], strict=True))
-        common = common_features(target, source, fitted, max_angle_rad=max_angle_rad, max_distance_m=max_distance_m)
-        control = min(ours[3], theirs[3])
-        return PoseEvidence(fitting, through, beside, self._lines.seen_in(fitted), common, control)
+        return PoseEvidence(fitting, through, beside, min(ours[3], theirs[3]))
 
     def impossible(self, pose: RigidTransform) -> list[Piece]:
         """Give the pieces that cannot be where a pose puts them."""

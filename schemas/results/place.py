@@ -17,11 +17,13 @@ class OtherPlace(Document):
 class EvidenceTerms(Document):
     """What each source says of the pose, natural logarithms of odds against chance; they add up."""
 
-    fits: float = Field(description="Pieces of surface that fit.")
-    impossible: float = Field(description="Pieces that stand in free space or beside surface, at most 0.")
-    lines: float = Field(description="Lines that the other scan should have seen, and has or has not.")
-    features: float = Field(description="Lines and planes in common, and how well they determine the pose.")
-    chosen: float = Field(description="For having been chosen out of all poses, at most 0.")
+    free_space: float = Field(description="Surface that fits beside surface that the other instrument looked through.")
+    beside: float = Field(description="Surface that fits beside surface a little off parallel surface.")
+    pieces: float = Field(description="The number of pieces that fit, and of those that cannot be where they are.")
+    determined: float = Field(description="How well what fits determines the pose.")
+    ahead: float = Field(description="How far the pose is ahead of the next one; negative where another is better.")
+    usual: float = Field(description="What is usual for poses of this pair, taken off.")
+    chosen: float = Field(description="For having been chosen out of all poses.")
 
 
 class PieceAgainst(Document):
@@ -30,7 +32,7 @@ class PieceAgainst(Document):
     station: str = Field(description="The station whose scan shows it.")
     centre_m: Triple = Field(description="Its middle, in the coordinates of that station's file.")
     area_m2: float = Field(description="About how much surface it is.")
-    log_odds: float = Field(description="What it says of the pose; negative.")
+    log_odds: float = Field(description="What the pose would gain were it not there; negative.")
 
 
 class EvidenceCalibration(Document):

@@ -18,7 +18,6 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array
 from algorithms.errors import AlgorithmError
-from algorithms.evidence.place import self_likeness
 from algorithms.evidence.pose_evidence import PairEvidence
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching import coarse_registration
@@ -26,7 +25,9 @@ from algorithms.matching.candidates import candidate_motions
 from algorithms.matching.coarse_registration import CoarseRegistration, with_all_shifts, with_symmetries
 from algorithms.matching.degeneracy import require_determining_geometry
 from algorithms.matching.directions import comes_first
+from algorithms.matching.feature_fit import GATES, common_features, feature_pose_near
 from algorithms.matching.hypotheses import RankedPoses, rank_hypotheses
+from algorithms.matching.line_evidence import LineWitness
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.plane_triples import OffsetVotes
 from algorithms.matching.votes import Motions
@@ -40,8 +41,6 @@ from algorithms.scans.surface_index import SurfaceIndex
 from tests.calibration.drawn_pairs import DrawnPair, drawn_pairs
 
 ARCHIVE = Path(__file__).parent / "hypotheses.npz"
-LIKE_POSES = 6
-"""So many of the first poses are compared with all."""
 RIGHT_RAD, RIGHT_M = np.radians(0.6), 0.15
 """A pose of the search is right within this, before it is adjusted."""
 ACCEPTED_RAD, ACCEPTED_M = np.radians(0.3), 0.05
@@ -72,9 +71,12 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
             return None
     scores = ranked.scores
     kept = ranked.worth_weighing()
-    witness = PairEvidence(target, source)
+    counted, lines = PairEvidence(target, source), LineWitness(target, source)
     poses = [ranked.poses[k] for k in kept]
-    shown = [witness.of(pose) for pose in poses]
+    shown = [counted.of(pose) for pose in poses]
+    fitted = [feature_pose_near(target, source, pose) for pose in poses]
+    seen = [lines.seen_in(pose) for pose in fitted]
+    angle_rad, distance_m = GATES[-1]
     first = {pose.as_matrix().tobytes() for pose in voted.poses}
     centre = source.surface.points.mean(axis=0)
     right = [truth is not None and near(pose, truth, centre, RIGHT_RAD, RIGHT_M) for pose in poses]
@@ -94,15 +96,20 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
         "voted": np.array([pose.as_matrix().tobytes() in first for pose in poses], dtype=bool),
         "poses": np.array([pose.as_matrix()[:3] for pose in poses], dtype=np.float32).reshape(-1, 3, 4),
         **{name: np.array([getattr(scores, name)[k] for k in kept], dtype=np.float32) for name in NAMES},
-        "lines": np.array([[each.lines.expected, each.lines.found] for each in shown], dtype=np.int32).reshape(-1, 2),
-        "features": np.array([each.common for each in shown], dtype=np.int32),
+        "lines": np.array([[each.expected, each.found] for each in seen], dtype=np.int32).reshape(-1, 2),
+        "features": np.array(
+            [
+                common_features(target, source, pose, max_angle_rad=angle_rad, max_distance_m=distance_m)
+                for pose in fitted
+            ],
+            dtype=np.int32,
+        ),
         "control": np.array([each.control for each in shown], dtype=np.float32),
         "fitting_count": np.array([len(each.fitting) for each in shown], dtype=np.int32),
         "fitting": _joined([each.fitting for each in shown]),
         "against_count": np.array([len(each.through) for each in shown], dtype=np.int32),
         "through": _joined([each.through for each in shown]),
         "beside": _joined([each.beside for each in shown]),
-        "likeness": first_likeness(poses, target, source),
     }
 
 
@@ -147,13 +154,6 @@ def near(pose: RigidTransform, truth: RigidTransform, centre: Array, angle_rad: 
     return bool(turn < angle_rad and np.linalg.norm(pose.apply(centre) - truth.apply(centre)) < shift_m)
 
 
-def first_likeness(poses: list[RigidTransform], target: ScanFeatures, source: ScanFeatures) -> Array:
-    """Lay each scan on itself by the motion from each of the first poses to each pose, (h, `LIKE_POSES`, 4)."""
-    found = np.zeros((len(poses), LIKE_POSES, 4), dtype=np.float16)
-    found[:, : len(poses)] = self_likeness(poses, poses[:LIKE_POSES], target, source)
-    return found
-
-
 def _joined(parts: list[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts]).astype(np.float16)
 
@@ -175,7 +175,8 @@ def pack(folder: Path, path: Path = ARCHIVE) -> None:
     """Join the files of a folder, in the order of their names, into one archive."""
     parts = [dict(np.load(each)) for each in sorted(folder.glob("*.npz"))]
     parts = [part for part in parts if part]
-    np.savez_compressed(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    common = [name for name in parts[0] if all(name in part for part in parts)]
+    np.savez_compressed(path, **{name: np.concatenate([part[name] for part in parts]) for name in common})
 
 
 def freeze(folder: Path, family: str, number: int) -> None:

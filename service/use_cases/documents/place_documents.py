@@ -27,10 +27,12 @@ def place_document(found: Place, *, target: str, source: str) -> documents.Place
         another_like_place=found.elsewhere,
         none_of_these=found.none,
         evidence=documents.EvidenceTerms(
-            fits=found.fits,
-            impossible=found.impossible,
-            lines=found.lines,
-            features=found.features,
+            free_space=found.free_space,
+            beside=found.beside,
+            pieces=found.pieces,
+            determined=found.determined,
+            ahead=found.ahead,
+            usual=found.usual,
             chosen=found.chosen,
         ),
         against=[
@@ -52,12 +54,7 @@ def place_document(found: Place, *, target: str, source: str) -> documents.Place
 
 
 def _other(other: OtherPlace) -> documents.OtherPlace:
-    evidence = f"log-odds of {other.log_odds:.1f} against chance"
-    because = (
-        f"the scans look like themselves under the motion between the poses, or may where they see nothing ({evidence})"
-        if other.repeats
-        else f"its own evidence: {evidence}"
-    )
+    because = f"its own evidence: log-odds of {other.log_odds:.1f} against chance"
     return documents.OtherPlace(
         target_from_source=matrix_rows(other.target_from_source), probability=other.probability, because=because
     )
