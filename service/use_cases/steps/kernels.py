@@ -3,7 +3,8 @@ for.
 
 Numba keeps what it compiled beside the program, or where ``NUMBA_CACHE_DIR`` says. A mark beside it tells that the
 kernels of a registration are all there; until it is, one process compiles by registering two scans of a tiny room, and
-others wait for it and tell how far it is, for to compile the same in each of them would take each as long.
+others wait for it and tell how far it is, for to compile the same in each of them would take each as long. So do the
+other parts, each for itself: who fits a terrain does not wait for what only registrations need.
 """
 
 import fcntl
@@ -106,10 +107,10 @@ def compile_once(
     part
         Names what is compiled.
     """
-    mark, told = folder / f"tieline-{part}-{_fingerprint()}.compiled", folder / "tieline-compiling"
+    mark, told = folder / f"tieline-{part}-{_fingerprint()}.compiled", folder / f"tieline-compiling-{part}"
     if mark.exists():
         return
-    with (folder / "tieline-compiling.lock").open("w") as lock:
+    with told.with_suffix(".lock").open("w") as lock:
         while not _locked(lock.fileno()):
             with suppress(OSError):
                 progress.report(0.0, f"{COMPILING}: {told.read_text()}")
@@ -118,9 +119,9 @@ def compile_once(
             return
 
         def tell(number: int) -> None:
-            part = told.with_suffix(".part")
-            part.write_text(f"{number} done")
-            part.replace(told)
+            written = told.with_suffix(".part")
+            written.write_text(f"{number} done")
+            written.replace(told)
             progress.report(0.0, f"{COMPILING}: {number} done")
 
         tell(0)
@@ -138,7 +139,8 @@ def kept_in() -> Path | None:
         kernel: Any = line_pairs_kernels.alike_rows
         folder = Path(kernel._cache.cache_path)  # noqa: SLF001 - told in no other way
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "tieline-compiling.lock").touch()
+        for part in PRACTICES:
+            (folder / f"tieline-compiling-{part}.lock").touch()
         return folder
     return None
 

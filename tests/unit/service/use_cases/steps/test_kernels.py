@@ -121,6 +121,17 @@ def test_what_is_compiled_is_not_compiled_again_and_nothing_is_said(tmp_path: Pa
     assert hearer.heard == []
 
 
+def test_who_needs_other_kernels_does_not_wait_for_those_that_are_being_compiled(tmp_path: Path) -> None:
+    compiled: list[str] = []
+
+    def compile_scans() -> None:
+        compile_once(tmp_path, lambda: compiled.append("terrain"), counted_once, Hearer(), "terrain")
+        compiled.append("scans")
+
+    compile_once(tmp_path, compile_scans, counted_once, Hearer(), "scans")
+    assert compiled == ["terrain", "scans"]
+
+
 def test_what_broke_off_is_compiled_by_the_next(tmp_path: Path) -> None:
     def break_off() -> None:
         raise MemoryError
