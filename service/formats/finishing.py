@@ -191,9 +191,12 @@ def times_of(seconds: Array) -> Floats32 | None:
 
 
 def colors_8bit(channels: Array, largest: float) -> Colors:
-    """Bring (n, 3) colour channels of the range 0 … `largest` to 0 … 255."""
+    """Bring colour channels of the range 0 … `largest`, (n, 3), to 0 … 255."""
     if channels.dtype == np.uint8 and largest == 255:
         return np.ascontiguousarray(channels)
+    if channels.dtype == np.uint16:
+        # a table of all numbers that there can be is made faster than millions of channels are scaled
+        return np.asarray(colors_8bit(np.arange(1 << 16, dtype=np.float32), largest)[channels])
     scaled = np.nan_to_num(np.asarray(channels, dtype=np.float32)) * np.float32(255.0 / largest)
     return np.asarray(np.clip(np.rint(scaled), 0, 255), dtype=np.uint8)
 

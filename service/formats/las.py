@@ -42,21 +42,24 @@ class LasReader:
         """Yield the one cloud of a file."""
         if wanted not in {None, 0}:
             return
-        opened = OpenedLas(file, limits)
-        pieces = [_Piece.of(chunk) for chunk in opened.chunks()]
-        if pieces:
-            joined = _joined(pieces, opened.count, opened.scales, opened.offsets)
-            yield _with_unit(file, replace(joined, instrument=opened.instrument), opened.unit)
+        opened, cloud = OpenedLas(file, limits), None
+        for chunk in opened.chunks():
+            cloud = _Cloud(chunk, opened.count) if cloud is None else cloud
+            cloud.take(chunk, opened.scales)
+        if cloud is not None:
+            records = replace(cloud.records(opened.offsets), instrument=opened.instrument)
+            yield _with_unit(file, records, opened.unit)
 
     def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file piece by piece."""
         opened, largest = OpenedLas(file, limits), 0.0
-        for piece in (_Piece.of(chunk) for chunk in opened.chunks()) if index == 0 else ():
-            if not largest and piece.color is not None and piece.color.any():
-                largest = _largest_color(piece.color)  # of the first points that are not black
-            points = piece.raw * opened.scales
-            color = None if piece.color is None else colors_8bit(piece.color, largest or 255.0)
-            records = ScanRecords(0, points, base_m=opened.offsets, intensity=piece.intensity, color=color)
+        for chunk in opened.chunks() if index == 0 else ():
+            cloud = _Cloud(chunk, len(chunk))
+            cloud.take(chunk, opened.scales)
+            if not largest and cloud.channels is not None and cloud.channels.any():
+                largest = _largest_color(cloud.channels)  # of the first points that are not black
+            color = None if cloud.channels is None else colors_8bit(cloud.channels, largest or 255.0)
+            records = ScanRecords(0, cloud.points, base_m=opened.offsets, intensity=cloud.intensity, color=color)
             yield _with_unit(file, records, opened.unit)
 
 
@@ -146,31 +149,48 @@ def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | Unknow
     return replace(records, open_unit=no_degrees(unit, low, high))
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    raw: Array
-    """(n, 3) int32 as stored: the offset is added once, in float64, after the origin is known."""
-    intensity: Array
-    color: Array | None
-    gps_time_s: tuple[float, float] | None
-    """Least and largest; None: the point format has no times, or they are not finite."""
-    times_s: Array | None
-    """(n,) as stored; None: the point format has none."""
+class _Cloud:
+    """The arrays of a cloud, filled chunk by chunk."""
 
-    @staticmethod
-    def of(chunk: Any) -> "_Piece":
+    def __init__(self, chunk: Any, count: int) -> None:
         names = set(chunk.point_format.dimension_names)
-        times = np.array(chunk["gps_time"], dtype=np.float64) if "gps_time" in names else None
-        return _Piece(
-            raw=np.column_stack([np.asarray(chunk[axis]) for axis in "XYZ"]),
-            intensity=np.asarray(chunk["intensity"], dtype=np.float32),
-            color=np.column_stack([chunk["red"], chunk["green"], chunk["blue"]]) if "red" in names else None,
+        self.points = np.empty((count, 3))
+        """As stored, scaled: the offset is added once, in float64, after the origin is known."""
+        self.intensity = np.empty(count, dtype=np.float32)
+        self.channels = np.empty((count, 3), dtype=np.uint16) if "red" in names else None
+        self._times = np.empty(count) if "gps_time" in names else None
+        self._filled = 0
+
+    def take(self, chunk: Any, scales: Array) -> None:
+        """Copy the next points."""
+        part = slice(self._filled, self._filled + len(chunk))
+        for axis, name in enumerate("XYZ"):
+            np.multiply(chunk[name], scales[axis], out=self.points[part, axis])
+        self.intensity[part] = chunk["intensity"]
+        if self.channels is not None:
+            for channel, name in enumerate(("red", "green", "blue")):
+                self.channels[part, channel] = chunk[name]
+        if self._times is not None:
+            self._times[part] = chunk["gps_time"]
+        self._filled = part.stop
+
+    def records(self, offsets: Array) -> ScanRecords:
+        """Give what was copied."""
+        channels, times = self.channels, self._times
+        coloured = channels is not None and channels.any()
+        return ScanRecords(
+            index=0,
+            points=self.points,
+            base_m=offsets,
+            intensity=self.intensity,
+            color=colors_8bit(channels, _largest_color(channels)) if coloured and channels is not None else None,
             gps_time_s=None if times is None else _span(times),
-            times_s=times,
+            times_s=None if times is None else times_of(times),
         )
 
 
 def _span(times: Array) -> tuple[float, float] | None:
+    """Give the least and the largest time; None: they are not finite."""
     low, high = float(times.min()), float(times.max())
     return (low, high) if np.isfinite([low, high]).all() else None
 
@@ -199,36 +219,6 @@ def _check_header(file: ScanFile) -> None:
         raise file.unreadable(f"{records} variable-length records do not fit before the points", "byte 100, header")
     if head[104] & LAZ_BIT:
         check_chunk_table(file, data_offset)
-
-
-def _joined(pieces: list[_Piece], count: int, scales: Array, offsets: Array) -> ScanRecords:
-    points = np.empty((count, 3))
-    start = 0
-    for piece in pieces:
-        np.multiply(piece.raw, scales, out=points[start : start + len(piece.raw)])
-        start += len(piece.raw)
-    color = None
-    if pieces[0].color is not None:
-        channels = np.concatenate([piece.color for piece in pieces if piece.color is not None])
-        color = colors_8bit(channels, _largest_color(channels)) if channels.any() else None
-    return ScanRecords(
-        index=0,
-        points=points,
-        base_m=offsets,
-        intensity=np.concatenate([piece.intensity for piece in pieces]),
-        color=color,
-        gps_time_s=_whole_span([piece.gps_time_s for piece in pieces]),
-        times_s=times_of(np.concatenate(times)) if len(times := _times(pieces)) == len(pieces) else None,
-    )
-
-
-def _times(pieces: list[_Piece]) -> list[Array]:
-    return [piece.times_s for piece in pieces if piece.times_s is not None]
-
-
-def _whole_span(spans: list[tuple[float, float] | None]) -> tuple[float, float] | None:
-    known = [span for span in spans if span is not None]
-    return (min(low for low, _ in known), max(high for _, high in known)) if len(known) == len(spans) else None
 
 
 def _largest_color(channels: Array) -> float:
