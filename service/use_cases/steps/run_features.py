@@ -24,6 +24,8 @@ from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.feature_store import load_features, save_features
 
+MOST_POINTS = 30_000_000
+"""Of larger scans a part of the points is used: some surfaces metres wide tell the pose, and memory is bounded."""
 SEED = 0
 """Every computation draws from a generator with this seed: the same input gives the same answer."""
 
@@ -148,7 +150,7 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     options = TypeAdapter(FeatureOptions).validate_python(arguments["options"])
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
-    whole = read_stored_scan(context, arguments)
+    whole, thinned = _scan_in_memory(context, arguments)
     scan, far = without_far_points(whole)
     del whole
     read = time.perf_counter()
@@ -159,7 +161,7 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
         features,
         far_point_count=len(far),
         farthest_m=far.farthest_m,
-        warnings=scale_warnings(scan.points, scan.sensor_m, np.random.default_rng(SEED)),
+        warnings=(*thinned, *scale_warnings(scan.points, scan.sensor_m, np.random.default_rng(SEED))),
     )
     timings = {"read": read - started, "features": time.perf_counter() - read}
     if references:
@@ -174,6 +176,26 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     features = with_symmetries(features, MatchingOptions())
     timings["features"] += time.perf_counter() - begun
     return features, timings
+
+
+def _scan_in_memory(context: StepContext, arguments: Json) -> tuple[Scan, tuple[str, ...]]:
+    """Read a scan, or so much of a very large one as memory has room for, and say in words how much."""
+    from service.formats.thinned import read_thinned_scan
+
+    records = arguments.get("records") or 0
+    if records <= MOST_POINTS:
+        return read_stored_scan(context, arguments), ()
+    scan, words = read_thinned_scan(
+        context.blobs.local_path(content_key(arguments["sha256"])),
+        arguments["filename"],
+        arguments["index"],
+        records,
+        MOST_POINTS,
+        read_limits(context),
+        columns=arguments.get("columns") or "",
+        unit=arguments.get("unit") or "",
+    )
+    return scan, (words,)
 
 
 def read_stored_scan(context: StepContext, arguments: Json) -> Scan:

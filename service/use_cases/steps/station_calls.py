@@ -20,6 +20,7 @@ def features_call(job: Json, station: Json, options: Json | None, photo_options:
             "sha256": file["sha256"],
             "owner": file.get("owner", ""),
             "index": scan["index"],
+            "records": found.get("points", 0) + found.get("dropped", 0),
             "columns": scan.get("columns") or found.get("text_columns"),
             "unit": scan.get("unit"),
             "warnings": warnings_of_scan(file["name"], scans, scan["index"], scan.get("unit")),
