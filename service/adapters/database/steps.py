@@ -136,9 +136,13 @@ class DatabaseSteps:
             .where(job_steps.c.job_id == job_id)
             .order_by(job_steps.c.stage, job_steps.c.position)
         )
+        unfinished = sa.exists().where(job_steps.c.job_id == job_id, job_steps.c.state != DONE)
         with self._reading.begin() as connection:
+            # asked after every step: all outputs are read only once a stage is over
+            if connection.execute(sa.select(unfinished)).scalar():
+                return None
             rows = connection.execute(query).all()
-        if any(row.state != DONE for row in rows):
+        if any(row.state != DONE for row in rows):  # another worker has planned the next stage meanwhile
             return None
         # stages without any step have left no rows
         found: list[list[Json]] = [[] for _ in range(rows[-1].stage + 1)] if rows else []
