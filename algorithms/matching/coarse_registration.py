@@ -215,12 +215,9 @@ def with_all_shifts(
     votes = offset_votes(target, source, max_angle_rad=options.max_angle_rad)
     if repetitions_only:
         best = rotation_matrix(ranked.poses[0])
-        votes = [
-            each
-            for each in votes
-            if keeps_directions(target.index, each.rotation @ best.T)
-            or keeps_directions(source.index, best.T @ each.rotation)
-        ]
+        turns = np.array([each.rotation for each in votes]).reshape(-1, 3, 3)
+        kept = keeps_directions(target.index, turns @ best.T) | keeps_directions(source.index, best.T @ turns)
+        votes = [each for each, is_kept in zip(votes, kept, strict=True) if is_kept]
     shifts = correlated_motions(votes, target.index, source.index)
     if len(shifts) == 0:
         return ranked

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from algorithms.arrays import Matrix3
+from algorithms.arrays import Array, Flags, Matrices3
 from algorithms.geometry.rotations import rotation_matrix, turn_between
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses, strict_limits
 from algorithms.scans.surface_index import SurfaceIndex
@@ -112,8 +112,8 @@ def is_possible_alternative(
         here, there = rotation_matrix(pose), rotation_matrix(other)
         return (
             best.support < CERTAIN_SUPPORT
-            or keeps_directions(target, there @ here.T)
-            or keeps_directions(source, here.T @ there)
+            or keeps_directions(target, (there @ here.T)[None]).item()
+            or keeps_directions(source, (here.T @ there)[None]).item()
             or both_are_like_themselves(TURNED_SUPPORT, CONTRADICTED)
         )
 
@@ -160,22 +160,28 @@ def are_near(pose: RigidTransform, other: RigidTransform, target: SurfaceIndex, 
     return float(np.linalg.norm(other.apply(places) - pose.apply(places), axis=1).max()) <= NEAR_RAD * distance
 
 
-def keeps_directions(scan: SurfaceIndex, turn: Matrix3) -> bool:
-    """Say whether a turn lays the directions of a scan's surfaces on each other, as every turn of a symmetry does.
+def keeps_directions(scan: SurfaceIndex, turns: Matrices3) -> Flags:
+    """Say which turns lay the directions of a scan's surfaces on each other, as every turn of a symmetry does.
 
     Parameters
     ----------
     scan
         The scan.
-    turn
-        (3, 3) rotation in its frame.
+    turns
+        (k, 3, 3) rotations in its frame.
     """
     normals = scan.normals[:KEPT_SAMPLES]
-    within = np.cos(KEPT_RAD)
-    before, after = (
-        np.count_nonzero(np.abs(each @ normals.T) >= within, axis=1) for each in (normals, normals @ turn.T)
-    )
-    return bool(np.mean(after >= KEPT_DENSITY * before) >= KEPT_SHARE)
+    before = _as_steep(normals, normals)
+    kept = [np.mean(_as_steep(normals @ turn.T, normals) >= KEPT_DENSITY * before) >= KEPT_SHARE for turn in turns]
+    return np.array(kept, dtype=bool)
+
+
+def _as_steep(directions: Array, normals: Array) -> Array:
+    """Count, for each direction (k, 3), the normals (n, 3) along it or against it, but for `KEPT_RAD`."""
+    along = directions @ normals.T
+    # in place: a new million of numbers takes longer than what is done with it
+    np.abs(along, out=along)
+    return np.asarray(np.count_nonzero(along >= np.cos(KEPT_RAD), axis=1))
 
 
 def self_likeness(scan: SurfaceIndex, motion: RigidTransform, noise_m: float) -> Contradiction:
