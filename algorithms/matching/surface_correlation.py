@@ -217,10 +217,13 @@ def _marked(scan: _Turned, axes: Array, cell_m: float, low_m: Vector3, size: tup
 
 def _transformed(fields: Array, shape: tuple[int, ...]) -> Array:
     """Transform fields (k, ...), with zeros behind them up to a shape, axis by axis: rows of zeros need not be."""
-    out = np.empty((len(fields), *shape[:2], shape[2] // 2 + 1), dtype=np.complex64)
+    out = np.zeros((len(fields), *shape[:2], shape[2] // 2 + 1), dtype=np.complex64)
     for each, transform in zip(fields, out, strict=True):
-        by_rows = fft.fft(fft.rfft(each, shape[2], axis=2), shape[1], axis=1)
-        transform[:] = fft.fft(by_rows, shape[0], axis=0)
+        transform[: len(each)] = fft.fft(fft.rfft(each, shape[2], axis=2), shape[1], axis=1, overwrite_x=True)
+        # in place: new memory of this size costs more than the transform
+        found = fft.fft(transform, axis=0, overwrite_x=True)
+        if not np.may_share_memory(found, transform):
+            transform[:] = found
     return out
 
 
