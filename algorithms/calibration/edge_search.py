@@ -182,3 +182,46 @@ def is_best(edges: Int64[Array, "n"], squares: Float64[Array, "n"]) -> Flags:
     best = np.zeros(len(squares), dtype=np.bool_)
     best[order[np.unique(edges[order], return_index=True)[1]]] = True
     return best
+
+
+def largest_agreement(values: Float64[Array, "k 2"], covariance: Float64[Array, "m m"], limit: float) -> Flags:
+    """Tell which of the pairs of one line agree with each other, the most there are.
+
+    Pairs of a line share its errors: each may be far off by itself, but only by as much as the others. From each pair
+    in turn a set grows by what it predicts best, given all that it has. The set whose pairs have the most support is
+    taken.
+
+    Parameters
+    ----------
+    values
+        (k, 2) gaps [px].
+    covariance
+        (2 k, 2 k) of all of them together [px²].
+    limit
+        Of T, beyond which a pair does not agree.
+    """
+    best, most = np.zeros(len(values), dtype=np.bool_), -np.inf
+    for first in range(len(values)):
+        agree, support = _grown(first, values.ravel(), covariance, limit)
+        if support > most:
+            best, most = agree, support
+    return best
+
+
+def _grown(first: int, left: Array, noise: Array, limit: float) -> tuple[Flags, float]:
+    """Grow a set from one pair; gaps of the others and their covariance are conditioned on those that it has."""
+    rest, agree, support = np.arange(len(left) // 2), np.zeros(len(left) // 2, dtype=np.bool_), 0.0
+    while len(rest):
+        places = np.arange(len(rest))
+        own, gaps = noise.reshape(len(rest), 2, len(rest), 2)[places, :, places], left.reshape(-1, 2, 1)
+        squares = (gaps * np.linalg.solve(own, gaps)).sum(axis=(1, 2))
+        k = int(np.argmin(squares)) if agree.any() else first
+        if squares[k] >= limit:
+            break
+        agree[rest[k]] = True
+        support += limit - float(squares[k])
+        both, others = slice(2 * k, 2 * k + 2), np.delete(np.arange(len(left)), [2 * k, 2 * k + 1])
+        gains = np.linalg.solve(noise[both, both], noise[both, others]).T
+        left, noise = left[others] - gains @ left[both], noise[np.ix_(others, others)] - gains @ noise[both, others]
+        rest = np.delete(rest, k)
+    return agree, support

@@ -23,7 +23,7 @@ from algorithms.calibration.edge_images import (
     near_edges,
 )
 from algorithms.calibration.edge_options import EdgeCalibrationOptions
-from algorithms.calibration.edge_search import OUTLIER, EdgeSearch, FoundPlace, is_best
+from algorithms.calibration.edge_search import OUTLIER, EdgeSearch, FoundPlace, is_best, largest_agreement
 from algorithms.errors import InvalidInputError
 
 GON = np.pi / 200.0
@@ -241,6 +241,15 @@ class _Edges:
         first = np.cumsum([0, *(len(self.stations[photo.station].lines) for photo in self.photos)])
         return np.asarray(first[pairs.photos] + pairs.lines, dtype=np.int64)
 
+    def _by_line(self, pairs: EdgePairs, rows: Int64[Array, "n"]) -> list[Int64[Array, "k"]]:
+        """Part rows of the pairs by the lines of the scans, whatever the photo."""
+        first = np.cumsum([0, *(len(each.lines) for each in self.stations)])
+        stations = np.array([photo.station for photo in self.photos], dtype=np.int64)[pairs.photos[rows]]
+        numbers = first[stations] + pairs.lines[rows]
+        order = np.argsort(numbers, kind="stable")
+        starts = np.unique(numbers[order], return_index=True)[1]
+        return np.split(rows[order], starts[1:]) if len(rows) else []
+
     def own_noise(self, pairs: EdgePairs) -> Float64[Array, "n 2 2"]:
         """Give the covariance of the photos' edges at their ends [px²]."""
         found = np.zeros((len(pairs), 2, 2))
@@ -271,14 +280,16 @@ class _Edges:
     def solved(self, candidates: EdgePairs, errors: Array, places: Sequence[FoundPlace | None]) -> EdgeCalibration:
         """Adjust all mounts to the pairs that fit, choosing these anew until nothing changes."""
         factor, converged, used = 1.0, False, np.zeros(len(candidates), dtype=bool)
+        prior = np.diag(np.tile(self.reach**-2.0, self.mounts))
+        information: Array | None = None
         for number in range(ROUNDS):
             gaps = edge_gaps(self.stations, self.photos, candidates, errors)
-            chosen = self._fitting(candidates, gaps, factor)
+            chosen = self._fitting(candidates, gaps, factor, information)
             pairs, of_pairs = candidates[chosen], _some(gaps, chosen)
             system = self._system(pairs, of_pairs)
-            prior = np.diag(np.tile(self.reach**-2.0, self.mounts))
-            step = np.linalg.solve(system.normal / factor + prior, system.right / factor - prior @ errors.ravel())
-            settled = np.abs(step * np.sqrt(np.diag(system.normal / factor + prior))).max() < SETTLED_IN_STD
+            information = system.normal / factor + prior
+            step = np.linalg.solve(information, system.right / factor - prior @ errors.ravel())
+            settled = np.abs(step * np.sqrt(np.diag(information))).max() < SETTLED_IN_STD
             same = bool((chosen == used).all())
             errors, used = errors + step.reshape(self.mounts, 6), chosen
             if number > 0 and settled and same:
@@ -290,11 +301,31 @@ class _Edges:
         gaps = edge_gaps(self.stations, self.photos, candidates, errors)
         return self._described(candidates, used, errors, places, factor, gaps, converged)
 
-    def _fitting(self, candidates: EdgePairs, gaps: EdgeGaps, factor: float) -> Flags:
+    def _fitting(self, candidates: EdgePairs, gaps: EdgeGaps, factor: float, information: Array | None) -> Flags:
+        """Choose pairs that fit by themselves, and of one line those that agree as well as the mounts are known.
+
+        Before the mounts were adjusted this is what the pairs would tell if each had a line of its own.
+        """
         weights = np.linalg.inv(self.alone(candidates, gaps))
         squares = np.einsum("ni,nij,nj->n", gaps.values, weights, gaps.values)
-        chosen = is_best(self.edges_of(candidates), squares) & (squares < min(factor, MOST_FACTOR) * OUTLIER)
+        limit = min(factor, MOST_FACTOR) * OUTLIER
+        chosen = is_best(self.edges_of(candidates), squares) & (squares < limit)
         mounts = self.mounts_of(candidates)
+        by_mounts = np.zeros((len(candidates), 2, self.mounts, 6))
+        by_mounts[np.arange(len(candidates)), :, mounts] = gaps.by_mount
+        designs = by_mounts.reshape(len(candidates), 2, 6 * self.mounts)
+        if information is None:
+            information = np.diag(np.tile(self.reach**-2.0, self.mounts)) + np.einsum(
+                "nij,nik,nkl->jl", designs[chosen], weights[chosen], designs[chosen]
+            )
+        root = linalg.cho_factor(information)
+        covariances, own = self._of_lines(candidates)[0], self.own_noise(candidates)
+        for rows in self._by_line(candidates, np.flatnonzero(chosen)):
+            if len(rows) == 1:
+                continue
+            by_line, design = gaps.by_line[rows].reshape(-1, 4), designs[rows].reshape(2 * len(rows), -1)
+            joint = by_line @ covariances[rows[0]] @ by_line.T + design @ linalg.cho_solve(root, design.T)
+            chosen[rows] = largest_agreement(gaps.values[rows], joint + linalg.block_diag(*own[rows]), limit)
         enough = np.bincount(mounts[chosen], minlength=self.mounts) >= LEAST_PAIRS
         return np.asarray(chosen & enough[mounts])
 
@@ -309,11 +340,8 @@ class _Edges:
         u, p = 6 * self.mounts, 3 * len(planes)
         normal, right, omega = np.zeros((u + p, u + p)), np.zeros(u + p), 0.0
         normal[u:, u:] = np.eye(p)
-        keys = np.column_stack([station, pairs.lines])
-        order = np.lexsort((keys[:, 1], keys[:, 0]))
-        starts = np.flatnonzero(np.any(np.diff(keys[order], axis=0, prepend=-1) != 0, axis=1))
         lines = []
-        for rows in np.split(order, starts[1:]) if len(order) else []:
+        for rows in self._by_line(pairs, np.arange(len(pairs))):
             k = len(rows)
             by_line = gaps.by_line[rows].reshape(2 * k, 4)
             rounding = self.rounding[station[rows[0]]][pairs.lines[rows[0]]]

@@ -7,6 +7,7 @@ import pytest
 
 from algorithms.calibration.edge_images import edge_gaps, near_edges
 from algorithms.calibration.edge_options import EdgeCalibrationOptions
+from algorithms.calibration.edge_search import OUTLIER, largest_agreement
 from algorithms.calibration.natural_edges import PARAMETERS, FoundMount, mounts_from_edges
 from algorithms.errors import InvalidInputError
 from tests.scenes.photos.edge_rooms import EdgeRoom, edge_room
@@ -65,6 +66,28 @@ def test_no_single_line_moves_a_mount_farther_than_it_is_certain() -> None:
         moved = other.error - found.error
         influences.append(float(moved @ np.linalg.solve(found.covariance, moved)))
     assert 0.02 < max(influences) < 1.02
+
+
+@pytest.mark.parametrize(("seed", "rounding_std_m"), [(0, 0.003), (3, 0.01)])
+def test_edges_of_frames_beside_the_right_ones_do_not_spoil_a_mount(seed: int, rounding_std_m: float) -> None:
+    room = room_of(seed, beside=1, clutter=50, std_px=0.1)
+    options = EdgeCalibrationOptions(rounding_std_m=rounding_std_m)
+    calibration = mounts_from_edges(room.stations, room.photos, options)
+    (found,) = calibration.mounts
+    assert calibration.converged
+    assert calibration.variance_factor == 1.0
+    assert (np.abs(found.error - PLANTED) < 4.0 * found.stds).all()
+    assert found.determined.all()
+
+
+def test_pairs_of_one_line_agree_by_what_it_moves_all_of_them() -> None:
+    rng = np.random.default_rng(4)
+    by_line = rng.normal(size=(10, 4))
+    covariance = by_line @ by_line.T + 1e-4 * np.eye(10)
+    values = (by_line @ [1.5, -1.0, 0.5, 1.0] + 0.01 * rng.normal(size=10)).reshape(5, 2)
+    wrong = np.array([False, True, False, False, True])
+    values[wrong] += [[0.7, 0.7], [-0.9, -0.9]]
+    np.testing.assert_array_equal(largest_agreement(values, covariance, OUTLIER), ~wrong)
 
 
 def test_two_cameras_have_mounts_of_their_own() -> None:
