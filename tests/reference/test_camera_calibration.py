@@ -16,9 +16,11 @@ import cv2
 import numpy as np
 import pytest
 
+from algorithms.adjustment.hybrid.scanner_equations import opk_and_rates
+from algorithms.adjustment.hybrid.state import Kind
 from algorithms.arrays import Array
 from algorithms.calibration.lenses import LENSES, Lens
-from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate
+from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate, covariance_of
 from algorithms.calibration.target_field import TargetField
 from algorithms.errors import DegenerateGeometryError
 
@@ -37,9 +39,19 @@ def path_of(*parts: str) -> Path:
 
 
 @cache
-def camcal(export: str, lens: str, unknown: tuple[str, ...], *, control: bool = True) -> TargetField:
+def camcal(export: str, lens: str, unknown: tuple[str, ...], *, held: bool = True) -> TargetField:
     """Read a PhotoModeler export: rows of image points have six numbers, those of targets seven."""
-    rows = [line.split() for line in path_of("adj_open", "dbat", "camcal", "pmexports", export).read_text().split("\n")]
+    targets, covariances, names, image = exported(
+        path_of("adj_open", "dbat", "camcal", "pmexports", export), CONTROL if held else {}
+    )
+    model = LENSES[lens]
+    start = model.started(7.5 / PIXEL_MM, 2272, 1704)
+    return field_of(model, start, np.isin(model.names, unknown), targets, covariances, names, image)
+
+
+def exported(path: Path, control: dict[int, tuple[float, float, float]]) -> tuple[Array, Array, list[int], Array]:
+    """Give targets, their covariances and names, and the image points (photo, target, x, y, standard deviations)."""
+    rows = [line.split() for line in path.read_text().split("\n")]
     image = np.array([row for row in rows[5:] if len(row) == 6 and "." not in row[1]], dtype=np.float64)
     # targets stand between the photos and the image points; positions of photos have seven numbers too
     first = max(k for k, row in enumerate(rows) if len(row) == 11) + 1
@@ -47,13 +59,17 @@ def camcal(export: str, lens: str, unknown: tuple[str, ...], *, control: bool = 
     names = sorted(named | set(image[:, 1].astype(int)) if control else set(image[:, 1].astype(int)))
     targets, covariances = np.full((len(names), 3), np.nan), np.full((len(names), 3, 3), np.nan)
     for k, name in enumerate(names):
-        if control and name in CONTROL:
-            targets[k], covariances[k] = CONTROL[name], 0.0
-    model = LENSES[lens]
-    start = model.started(7.5 / PIXEL_MM, 2272, 1704)
+        if name in control:
+            targets[k], covariances[k] = control[name], 0.0
+    return targets, covariances, names, image
+
+
+def field_of(
+    model: Lens, start: Array, unknown: Array, targets: Array, covariances: Array, names: list[int], image: Array
+) -> TargetField:
     photos = image[:, 0].astype(int)
     return TargetField(
-        model, 2272, 1704, start, np.isin(model.names, unknown), np.full(len(start), np.inf), [str(k) for k in names],
+        model, 2272, 1704, start, unknown, np.full(len(start), np.inf), [str(k) for k in names],
         targets, covariances, [str(k) for k in range(photos.max() + 1)], photos,
         np.searchsorted(names, image[:, 1].astype(int)), image[:, 2:4], image[:, 4:6],
     )  # fmt: skip
@@ -174,8 +190,45 @@ def test_what_dbat_finds_structurally_deficient_is_refused_by_name(export: str, 
 
 def test_without_control_seven_motions_are_free_as_dbat_finds() -> None:
     with pytest.raises(DegenerateGeometryError, match="no datum") as refused:
-        calibrate(camcal("camcal-pmexport.txt", *MODELS[""], control=False), PLAIN)
+        calibrate(camcal("camcal-pmexport.txt", *MODELS[""], held=False), PLAIN)
     assert (refused.value.rank, "428 of 435" in str(refused.value)) == (428, True)
+
+
+def photos_printed(report: str) -> tuple[Array, Array]:
+    """Read omega, phi, kappa [deg] and position [m] of every photo, and the texts of their deviations, (photos, 6)."""
+    text = path_of("adj_open", "dbat_camcal", "dbatexports", report).read_text().split("Photograph Standard Dev")[1]
+    lines = [line.split() for line in text.split("Quality")[0].split("\n")]
+    values = [float(words[1]) for words in lines if words[:1] == ["Value:"]]
+    deviations = [words[1] for words in lines if words[:1] == ["Deviation:"]]
+    return np.reshape(values, (-1, 6)), np.reshape(deviations, (-1, 6))
+
+
+@pytest.mark.parametrize("kind", ["no-orient", "with-orient"])
+def test_photos_of_a_known_camera_stand_where_dbat_prints(kind: str) -> None:
+    control = {name: (x - 0.5, y - 0.5, z) for name, (x, y, z) in CONTROL.items()}
+    path = path_of("adj_open", "dbat_camcal", "pmexports", f"fixed-{kind}-pmexport.txt")
+    model, pixel_mm = LENSES["brown"], 5.4399 / 1704
+    given = {"c": 7.4693 / pixel_mm, "x0": 3.6178 / pixel_mm, "y0": 2.6087 / pixel_mm, "K1": 4.981e-3 * pixel_mm**2}
+    given |= {"K2": -9.814e-5 * pixel_mm**4, "P1": -6.587e-5 * pixel_mm, "P2": -2.806e-5 * pixel_mm}
+    start = np.array([given.get(name, 0.0) for name in model.names])
+    done = calibrate(field_of(model, start, np.zeros(len(start), dtype=bool), *exported(path, control)), PLAIN)
+    found, state = done.estimate, done.state
+    assert (found.redundancy, done.network.layout.count, found.used) == (3734, 414, 4148)
+    assert f"{found.sigma0:.5f}" == "1.78095"
+    # its cameras look along -z, with y up
+    flip = np.diag([1.0, -1.0, -1.0])
+    angles, rates = opk_and_rates(state.rotations @ flip)
+    values, deviations = photos_printed(f"fixed-{kind}-dbatreport.txt")
+    np.testing.assert_allclose(np.degrees(angles), values[:, :3], atol=5.1e-7)
+    np.testing.assert_allclose(state.positions, values[:, 3:], atol=5.1e-7)
+    for k, columns in enumerate(done.network.layout.columns[Kind.POSE]):
+        jacobian = np.eye(6)
+        jacobian[:3, :3] = np.degrees(rates[k] @ flip)
+        covariance = jacobian @ covariance_of(found, columns, done.network.layout.count) @ jacobian.T
+        stds = np.sqrt(np.diag(covariance)) * (found.sigma0 or 0.0)
+        assert [float(_as_printed(std, text)) for std, text in zip(stds, deviations[k], strict=True)] == [
+            float(text) for text in deviations[k]
+        ]
 
 
 def chessboard(camera: str, unknown: tuple[str, ...]) -> TargetField:
