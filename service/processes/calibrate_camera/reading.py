@@ -19,6 +19,11 @@ GON = 200.0 / math.pi
 USUAL = {"opencv": ("f", "cx", "cy", "k1", "k2", "p1", "p2")}
 USUAL_BROWN = ("c", "x0", "y0", "K1", "K2", "P1", "P2")
 LEAST_CORNERS = 6
+LOOK_AT = {
+    "chessboard": "check columns and rows, which count inner corners",
+    "charuco": "check columns and rows, which count squares, and the dictionary of the markers",
+}
+"""What is usually wrong where a board is not found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +139,7 @@ def _board_field(context: StepContext, inputs: Json, files: Json) -> ReadField:
         corners.append(found)
         names.append(name if name not in names else f"{name} ({k + 1})")
     if not corners:
-        raise InvalidInputError(
-            "board", "it was found in no photo", "check columns and rows: a chessboard's are inner corners"
-        )
+        raise InvalidInputError("board", f"it was found in no photo ({remarks[0]})", LOOK_AT[board["kind"]])
     places, shapes = board_places(board)
     counts = [len(numbers) for numbers, _ in corners]
     images = np.concatenate([found for _, found in corners])

@@ -76,3 +76,6 @@ def test_photos_from_one_direction_fail_with_what_is_missing(
     job = service.execute("calibrate-camera", inputs)
     assert service.finished(job)["status"] == "failed"
     assert "tilted by 20 to 45 degrees" in service.get(f"/jobs/{job}/results").text
+    other = service.execute("calibrate-camera", inputs | {"camera": inputs["camera"] | {"width": 1280}})
+    assert service.finished(other)["status"] == "failed"
+    assert "front.png is not 1280 by 480 pixels" in service.get(f"/jobs/{other}/results").text
