@@ -1,19 +1,15 @@
 """Speed from a photo of six million pixels and a scan to lines in space."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
 
 from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.photo_lines.photo_line_options import PhotoLineOptions
 from algorithms.features.photo_lines.photo_lines import add_photo_lines
-from algorithms.geometry.cameras import Camera
 from algorithms.photos.station_photo import StationPhoto, mount_covariance
 from algorithms.progress import NoProgress
 from algorithms.simulation.rendering import station_photos
@@ -21,11 +17,10 @@ from algorithms.simulation.scanner import VirtualScanner
 from algorithms.simulation.scanning import simulate_stations
 from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards, scanner_camera
-from service.formats import read_scan
 from tests.measures.processor_time import measured
+from tests.scenes.photos.courtyard import COURTYARD, courtyard_photo, courtyard_scan
 
 pytestmark = pytest.mark.benchmark
-COURTYARD = Path(__file__).resolve().parents[3] / "shared" / "data" / "photo_hku_a"
 MOST_S = 3.0
 """Processor time that all space lines of a photo may take: one core alone keeps to it."""
 MOUNT = mount_covariance(1e-4, 1e-3)
@@ -59,17 +54,14 @@ def test_the_lines_of_a_photo_of_the_virtual_house_take_three_seconds_at_most():
 
 @pytest.mark.skipif(not COURTYARD.exists(), reason="real photos are not here: ../shared/data/photo_hku_a")
 def test_the_lines_of_an_enlarged_photo_of_a_courtyard_take_three_seconds_at_most():
-    scan = replace(read_scan(COURTYARD / "L1_station10.ply", "L1_station10.ply"), sensor_m=np.zeros(3))
-    name = "cam0_station00.png"
-    entry = json.loads((COURTYARD / "cameras.json").read_text())[name]
-    world_from_scan = json.loads((COURTYARD / "poses.json").read_text())["L1_station10"]
-    camera_from_world = RigidTransform.from_matrix(np.array(entry["T_cam_world_refined"]))
-    pose = (camera_from_world * RigidTransform.from_matrix(np.array(world_from_scan))).inv()
-    scale = float(np.sqrt(6e6 / (entry["width"] * entry["height"])))
-    width, height = round(entry["width"] * scale), round(entry["height"] * scale)
-    ratios = np.array([width / entry["width"], height / entry["height"]])
-    K, (k1, k2, p1, p2, k3) = np.array(entry["K"]), entry["dist"]
-    focal, centre = np.array([K[0, 0], K[1, 1]]) * ratios, (np.array([K[0, 2], K[1, 2]]) + 0.5) * ratios - 0.5
-    camera = Camera(width, height, *focal, *centre, k1=k1, k2=k2, k3=k3, p1=p1, p2=p2)
-    image = cv2.resize(cv2.imread(str(COURTYARD / name))[..., ::-1], (width, height), interpolation=cv2.INTER_CUBIC)
-    assert seconds("courtyard", scan, StationPhoto(image, camera, pose, MOUNT)) <= MOST_S
+    image, camera, pose = courtyard_photo("cam0_station00.png")
+    scale = float(np.sqrt(6e6 / (camera.width * camera.height)))
+    width, height = round(camera.width * scale), round(camera.height * scale)
+    x, y = width / camera.width, height / camera.height
+    enlarged = replace(
+        camera, width=width, height=height, fx=camera.fx * x, fy=camera.fy * y, cx=(camera.cx + 0.5) * x - 0.5,
+        cy=(camera.cy + 0.5) * y - 0.5,
+    )  # fmt: skip
+    image = cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)
+    photo = StationPhoto(image, enlarged, pose, MOUNT)
+    assert seconds("courtyard", courtyard_scan(), photo) <= MOST_S

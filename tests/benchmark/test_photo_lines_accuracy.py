@@ -6,8 +6,10 @@ from time import process_time
 import numpy as np
 import pytest
 
+from algorithms.features.extraction import extract_features
+from algorithms.features.options import FeatureOptions
 from algorithms.features.photo_lines.projected_edges import project_edges
-from algorithms.features.photo_lines.projection_options import ProjectionOptions
+from algorithms.features.photo_lines.projection_options import EdgeRejection, ProjectionOptions
 from algorithms.features.photo_lines.thin_lines import middles_of_thin_lines
 from algorithms.photos.detector import detect_edges
 from algorithms.photos.options import EdgeOptions
@@ -19,6 +21,7 @@ from algorithms.simulation.rendering_truth import visible_edges
 from algorithms.simulation.scanner import scanner_with_step
 from algorithms.simulation.scanning import scan_scene
 from algorithms.simulation.virtual_camera import VirtualCamera, head_angle_towards
+from tests.scenes.photos.courtyard import COURTYARD, PHOTOS, courtyard_photo, courtyard_scan
 from tests.scenes.photos.photo_monte_carlo import many
 from tests.scenes.photos.photo_scenes import line_errors, normalised_errors, segments_of
 
@@ -171,3 +174,23 @@ def test_lines_from_all_rendered_photos_together_have_a_normalised_error_of_four
 def test_all_lines_of_a_photo_of_six_megapixels_take_three_seconds_at_most(rendered):
     print(f"\n{max(rendered[1]):.2f} s of a processor at most")
     assert max(rendered[1]) < 3.0
+
+
+@pytest.mark.skipif(not COURTYARD.exists(), reason="real photos are not here: ../shared/data/photo_hku_a")
+def test_a_noisy_scan_carries_a_hundred_edges_of_a_courtyard_into_space():
+    scan = courtyard_scan()
+    features = extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
+    total, all_edges = 0, 0
+    for name in PHOTOS:
+        image, camera, pose = courtyard_photo(name)
+        segments = detect_edges(image, camera, EdgeOptions(), progress=NoProgress())
+        edges = project_edges(
+            segments, camera, pose, scan, ProjectionOptions(),
+            noise_std_m=features.noise_std_m, progress=NoProgress(),
+        )  # fmt: skip
+        reasons, counts = np.unique(edges.rejected_reasons, return_counts=True)
+        left = ", ".join(f"{EdgeRejection(k).label} {n}" for k, n in zip(reasons, counts, strict=True))
+        print(f"{name}: {len(edges)} of {len(segments)} edges are lines; {left}")
+        total, all_edges = total + len(edges), all_edges + len(segments)
+    print(f"courtyard: {total} of {all_edges} edges are lines")
+    assert total >= 100

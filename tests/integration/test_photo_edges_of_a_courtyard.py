@@ -1,11 +1,7 @@
 """Lines of a real scan, projected into real photos, fall on edges of the photos; edges of the photos become lines."""
 
-import json
 import os
-from dataclasses import replace
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -17,49 +13,29 @@ from algorithms.features.extraction import extract_features
 from algorithms.features.options import FeatureOptions
 from algorithms.features.photo_lines.projected_edges import project_edges
 from algorithms.features.photo_lines.projection_options import ProjectionOptions
-from algorithms.geometry.cameras import Camera
 from algorithms.geometry.lines import LineSource
 from algorithms.photos.detector import detect_edges
 from algorithms.photos.options import EdgeOptions
 from algorithms.photos.overlay import projected_polylines
 from algorithms.progress import NoProgress
-from service.formats import read_scan
-
-DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "photo_hku_a"
+from tests.scenes.photos.courtyard import COURTYARD, PHOTOS, courtyard_photo, courtyard_scan
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
-        not DATA.is_dir() and "CI" not in os.environ, reason=f"the photos of a courtyard are not at {DATA}"
+        not COURTYARD.is_dir() and "CI" not in os.environ, reason=f"the photos of a courtyard are not at {COURTYARD}"
     ),
 ]
 
-NAMES = ("cam0_station00.png", "cam1_station00.png", "cam0_station21.png", "cam1_station21.png")
 NEAR_PX, ALONG_RAD = 25.0, np.deg2rad(5.0)
 """An edge of the photo is looked for so near to a projected line and in its direction."""
 
 
 @pytest.fixture(scope="module")
 def courtyard():
-    # the file holds the scanner's own frame
-    scan = replace(read_scan(DATA / "L1_station10.ply", "L1_station10.ply"), sensor_m=np.zeros(3))
+    scan = courtyard_scan()
     features = extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
     return scan, features
-
-
-def photo(name, which="refined"):
-    """Image, camera and scan_from_camera."""
-    entry = json.loads((DATA / "cameras.json").read_text())[name]
-    K, (k1, k2, p1, p2, k3) = np.array(entry["K"]), entry["dist"]
-    camera = Camera(
-        entry["width"], entry["height"], K[0, 0], K[1, 1], K[0, 2], K[1, 2], k1=k1, k2=k2, k3=k3, p1=p1, p2=p2
-    )
-    camera_from_world = RigidTransform.from_matrix(np.array(entry[f"T_cam_world_{which}"]))
-    world_from_scan = RigidTransform.from_matrix(
-        np.array(json.loads((DATA / "poses.json").read_text())["L1_station10"])
-    )
-    image = cv2.cvtColor(cv2.imread(str(DATA / name)), cv2.COLOR_BGR2RGB)
-    return image, camera, (camera_from_world * world_from_scan).inv()
 
 
 def distances_px(polylines, ends):
@@ -87,11 +63,11 @@ def median_gap_px(features, camera, scan_from_camera, segments):
     return float(np.median(gaps[near])), float(near.mean())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PHOTOS)
 def test_lines_of_the_scan_fall_on_edges_of_the_photos(courtyard, name):
     """Photos full of edges have one near everything: a camera turned by two degrees tells how near by chance."""
     _, features = courtyard
-    image, camera, pose = photo(name)
+    image, camera, pose = courtyard_photo(name)
     segments = detect_edges(image, camera, EdgeOptions(), progress=NoProgress())
     gap, share = median_gap_px(features, camera, pose, segments)
     turned = [
@@ -111,8 +87,8 @@ def turn(angles_deg):
 def test_edges_of_the_photos_become_lines_near_the_points_of_the_scan(courtyard):
     scan, features = courtyard
     found = []
-    for name in NAMES:
-        image, camera, scan_from_camera = photo(name)
+    for name in PHOTOS:
+        image, camera, scan_from_camera = courtyard_photo(name)
         segments = detect_edges(image, camera, EdgeOptions(), progress=NoProgress())
         edges = project_edges(
             segments, camera, scan_from_camera, scan, ProjectionOptions(),
@@ -123,8 +99,8 @@ def test_edges_of_the_photos_become_lines_near_the_points_of_the_scan(courtyard)
         apart = np.linalg.norm(scan.points[None, ::7] - edges.lines.anchors[:, None], axis=2).min(axis=1)
         # points lie beside a line, not on it: within the band of half a metre
         assert apart.max() < 0.5
-    # points with a noise of five centimetres leave few edges that certain: 13, 11, 17 and 9 of 800 to 900 in each photo
-    assert sum(found) >= 40
+    # points with a noise of five centimetres leave few edges that certain, of 800 to 900 in each photo
+    assert sum(found) >= 100
 
 
 def test_eight_lines_of_a_noisy_scan_are_not_taken_for_a_proof_of_any_mount(courtyard):
@@ -133,8 +109,8 @@ def test_eight_lines_of_a_noisy_scan_are_not_taken_for_a_proof_of_any_mount(cour
     between = np.flatnonzero((features.lines.parents >= 0).all(axis=1))
     stations = [StationEdges(features.lines[between], features.planes.covariances)]
     photos = []
-    for k, name in enumerate(NAMES[:2]):
-        image, camera, pose = photo(name, "published")
+    for k, name in enumerate(PHOTOS[:2]):
+        image, camera, pose = courtyard_photo(name, "published")
         segments = detect_edges(image, camera, EdgeOptions(), progress=NoProgress())
         photos.append(EdgePhoto(0, k, segments, camera, pose))
     found = mounts_from_edges(stations, photos, EdgeCalibrationOptions(max_rotation_gon=0.9)).mounts
