@@ -57,6 +57,8 @@ TO_ADD = {
     DriftError.TILT_Y_BEND: "add planes or targets all around the set-up that other stations see as well",
     DriftError.HEADING_BEND: "add upright planes or targets all around the set-up that other stations see as well",
 }
+NO_PLACE = "nothing tells where the instrument stood: send files that do (E57, PTX, or PCD with its VIEWPOINT)"
+NO_TIME = "nothing tells when the points were measured: send time stamps (LAS, E57) or columns (E57, PTX)"
 BEYOND = 3.0
 """An error larger than so many tolerances is beyond what the maker promises."""
 
@@ -187,8 +189,18 @@ def _figures(
         "estimated": found.estimated,
         "detectable": found.detectable * factor if np.isfinite(found.detectable) else None,
         "inseparable": [all_found.errors[k].sought.error.value for k in found.inseparable],
-        "advice": _advice(found),
+        "advice": _missing(found, all_found) or _advice(found),
     })  # fmt: skip
+
+
+def _missing(found: FoundError, all_found: InstrumentCalibration) -> str | None:
+    """Say what nothing tells of all stations concerned, without which nothing can be told of an error."""
+    stations = found.sought.stations
+    if set(stations) <= set(all_found.unknown_stations):
+        return NO_PLACE
+    if isinstance(found.sought.error, DriftError) and all(all_found.sweeps[k] is None for k in stations):
+        return NO_TIME
+    return None
 
 
 def _advice(found: FoundError) -> str | None:
@@ -228,6 +240,12 @@ def recommendation(found: InstrumentCalibration, names: Sequence[str], *, applie
     significant = [each for each in found.errors if each.significant]
     open_ones = sorted({NAMES[each.sought.error] for each in found.errors if not each.determined})
     undetermined = f"; not determined by these stations: {', '.join(open_ones)}" if open_ones else ""
+    missing = {_missing(each, found) for each in found.errors}
+    if found.errors and None not in missing:
+        return f"nothing can be told of the instrument: {'; '.join(sorted(filter(None, missing)))}"
+    if found.unknown_stations:
+        unknown = ", ".join(names[station] for station in found.unknown_stations)
+        undetermined += f"; held errorless, because nothing tells where the instrument stood: {unknown}"
     if not found.converged:
         return "the errors of the instrument did not settle: use none of their figures"
     if not significant:

@@ -1,15 +1,20 @@
 """What a registration says of its scanner: figures, words, and that nothing changes unless asked."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.network.instrument_calibration import FoundError, InstrumentCalibration, SoughtError
 from algorithms.network.links import StationLink
 from algorithms.network.network_registration import NetworkRegistration, register_network
+from algorithms.scans.instrument_errors import DriftError, InstrumentError
 from schemas.requests.scanner_options import ScannerOptions
 from schemas.results.instruments import Instruments
-from service.use_cases.documents.instrument_documents import instrument_search, instruments_document
+from service.use_cases.documents.instrument_documents import instrument_search, instruments_document, recommendation
 from tests.scenes.buildings.instrument_networks import InstrumentNetwork, TrueErrors, instrument_network
 from tests.scenes.lines.line_scenes import pose_error
 
@@ -78,6 +83,28 @@ def test_what_is_not_determined_comes_with_what_to_add(network: InstrumentNetwor
     assert "measured length" in (scale.advice or "")
     turns = [error for error in document.errors if error.instrument is None]
     assert {tuple(error.stations) for error in turns} == {("A",), ("B",), ("C",)}
+
+
+OPEN = (0.0, np.inf, 0.0, 9.5, False, False, True, np.inf, ())
+"""Value, standard deviation and so on of an error of which nothing tells."""
+
+
+@pytest.mark.parametrize(
+    ("error", "unknown", "said"),
+    [
+        (InstrumentError.VERTICAL_INDEX, (0, 1), "nothing can be told of the instrument: nothing tells where"),
+        (DriftError.TILT_X, (), "nothing can be told of the instrument: nothing tells when"),
+        (InstrumentError.VERTICAL_INDEX, (1,), "; held errorless, because nothing tells where the instrument stood: B"),
+        (InstrumentError.VERTICAL_INDEX, (), "not determined by these stations: vertical index"),
+    ],
+)
+def test_an_instrument_of_which_files_tell_nothing_is_not_called_in_adjustment(
+    error: InstrumentError | DriftError, unknown: tuple[int, ...], said: str
+) -> None:
+    stations = (0, 1) if isinstance(error, InstrumentError) else (0,)
+    found = FoundError(SoughtError(error, stations, 1e-4), *OPEN)
+    network = SimpleNamespace(errors=(found,), unknown_stations=unknown, sweeps={0: None, 1: None}, converged=True)
+    assert said in recommendation(cast("InstrumentCalibration", network), NAMES, applied=False)
 
 
 def test_two_instruments_cannot_have_measured_one_station() -> None:
