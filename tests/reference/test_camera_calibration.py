@@ -23,6 +23,7 @@ from algorithms.calibration.lenses import LENSES, Lens
 from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate, covariance_of
 from algorithms.calibration.target_field import TargetField
 from algorithms.errors import DegenerateGeometryError
+from service.processes.calibrate_camera.reading import board_corners
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 CAMCAL = DATA / "adj_open" / "dbat" / "camcal"
@@ -243,6 +244,20 @@ def chessboard(camera: str, unknown: tuple[str, ...]) -> TargetField:
         board, np.zeros((n, 3, 3)), [str(k) for k in range(photos)], np.repeat(np.arange(photos), n),
         np.tile(np.arange(n), photos), np.concatenate(images), np.ones((n * photos, 2)),
     )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_board_is_found_also_where_an_exhaustive_search_misses_it() -> None:
+    grey = cv2.imread(str(path_of("cameras_open", "opencv_chessboard", "left05.jpg")), cv2.IMREAD_GRAYSCALE)
+    found = board_corners(np.asarray(grey), {"kind": "chessboard", "columns": 9, "rows": 6})
+    assert found is not None
+    corners = json.loads(path_of("cameras_open", "opencv_chessboard", "corners.json").read_text())["corners"]
+    key = next(each for each in corners if each.startswith("left05"))
+    theirs = np.reshape(corners[key], (-1, 2))
+    # it looks the same from both ends; single corners of either detector are off by a pixel
+    apart = min((np.abs(found[1] - each).max(axis=1) for each in (theirs, theirs[::-1])), key=np.median)
+    assert np.median(apart) < 0.2
+    assert apart.max() < 1.5
 
 
 @pytest.mark.slow

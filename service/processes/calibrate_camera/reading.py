@@ -183,7 +183,9 @@ def board_corners(grey: Array, board: Json) -> tuple[Array, Array] | None:
             return None
         return numbers.ravel().astype(np.int64), found.reshape(-1, 2).astype(np.float64)
     size = (board["columns"], board["rows"])
-    good, found = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE)
-    if not good:
-        return None
-    return np.arange(size[0] * size[1]), found.reshape(-1, 2).astype(np.float64)
+    # the exhaustive search misses some boards that the plain one finds
+    for flags in (cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE, cv2.CALIB_CB_ACCURACY):
+        good, found = cv2.findChessboardCornersSB(grey, size, flags=flags)
+        if good:
+            return np.arange(size[0] * size[1]), found.reshape(-1, 2).astype(np.float64)
+    return None
