@@ -276,7 +276,7 @@ class MemoryBlobStore:
         self._written: dict[str, datetime] = {}
         directory = tempfile.mkdtemp(prefix="tieline-memory-")
         weakref.finalize(self, shutil.rmtree, directory, ignore_errors=True)
-        self._files = LocalFiles(Path(directory))
+        self._files, self._copies = LocalFiles(Path(directory)), Path(directory) / "copies"
 
     async def write_stream(
         self,
@@ -322,8 +322,11 @@ class MemoryBlobStore:
         """Give a local copy of a blob. FileNotFoundError when absent."""
         if key not in self._blobs:
             raise FileNotFoundError(key)
-        self._files.write_bytes(key, self._blobs[key])
-        return self._files.local_path(key)
+        # nothing here outlives the test: no copy is waited for until it is on the disk
+        path = self._copies / key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self._blobs[key])
+        return path
 
     def size(self, key: str) -> int:
         """Give the number of bytes of a blob. FileNotFoundError when absent."""
