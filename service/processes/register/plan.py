@@ -4,7 +4,7 @@ Beside the report the points of each scan are put into the order in which a view
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from algorithms.network.options import ALL_PAIRS_UP_TO
@@ -40,7 +40,8 @@ class RegisterPlan:
         stations = inputs["stations"]
         if len(outputs) == 0:
             options, of_photos = inputs["method"].get("features"), inputs.get("photo_lines")
-            return [*(features_call(job, station, options, of_photos) for station in stations), *_target_calls(job)]
+            calls = [features_call(job, station, options, of_photos) for station in stations]
+            return [*(_counted(calls, "scan") if grows(inputs) else calls), *_target_calls(job)]
         # beside the features the first stage looked for targets
         found = {output["station"]: output["targets"] for output in outputs[0][len(stations) :]}
         job = {**job, "targets": targets_by_station(inputs, found)}
@@ -226,18 +227,27 @@ def _planned(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
 def _grown(job: Json, outputs: Sequence[Sequence[Json]]) -> _Pairs:
     """Choose pairs, register them, choose again; stages 1, 3, 5, ... are choices, those between them pairs."""
     done: list[Json] = []
-    for stage in range(1, 2 * MOST_ROUNDS, 2):
+    for number, stage in enumerate(range(1, 2 * MOST_ROUNDS, 2), start=1):
         if stage == len(outputs):
-            return _Pairs([_choice_call(job, outputs[0], done, (stage + 1) // 2)], done, stage)
+            return _Pairs([_choice_call(job, outputs[0], done, number)], done, stage)
         chosen = outputs[stage][0]["pairs"]
         if stage == 1:
             chosen = _with_starts(chosen, job["inputs"])
         if not chosen:
             return _Pairs(None, done, stage + 1)
         if stage + 1 == len(outputs):
-            return _Pairs(_pair_calls(job, outputs[0], chosen, len(done)), done, stage + 1)
+            calls = _pair_calls(job, outputs[0], chosen, len(done))
+            return _Pairs(_counted(calls, f"round {number}, pair"), done, stage + 1)
         done += outputs[stage + 1]
     return _Pairs(None, done, 2 * MOST_ROUNDS + 1)
+
+
+def _counted(calls: Sequence[StepCall], kind: str) -> list[StepCall]:
+    """Say of each of many steps how far the stage is with it, which a share of the whole job does not tell."""
+    return [
+        replace(call, label=f"{kind} {number} of {len(calls)}, {call.label}")
+        for number, call in enumerate(calls, start=1)
+    ]
 
 
 def _pair_calls(

@@ -342,6 +342,14 @@ def test_each_round_says_what_became_of_the_pairs_before() -> None:
     assert second.label == "choosing pairs of stations, round 2, 1 of 2 tried so far accepted"
 
 
+def test_each_pair_and_each_scan_of_many_says_how_far_its_stage_is() -> None:
+    scans = RegisterPlan().next_stage(job(9), []) or []
+    outputs: list[list[dict[str, Any]]] = [[{"features": "f"}] * 9, [{"pairs": [["S0", "S1"], ["S1", "S2"]]}]]
+    pairs = RegisterPlan().next_stage(job(9), outputs) or []
+    assert scans[3].label == "scan 4 of 9, features of S3"
+    assert [call.label for call in pairs][1] == "round 1, pair 2 of 2, registering S2 to S1"
+
+
 def test_growth_ends_even_if_there_is_always_something_to_try() -> None:
     assert len(stages(9, [[["S0", "S1"]]] * 12)) == 1 + 24 + 2
 
