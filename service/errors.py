@@ -73,6 +73,16 @@ class ArtifactNotFoundError(ServiceError):
         super().__init__(f"job '{job_id}' has no artifact '{name}'")
 
 
+class NoSuchListError(ServiceError):
+    """Say that the result of a job has no list of that name."""
+
+    status, title = 404, "No such list"
+
+    def __init__(self, job_id: str, name: str, known: Sequence[str]) -> None:
+        there = f"; it has {', '.join(known)}" if known else ""
+        super().__init__(f"the result of job '{job_id}' has no list '{name}'{there}")
+
+
 class ResultNotReadyError(ServiceError):
     """Say that a job has no result yet."""
 

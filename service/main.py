@@ -53,6 +53,7 @@ from service.routes import (
     pages,
     processes,
     registrations,
+    result_lists,
     scenes,
     uploads,
 )
@@ -195,6 +196,7 @@ def create_app(
             processes,
             jobs,
             job_events,
+            result_lists,
             scenes,
             files,
             uploads,

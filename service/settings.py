@@ -66,6 +66,9 @@ class Settings(BaseSettings):
     """Most pixels of one photo."""
     max_stations: int = Field(default=500, ge=2)
     """Most stations of one job."""
+    max_whole_stations: int = Field(default=500, ge=1)
+    """Most stations of a network whose result is one document; of more, stations, pairs and the like come page by page
+    or as a stream."""
     max_network_observations: int = Field(default=400_000, ge=1)
     """Most observed numbers of one network that is adjusted."""
     max_queued_jobs: int = Field(default=10_000, ge=1)

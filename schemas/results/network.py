@@ -4,6 +4,7 @@ from pydantic import Field
 
 from schemas.results.adjustment_figures import GlobalTest
 from schemas.results.instruments import Instruments
+from schemas.results.result_lists import comes_in_pages
 from schemas.values.poses import Document
 
 
@@ -32,6 +33,8 @@ class RemovedFeature(Document):
 
 class NetworkAdjustment(Document):
     """The adjustment of all stations at once."""
+
+    model_config = comes_in_pages("removed")
 
     model: str
     """Functional model, in words."""
@@ -96,6 +99,8 @@ class NetworkLink(Document):
 
 class Network(Document):
     """How the stations hold together."""
+
+    model_config = comes_in_pages("links", "loops")
 
     links: list[NetworkLink]
     """Pairs of stations and what became of each."""

@@ -13,6 +13,7 @@ from schemas.results.method_comparison import MethodComparison
 from schemas.results.network import Network
 from schemas.results.own_figures import OwnFigures
 from schemas.results.place import Place
+from schemas.results.result_lists import NetworkCounts, ResultList, comes_in_pages
 from schemas.results.tolerance_check import ToleranceCheck
 from schemas.values.instruments import MeasuringInstrument
 from schemas.values.poses import Document, Pose, Row4
@@ -335,6 +336,8 @@ class InputFile(Document):
 class Provenance(Document):
     """What was done with what."""
 
+    model_config = comes_in_pages("inputs")
+
     software: str
     """Program and version."""
     method: dict[str, Any]
@@ -363,7 +366,9 @@ class RegisteredFile(Artifact):
 
 
 class RegistrationDocument(Document):
-    """Answer of `register`."""
+    """Answer of `register`; of a large network its `lists` do not stand in it."""
+
+    model_config = comes_in_pages("stations", "pairs", "features", "comparison", "comparison_summary")
 
     status: str = Field(description="registered, partly-registered or not-registered")
     stations: list[Station]
@@ -394,3 +399,11 @@ class RegistrationDocument(Document):
     """The registered scans as files, where these were wanted."""
     provenance: Provenance
     """What was done with what."""
+    lists: dict[str, ResultList] = Field(
+        default_factory=dict,
+        exclude_if=lambda value: not value,
+        description="Of a large network, by name: what does not stand in this document and comes page by page.",
+    )
+    counts: NetworkCounts | None = Field(
+        default=None, exclude_if=lambda value: value is None, description="Of a large network: what its lists come to."
+    )

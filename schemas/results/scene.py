@@ -224,6 +224,19 @@ class ServedScene(Scene):
 
     clouds: list[SceneCloud]
     """The points of every station."""
+    station_count: int = Field(description="Stations of the whole network; those of a large one come part by part.")
+    first_station: int = Field(default=0, description="Number of the first station shown, from 0.")
+
+
+class ScenePages(Document):
+    """What a large network has of scenes: stations, pairs and points stand in rows of their own."""
+
+    stations: int
+    """Number of stations."""
+    clouds: int
+    """Number of stations whose points are kept."""
+    pairs: list[tuple[int, int]]
+    """Numbers of both stations of every pair, in the order of the rows."""
 
 
 class StoredScene(Scene):
@@ -231,3 +244,5 @@ class StoredScene(Scene):
 
     points: list[tuple[str, str]]
     """For every station the blobs of its blocks of points, and of the list of them."""
+    pages: ScenePages | None = None
+    """Of a large network, whose other members are empty; null: all is here."""

@@ -2,6 +2,7 @@
 
 from pydantic import Field
 
+from schemas.results.result_lists import comes_in_pages
 from schemas.values.poses import Document
 
 
@@ -32,6 +33,8 @@ class ToleranceReason(Document):
 
 class ToleranceCheck(Document):
     """Whether the order is kept."""
+
+    model_config = comes_in_pages("stations", "reasons")
 
     std_m: float | None
     """As ordered [m]; null: nothing was ordered."""

@@ -5,7 +5,12 @@ from functools import lru_cache
 
 def accepts_plain_json_only(accept: str) -> bool:
     """Tell whether `application/json` is all that a client takes."""
-    return {name for name, _ in _ranges(accept)} == {"application/json"}
+    return accepts_only(accept, "application/json")
+
+
+def accepts_only(accept: str, media_type: str) -> bool:
+    """Tell whether a media type is all that a client takes."""
+    return {name for name, _ in _ranges(accept)} == {media_type}
 
 
 @lru_cache(maxsize=200)

@@ -5,10 +5,11 @@ from fastapi import Response
 from schemas.results.scene import ServedScene
 from service.dependencies import AdaptersDependency
 from service.routes.downloads import DOWNLOAD_RESPONSES, Download
+from service.routes.paging import LimitParameter, OffsetParameter
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
 from service.use_cases.jobs.find_job import find_job
-from service.use_cases.jobs.find_scene import find_points, find_scene
+from service.use_cases.jobs.find_scene import MOST_STATIONS, find_points, find_scene
 
 router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 
@@ -16,12 +17,15 @@ router = ReadableRouter(tags=["jobs"], responses=PROBLEM_RESPONSES)
 @router.get(
     "/jobs/{job_id}/scene", summary="What a viewer shows of a registration or comparison", response_model=ServedScene
 )
-def get_scene(job_id: str, adapters: AdaptersDependency) -> Response:
+def get_scene(
+    job_id: str, adapters: AdaptersDependency, limit: LimitParameter = MOST_STATIONS, offset: OffsetParameter = 0
+) -> Response:
     """Give stations, their poses before and after, features, possible poses of each pair, and where the points are.
 
-    Of a comparison: where its coloured points are, and what their colours say.
+    Of a large network `limit` (100 at most) and `offset` choose stations, with the pairs among them; smaller ones are
+    given whole. Of a comparison: where its coloured points are, and what their colours say.
     """
-    scene = find_scene(job_id, adapters.jobs, adapters.blobs)
+    scene = find_scene(job_id, adapters.jobs, adapters.blobs, limit, offset)
     return Response(scene.model_dump_json(by_alias=True), media_type="application/json")
 
 

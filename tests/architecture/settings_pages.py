@@ -42,7 +42,14 @@ LIMITS = {
         "max_photo_pixels",
         "confine_children",
     ),
-    "request": ("max_file_bytes", "max_stations", "max_network_observations", "header_timeout_s", "body_timeout_s"),
+    "request": (
+        "max_file_bytes",
+        "max_stations",
+        "max_whole_stations",
+        "max_network_observations",
+        "header_timeout_s",
+        "body_timeout_s",
+    ),
     "key or address": ("max_requests_per_minute", "max_address_requests_per_minute", "max_key_checks_per_minute"),
     "project": (
         "max_project_files",

@@ -15,7 +15,8 @@ from service.use_cases.inputs.validate_request import WRONG_FIELDS
 
 
 def _check(inputs: RegisterInputs, stored: Stored) -> None:
-    check_register_inputs(inputs, stored.files, stored.settings.max_stations)
+    settings = stored.settings
+    check_register_inputs(inputs, stored.files, settings.max_stations, settings.max_whole_stations)
 
 
 def _check_files(inputs: RegisterInputs, wanted: Mapping[str, FileOutputRequest]) -> None:

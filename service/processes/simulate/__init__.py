@@ -139,7 +139,8 @@ def _faults(inputs: SimulateInputs, stored: Stored) -> Iterator[FieldFault]:
             why = f"'{file.name}' is no mesh: meshes are files named {', '.join('*' + each for each in MESH_ENDINGS)}"
             yield FieldFault("/inputs/mesh/file", why)
     names = [station.name for station in inputs.stations or ()]
-    most = stored.settings.max_stations
+    # what is planned of every two of them stands in one document
+    most = min(stored.settings.max_stations, stored.settings.max_whole_stations)
     if len(names) > most:
         yield FieldFault("/inputs/stations", f"{len(names)} stations, the limit of this service is {most}")
     for k, name in enumerate(names):

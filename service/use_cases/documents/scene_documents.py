@@ -36,9 +36,9 @@ WORST_FIRST = ("removed", "not-controlled", "reinstated", "used")
 ALONE = "alone"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FeatureFit:
-    """How a feature fits in all accepted pairs."""
+    """How a feature fits in all accepted pairs; of large networks there are hundreds of thousands."""
 
     state: str = ALONE
     ratio: float | None = None
@@ -49,19 +49,24 @@ def feature_fits(pairs: Sequence[Pair]) -> dict[str, FeatureFit]:
     """Give state and largest test of every line and plane that accepted pairs use, by its name."""
     fits: dict[str, FeatureFit] = {}
     for pair in pairs:
-        if pair.status != "accepted":
-            continue
-        named = [
-            *((entry, (entry.target_line, entry.source_line)) for entry in pair.correspondences),
-            *((entry, (entry.target_plane, entry.source_plane)) for entry in pair.plane_correspondences),
-        ]
-        for entry, names in named:
-            ratio = None if entry.test is None else entry.test.statistic / entry.test.critical
-            for name in names:
-                known = fits.get(name, FeatureFit(entry.state, ratio))
-                tested = [each for each in (ratio, known.ratio) if each is not None]
-                fits[name] = FeatureFit(min(known.state, entry.state, key=WORST_FIRST.index), max(tested, default=None))
+        note_fits(fits, pair)
     return fits
+
+
+def note_fits(fits: dict[str, FeatureFit], pair: Pair) -> None:
+    """Add what one more pair says of its features to `fits`, which is changed."""
+    if pair.status != "accepted":
+        return
+    named = [
+        *((entry, (entry.target_line, entry.source_line)) for entry in pair.correspondences),
+        *((entry, (entry.target_plane, entry.source_plane)) for entry in pair.plane_correspondences),
+    ]
+    for entry, names in named:
+        ratio = None if entry.test is None else entry.test.statistic / entry.test.critical
+        for name in names:
+            known = fits.get(name, FeatureFit(entry.state, ratio))
+            tested = [each for each in (ratio, known.ratio) if each is not None]
+            fits[name] = FeatureFit(min(known.state, entry.state, key=WORST_FIRST.index), max(tested, default=None))
 
 
 def scene_station(name: str, features: ScanFeatures, fits: Mapping[str, FeatureFit]) -> SceneStation:

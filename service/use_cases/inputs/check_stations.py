@@ -8,6 +8,7 @@ from schemas.requests.posed_stations import PosedStation
 from schemas.requests.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
+from service.names.result_lists import comes_in_pages
 from service.ports import FileStore, Json, StoredFile
 from service.use_cases.documents.scan_warnings import is_usable
 from service.use_cases.inputs.check_control import control_faults
@@ -19,8 +20,19 @@ MOST_COMPARED = 100
 """Scans with as many points and nearly the same mean that one is compared with."""
 
 
-def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations: int) -> None:
+def check_register_inputs(
+    inputs: RegisterInputs, files: FileStore, max_stations: int, max_whole_stations: int = MOST_TIED
+) -> None:
     """Check names, pairs, reference and files of a registration.
+
+    Parameters
+    ----------
+    inputs
+        Of the request.
+    files
+        Of its project.
+    max_stations, max_whole_stations
+        The settings: most stations of a job, and of one whose result is one document.
 
     Raises
     ------
@@ -39,6 +51,7 @@ def check_register_inputs(inputs: RegisterInputs, files: FileStore, max_stations
         *_scanner_faults(inputs),
         *_tied_faults(inputs),
         *_method_faults(inputs),
+        *_compared_faults(inputs, max_whole_stations),
         *_same_scan_faults(inputs.stations, files),
         *(
             fault
@@ -153,6 +166,17 @@ def _method_faults(inputs: RegisterInputs) -> Iterable[FieldFault]:
         if getattr(method, "features", None) != shared:
             where = pointer_to("inputs", "compare_methods", number, "features")
             yield FieldFault(where, "all methods share the features of `method`: say there what counts as a feature")
+
+
+def _compared_faults(inputs: RegisterInputs, max_whole_stations: int) -> Iterable[FieldFault]:
+    """Refuse to compare methods on the thousands of pairs of a large network, whose figures stand in no document."""
+    pairs = 0 if inputs.pairs == "auto" else len(inputs.pairs)
+    if inputs.compare_methods and comes_in_pages(len(inputs.stations), pairs, max_whole_stations):
+        detail = (
+            f"{len(inputs.stations)} stations, methods are compared with at most {max_whole_stations} (and ten pairs "
+            "for each): leave it out, or compare them on some of the stations"
+        )
+        yield FieldFault(pointer_to("inputs", "compare_methods"), detail)
 
 
 def _same_scan_faults(stations: Sequence[Station], files: FileStore) -> Iterable[FieldFault]:

@@ -87,10 +87,17 @@ def find_result(job_id: str, jobs: JobStore, blobs: BlobStore) -> Path | Problem
 
 
 def wanted_outputs(result: Path, wanted: Json) -> Json:
-    """Give of a result document what was wanted when the job was made: `service.ports.Job.wanted`."""
+    """Give of a result document what was wanted when the job was made: `service.ports.Job.wanted`.
+
+    Of a large network the lists do not stand in it: where some of them were wanted, `lists` tells where they are.
+    """
     document: Json = json.loads(result.read_bytes())
-    names = document if wanted["outputs"] is None else wanted["outputs"]
-    return {name: document[name] for name in names if name in document}
+    if wanted["outputs"] is None:
+        return document
+    names = set(wanted["outputs"])
+    found = {name: document[name] for name in wanted["outputs"] if name in document}
+    lists = {name: each for name, each in document.get("lists", {}).items() if each["pointer"].split("/")[1] in names}
+    return {**found, "lists": lists} if lists else found
 
 
 def find_artifacts(job_id: str, jobs: JobStore, blobs: BlobStore) -> list[StoredArtifact]:

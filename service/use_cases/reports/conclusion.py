@@ -46,7 +46,8 @@ def _outcome(document: RegistrationDocument, messages: Messages) -> Iterator[str
     else:
         yield messages("conclusion.nothing", first=first)
     if missing and document.pairs:
-        best = min((p for p in document.pairs if {p.target, p.source} & set(missing)), key=_promise, default=None)
+        without = set(missing)
+        best = min((p for p in document.pairs if {p.target, p.source} & without), key=_promise, default=None)
         if best is not None:
             yield messages(f"conclusion.pair.{best.status}", target=best.target, source=best.source)
     doubtful = [link for link in document.network.links if link.state == "confirmed"] if document.network else []

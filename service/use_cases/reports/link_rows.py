@@ -1,9 +1,9 @@
 """The pairs of stations as rows of one table: what became of each, how well it fits, how strong it is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from schemas.results.network import Network
+from schemas.results.network import Network, NetworkLink
 from schemas.results.registration_result import Pair
 from service.names.messages.catalogue import Messages
 from service.use_cases.reports.setups_drawing import CARRYING, LINK_STYLES, SetupLink
@@ -14,7 +14,7 @@ OFTEN = 5.0
 """From so many times the standard deviation on, the rms beside it is explained."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class LinkRow:
     """One pair of stations."""
 
@@ -48,16 +48,37 @@ class LinkRow:
         return SetupLink(self.target, self.source, self.state, self.worst_m)
 
 
+States = Mapping[tuple[str, str], NetworkLink]
+"""What became of the registration of a pair (target, source) in its network."""
+
+
 def link_rows(pairs: Sequence[Pair], network: Network | None) -> list[LinkRow]:
     """Give all pairs that were tried, those that carry a pose first."""
-    found = {} if network is None else {(link.target, link.source): link for link in network.links}
-    rows = []
-    for pair in pairs:
-        link = found.get((pair.target, pair.source))
-        state = link.state if link is not None else _state_alone(pair, network)
-        reason = (link.reason if link is not None else None) or "; ".join(pair.reasons[:2]) or None
-        rows.append(_row(pair, state, None if state in CARRYING else reason))
-    return sorted(rows, key=lambda row: not row.carries)
+    states = states_of_links(network)
+    return sorted((link_row(pair, states, network) for pair in pairs), key=lambda row: not row.carries)
+
+
+def states_of_links(network: Network | None) -> States:
+    """Give what became of registrations in a network; nothing where there is none."""
+    return {} if network is None else {(link.target, link.source): link for link in network.links}
+
+
+def link_row(pair: Pair, states: States, network: Network | None) -> LinkRow:
+    """Describe a pair by the figures of one row.
+
+    Parameters
+    ----------
+    pair
+        With its pose and adjustment.
+    states
+        Of the network, as `states_of_links` gives them.
+    network
+        None: there are two stations.
+    """
+    link = states.get((pair.target, pair.source))
+    state = link.state if link is not None else _state_alone(pair, network)
+    reason = (link.reason if link is not None else None) or "; ".join(pair.reasons[:2]) or None
+    return _row(pair, state, None if state in CARRYING else reason)
 
 
 def _state_alone(pair: Pair, network: Network | None) -> str:

@@ -8,7 +8,7 @@ from schemas.results.registration_result import InputFile
 from schemas.values.instruments import MeasuringInstrument
 from service.names.messages.catalogue import Messages
 
-MOST_INSTRUMENTS = 6
+MOST_INSTRUMENTS, MOST_NAMES = 6, 30
 LONGEST_VALUE = 160
 
 
@@ -26,7 +26,8 @@ def instruments_in_words(inputs: Sequence[InputFile], messages: Messages) -> lis
             number = messages("head.serial", serial=serial)
             text = f"{text}, {number}" if text else number
         if len(names) < scans:
-            text += f" ({messages('head.at-stations', names=', '.join(names))})"
+            more = messages("conclusion.and-more", count=len(names) - MOST_NAMES) if len(names) > MOST_NAMES else ""
+            text += f" ({messages('head.at-stations', names=', '.join(names[:MOST_NAMES]) + more)})"
         lines.append(text)
     return lines
 

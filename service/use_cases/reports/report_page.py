@@ -14,13 +14,13 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from schemas.requests.report_options import ReportOptions
 from schemas.results.correspondences import Correspondence, PlaneCorrespondence
-from schemas.results.registration_result import Pair, RegistrationDocument
+from schemas.results.registration_result import InputFile, Pair, RegistrationDocument
 from service.names.messages.catalogue import Messages, messages_in
 from service.use_cases.documents.pose_documents import PARAMETERS
 from service.use_cases.reports.cloud_pictures import CloudPictures, StationCloudPart, cloud_pictures
 from service.use_cases.reports.conclusion import conclusion, ordered, tolerance_headline
 from service.use_cases.reports.histograms import residual_histograms
-from service.use_cases.reports.link_rows import MOST_LINKS, link_rows, rms_explained
+from service.use_cases.reports.link_rows import MOST_LINKS, LinkRow, link_rows, rms_explained
 from service.use_cases.reports.methods_drawing import methods_drawing
 from service.use_cases.reports.report_drawings import StandPoint, pair_name, plan_view, statistic_bars
 from service.use_cases.reports.report_head import (
@@ -63,13 +63,33 @@ class ReportFrame:
         return messages_in(self.options.lang)
 
 
+@dataclass(frozen=True)
+class PageParts:
+    """What a report says and draws of all stations and pairs at once; drawings are SVG made by this program."""
+
+    conclusion: Sequence[str]
+    """The sentences of its first paragraph."""
+    inputs: Sequence[InputFile]
+    """What went in, for instruments and dates."""
+    rows: Sequence[LinkRow]
+    """Of the table of pairs, those that carry something first."""
+    setups: str
+    """The plan of the set-ups."""
+    pictures: dict[str, Any] | None
+    """Of the clouds, as `shown_pictures` gives them; None: there are none."""
+    world_plan: str
+    """The lines of all stations."""
+    extract: str | None = None
+    """Says that only some stations and pairs are shown; None: all are."""
+
+
 def report_page(
     document: RegistrationDocument,
     scans: Mapping[str, ScanLines],
     estimates: Mapping[str, PoseEstimate],
     frame: ReportFrame,
 ) -> str:
-    """Render the report.
+    """Render the report of a result with all its stations and pairs.
 
     Parameters
     ----------
@@ -79,6 +99,35 @@ def report_page(
         Of all stations, by name: their lines and surfaces are drawn.
     estimates
         Poses of the registered stations in the common frame, by name.
+    frame
+        Head and language.
+    """
+    messages = frame.messages
+    lines = registered_lines(document.stations, scans, document.pairs)
+    parts = PageParts(
+        conclusion=conclusion(document, messages),
+        inputs=document.provenance.inputs,
+        rows=link_rows(document.pairs, document.network),
+        setups=_setups(document, scans, estimates, messages),
+        pictures=_pictures(document, scans, messages),
+        world_plan=plan_view(lines, _stands(document, scans), [], messages),
+    )
+    return rendered_page(document, scans, parts, frame)
+
+
+def rendered_page(
+    document: RegistrationDocument, scans: Mapping[str, ScanLines], parts: PageParts, frame: ReportFrame
+) -> str:
+    """Render a report.
+
+    Parameters
+    ----------
+    document
+        The result, or of a large network as much of it as is shown: stations, pairs and the like stand in tables.
+    scans
+        Of the stations of its pairs, by name.
+    parts
+        What is said and drawn of all.
     frame
         Head and language.
     """
@@ -98,10 +147,6 @@ def report_page(
         power=lambda value: f"{value:.4e}".replace(".", "," if messages.language == "de" else "."),
         gon=lambda value: None if value is None else value * GON_PER_RAD,
     )
-    rows = link_rows(document.pairs, document.network)
-    world = plan_view(
-        registered_lines(document.stations, scans, document.pairs), _stands(document, scans), [], messages
-    )
     page = environment.get_template(
         "report.html.jinja"
     ).render(
@@ -111,23 +156,24 @@ def report_page(
         job_id=frame.job_id,
         created=time_in_words(frame.created),
         style=Markup((PAGES / "report.css").read_text(encoding="utf-8")),  # noqa: S704 - a file of this program
-        instruments=instruments_in_words(document.provenance.inputs, messages),
-        measured=measured_in_words(document.provenance.inputs, messages),
+        instruments=instruments_in_words(parts.inputs, messages),
+        measured=measured_in_words(parts.inputs, messages),
         ordered=_ordered(document, messages),
         headline=tolerance_headline(document.tolerance, messages),
-        conclusion=conclusion(document, messages),
+        extract=parts.extract,
+        conclusion=parts.conclusion,
         parameters=PARAMETERS,
         letters=LETTERS,
         most_rows=max(FEWEST_ROWS, ALL_ROWS // max(len(document.pairs), 1)),
         most_method_rows=ALL_ROWS,
         most_pairs=MOST_PAIRS,
         # what is marked as safe is drawn by this program, names escaped
-        setups=Markup(_setups(document, scans, estimates, messages)),  # noqa: S704
-        pictures=_pictures(document, scans, messages),
-        links=rows[:MOST_LINKS],
-        more_links=max(0, len(rows) - MOST_LINKS),
-        rms_explained=rms_explained(rows, messages),
-        world_plan=Markup(world),  # noqa: S704
+        setups=Markup(parts.setups),  # noqa: S704
+        pictures=parts.pictures,
+        links=parts.rows[:MOST_LINKS],
+        more_links=max(0, len(parts.rows) - MOST_LINKS),
+        rms_explained=rms_explained(parts.rows, messages),
+        world_plan=Markup(parts.world_plan),  # noqa: S704
         drawings=[_drawings(pair, scans, messages) for pair in document.pairs[:MOST_PAIRS]],
         settings=settings_in_rows(document.provenance.method),
     )
@@ -166,7 +212,7 @@ def _pair_plan(pair: Pair, scans: Mapping[str, ScanLines], messages: Messages) -
     states = states_of_lines([pair])
     names = ((pair.target, RigidTransform.identity()), (pair.source, pose))
     parts: Sequence[StationLines] = [lines_of_station(name, scans[name], motion, states) for name, motion in names]
-    stands = [_stand(name, scans[name], motion) for name, motion in names]
+    stands = [stand_of(name, scans[name], motion) for name, motion in names]
     return plan_view(parts, stands, pair.correspondences, messages)
 
 
@@ -207,8 +253,11 @@ def _pictures(
             points = world_from_scan.apply(scan.surface_m[::every] + scan.origin_m)
             parts.append(StationCloudPart(station.name, points, scan.spacing_m))
     found: CloudPictures | None = cloud_pictures(parts) if len(parts) > 1 else None
-    if found is None:
-        return None
+    return None if found is None else shown_pictures(found, messages)
+
+
+def shown_pictures(found: CloudPictures, messages: Messages) -> dict[str, Any]:
+    """Give pictures as the page shows them."""
     return {
         "plan": _data_address(found.plan),
         "section": _data_address(found.section),
@@ -223,7 +272,7 @@ def _data_address(png: bytes) -> str:
 
 def _stands(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> list[StandPoint]:
     return [
-        _stand(
+        stand_of(
             station.name,
             scans[station.name],
             RigidTransform.from_matrix(np.array(station.world_from_scan.matrix)),
@@ -233,7 +282,8 @@ def _stands(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> l
     ]
 
 
-def _stand(name: str, scan: ScanLines, target_from_scan: RigidTransform) -> StandPoint:
+def stand_of(name: str, scan: ScanLines, target_from_scan: RigidTransform) -> StandPoint:
+    """Give where an instrument stands in the frame of a pose."""
     x, y, _ = target_from_scan.apply(_instrument_m(scan))
     return StandPoint(name, float(x), float(y))
 

@@ -85,6 +85,50 @@ def setups_plan(
     return svg(WIDTH, height, [*shapes, *notes], messages("drawing.setups"))
 
 
+def many_setups_plan(
+    stands: Sequence[StandPoint], links: Sequence[SetupLink], named: Sequence[str], messages: Messages
+) -> str:
+    """Draw thousands of stations from above: a dot for each, all links of a state as one path, a few names.
+
+    Parameters
+    ----------
+    stands
+        Stations with a pose.
+    links
+        All pairs that were tried; those of other stations, and those that carry nothing, are not drawn.
+    named
+        Stations that are worth a look.
+    messages
+        Language.
+    """
+    if not stands:
+        return ""
+    places, scale, height = _layout([PlacedStand(stand, None) for stand in stands], ())
+    shapes, known = [], [link for link in links if link.target in places and link.source in places]
+    for state in CARRYING:
+        color, dash, width = LINK_STYLES[state]
+        way = "".join(
+            "M{:.1f} {:.1f}L{:.1f} {:.1f}".format(*places[link.target], *places[link.source])
+            for link in known
+            if link.state == state
+        )
+        if way:
+            shapes.append(
+                f'<path d="{way}" fill="none" stroke="{color}" stroke-width="{0.4 * width:.1f}" '
+                f'stroke-dasharray="{dash}"/>'
+            )
+    dots = "".join(f"M{x - 1.0:.1f} {y - 1.0:.1f}h2v2h-2z" for x, y in places.values())
+    shapes.append(f'<path d="{dots}" fill="#111"/>')
+    shapes += [
+        f'<text x="{places[name][0] + 4.0:.1f}" y="{places[name][1] + 4.0:.1f}" font-size="9">{escape(name)}</text>'
+        for name in named
+        if name in places
+    ]
+    drawn = [link for link in known if link.state in CARRYING]
+    notes = [_legend(drawn, height, messages), _scale_bar(scale, height)]
+    return svg(WIDTH, height, [*shapes, *notes], messages("drawing.setups"))
+
+
 def _drawn(links: Sequence[SetupLink], without_pose: Sequence[str]) -> list[SetupLink]:
     """Choose what is drawn, so that what carries lies on top."""
     carrying = [link for link in links if link.state in CARRYING]

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 
 from service.errors import InvalidRequestError
+from service.names.result_lists import placed_key
 from service.ports import Json, StepContext
 
 
@@ -36,10 +37,29 @@ def job_result(context: StepContext, job_id: str) -> Json:
         It has been removed.
     """
     try:
-        path = context.blobs.local_path(f"jobs/{job_id}/result.json")
+        return result_with_stations(context, f"jobs/{job_id}/result.json")
     except FileNotFoundError:
         raise InvalidRequestError(f"job '{job_id}', whose result is needed, has been removed meanwhile") from None
-    document: Json = json.loads(path.read_bytes())
+
+
+def result_with_stations(context: StepContext, key: str) -> Json:
+    """Read a result document; of a large network with its stations and features, which do not stand in it.
+
+    Parameters
+    ----------
+    context
+        Of the step.
+    key
+        Of the document.
+
+    Raises
+    ------
+    FileNotFoundError
+        It has been removed.
+    """
+    document: Json = json.loads(context.blobs.local_path(key).read_bytes())
+    if document.get("lists"):
+        document |= json.loads(context.blobs.local_path(placed_key(key.split("/")[1])).read_bytes())
     return document
 
 

@@ -1,6 +1,5 @@
 """Write registered scans as files: the same E57 with new poses, another format, or poses alone."""
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.cleaned_clouds import CLEANED, cleaned_frame
+from service.use_cases.steps.job_poses import result_with_stations
 from service.use_cases.steps.output_files import artifact, output_file
 from service.use_cases.steps.projected_clouds import WorldSystem, world_system
 from service.use_cases.steps.registered_calls import E57, POSES
@@ -80,8 +80,8 @@ def write_registered(context: StepContext, arguments: Json) -> Json:
     stations, left_out = _placed(context, arguments)
     files: list[RegisteredFile] = []
     if stations:
-        result = None if arguments.get("result") is None else _document(context, arguments["result"])
-        taken_from = [] if result is not None else [_document(context, key) for key in arguments["reads"]]
+        result = None if arguments.get("result") is None else result_with_stations(context, arguments["result"])
+        taken_from = [] if result is not None else [result_with_stations(context, key) for key in arguments["reads"]]
         system = world_system(options, result, taken_from)
         files = _writing(options)(context, arguments, stations, system)
     return {"files": [file.model_dump(mode="json") for file in files], "left_out": left_out}
@@ -234,17 +234,21 @@ def _with_std(cloud: StationCloud, std: PositionStd) -> StationCloud:
 def _placed(context: StepContext, arguments: Json) -> tuple[list[_Placed], list[Json]]:
     """Find the poses of the stations; those that have none are left out with the reason."""
     options, result = arguments["options"], arguments.get("result")
-    known = {} if result is None else _by_name(_document(context, result)["stations"], "name")
-    documents = {key: _document(context, key) for key in {s["noise_of"] for s in arguments["stations"]} if key}
-    own_noise = {} if result is None else _by_name(_document(context, result)["features"], "station")
+    of_job = {} if result is None else result_with_stations(context, result)
+    known = _by_name(of_job.get("stations", []), "name")
+    documents = {
+        key: result_with_stations(context, key) for key in {s["noise_of"] for s in arguments["stations"]} if key
+    }
+    own_noise = _by_name(of_job.get("features", []), "station")
     found, left_out = [], []
     for station in arguments["stations"]:
         name, given = station["name"], station["world_from_scan"]
         if result is not None:
-            of_job = known.get(name, {})
-            given = of_job.get("world_from_scan")
+            station_of_job = known.get(name, {})
+            given = station_of_job.get("world_from_scan")
             if given is None or given.get("undetermined"):
-                left_out.append({"name": name, "reason": of_job.get("reason") or "its pose is not determined"})
+                reason = station_of_job.get("reason") or "its pose is not determined"
+                left_out.append({"name": name, "reason": reason})
                 continue
         noise = own_noise.get(name)
         if station["noise_of"] and noise is None:
@@ -294,11 +298,6 @@ def _described(
         points=written.points,
         notes=list(written.notes),
     )
-
-
-def _document(context: StepContext, key: str) -> Json:
-    document: Json = json.loads(context.blobs.local_path(key).read_bytes())
-    return document
 
 
 def _by_name(entries: Sequence[Json], member: str) -> dict[str, Any]:

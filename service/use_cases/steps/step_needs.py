@@ -6,6 +6,7 @@ from typing import Any
 
 from service.names.content_keys import content_key, incoming_key
 from service.names.feature_keys import FEATURES, features_of_step, viewer_points_of_step
+from service.names.result_lists import placed_key
 from service.ports import Json
 from service.use_cases.limits.machine_shares import INSPECT
 
@@ -62,6 +63,8 @@ def needs_of(step: str, arguments: Json) -> StepNeeds:
     own = f"jobs/{arguments['job_id']}/" if arguments.get("job_id") else ""
     made = frozenset(text for _, text in _texts(named) if text.startswith((FEATURES, own or FEATURES)))
     made |= frozenset(arguments.get(READS, ()))
+    # of a large network the stations do not stand in the result document
+    made |= {placed_key(way[1]) for way in (key.split("/") for key in made) if way[2:] == ["result.json"]}
     return StepNeeds(
         reads=made | contents if step == EDGES else made,
         seldom_reads=frozenset() if step == EDGES else contents,

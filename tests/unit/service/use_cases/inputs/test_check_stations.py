@@ -87,3 +87,14 @@ def test_of_very_many_stations_what_needs_one_covariance_of_all_is_refused(
         check_register_inputs(RegisterInputs.model_validate({"stations": stations, **asked}), store, 5000)
     assert [fault.pointer for fault in caught.value.faults] == [pointer]
     assert f"at most {MOST_TIED}" in caught.value.faults[0].detail
+
+
+def test_of_a_network_whose_result_comes_in_pages_methods_are_not_compared() -> None:
+    store = MemoryFileStore()
+    store.add(replace(FILE, scans=tuple({"index": k} for k in range(4))))
+    stations = [{"name": f"S{k}", "scan": {"file": FILE.id, "index": k}} for k in range(4)]
+    inputs = RegisterInputs.model_validate({"stations": stations, "compare_methods": ["lines"]})
+    check_register_inputs(inputs, store, 5000, 4)
+    with pytest.raises(InvalidRequestError) as caught:
+        check_register_inputs(inputs, store, 5000, 3)
+    assert [fault.pointer for fault in caught.value.faults] == ["/inputs/compare_methods"]
