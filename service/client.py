@@ -11,6 +11,7 @@ from urllib.parse import quote
 import httpx
 
 from service.errors import Problem
+from service.names.result_lists import STREAMED
 from service.use_cases.access.service_proof import CHALLENGE_HEADER, PROOF_HEADER, new_challenge, proof_of
 from service.use_cases.inputs.stated_columns import HEADER
 
@@ -178,7 +179,19 @@ class ServiceClient:
         UnreachableError
             The service does not answer, or breaks off.
         """
-        address = f"/jobs/{job_id}/artifacts/{quote(name, safe='')}"
+        self._save(f"/jobs/{job_id}/artifacts/{quote(name, safe='')}", path)
+
+    def download_list(self, job_id: str, name: str, path: Path) -> None:
+        """Write a list of a result to a file, one entry a line (NDJSON), as it comes.
+
+        Raises
+        ------
+        UnreachableError
+            The service does not answer, or breaks off.
+        """
+        self._save(f"/jobs/{job_id}/results/{quote(name, safe='')}{STREAMED}", path)
+
+    def _save(self, address: str, path: Path) -> None:
         try:
             with self._http.stream("GET", address) as answer, path.open("wb") as file:
                 if answer.is_error:

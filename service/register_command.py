@@ -18,6 +18,7 @@ from schemas.values.text_columns import TEXT_ENDINGS
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.errors import InvalidRequestError
+from service.names.result_lists import STREAMED
 from service.processes.register import REGISTER
 from service.register_request import RequestOptions, read_request
 from service.result_tables import print_report_place, print_result
@@ -112,7 +113,10 @@ def check_writable(output: Path) -> None:
 
 
 def keep_results(client: ServiceClient, job_id: str, result: Document, output: Path) -> None:
-    """Write the result document, and all that the job offers besides, before the service goes."""
+    """Write the result document, and all that the job offers besides, before the service goes.
+
+    The lists of a large network, which do not stand in the document, become files with an entry on each line.
+    """
     text = json.dumps(result, indent=1)
     if output.suffix.lower() == ".json":
         output.parent.mkdir(parents=True, exist_ok=True)
@@ -123,6 +127,8 @@ def keep_results(client: ServiceClient, job_id: str, result: Document, output: P
     for name in client.artifacts(job_id):
         # names come from the service, which may be another one
         client.download(job_id, name, output / Path(name).name)
+    for name in result.get("lists") or {}:
+        client.download_list(job_id, name, output / f"{Path(name).name}{STREAMED}")
 
 
 @contextmanager

@@ -27,8 +27,14 @@ MOST_PAIRS = 10
 
 
 def print_result(console: Console, result: Document) -> None:
-    """Print verdict and poses, then what was compared, the pairs with their reasons, and at most five outliers."""
+    """Print verdict and poses, then what was compared, the pairs with their reasons, and at most five outliers.
+
+    Of a large network, whose stations and pairs do not stand in the document, how many there are.
+    """
     console.print(f"[bold]{result['status']}[/bold]{_tolerance(result.get('tolerance'))}")
+    if counts := result.get("counts"):
+        print_counts(console, counts, result["lists"])
+        return
     for station in result["stations"]:
         console.print(*_station(station), sep="\n")
     for compared in result.get("comparison_summary") or []:
@@ -39,6 +45,16 @@ def print_result(console: Console, result: Document) -> None:
     if methods := result.get("method_comparison"):
         console.print(_methods(methods))
     print_pairs(console, result["pairs"])
+
+
+def print_counts(console: Console, counts: Document, lists: Document) -> None:
+    """Tell what a large network comes to, and what its lists are called."""
+    for name in ("stations", "pairs", "links"):
+        told = ", ".join(f"{number} {kind}" for kind, number in counts[name].items())
+        console.print(f"{name}: {told}", highlight=False)
+    console.print(f"loops: {counts['loops']}, {counts['open_loops']} of them open", highlight=False)
+    console.print(f"frame: that of {counts['frame']}", highlight=False, markup=False)
+    console.print(f"lists, an entry on each line: {', '.join(lists)} (.ndjson)", style="dim", highlight=False)
 
 
 def print_pairs(console: Console, pairs: Sequence[Document]) -> None:

@@ -45,6 +45,8 @@ def result_view(process_id: str, document: Mapping[str, Any], language: Language
     t = messages_in(language)
     if process_id == "register" and isinstance(document.get("stations"), list):
         return _registration(document, t)
+    if process_id == "register" and isinstance(document.get("counts"), Mapping):
+        return _large_network(document, t)
     figures = list(_figures(document, "", t))[:MOST_FIGURES]
     return ResultView("plain", t("pages.result.done"), (), figures)
 
@@ -58,6 +60,20 @@ def _registration(document: Mapping[str, Any], t: Messages) -> ResultView:
     if tone != "good":
         sentences.append(t("pages.result.look"))
     return ResultView(tone, t.word("registration", status), sentences)
+
+
+def _large_network(document: Mapping[str, Any], t: Messages) -> ResultView:
+    """Say what the lists of a large network come to: a pair that sees too little in common is no fault there."""
+    status, counts = str(document.get("status")), document["counts"]
+    stations, pairs = counts["stations"], counts["pairs"]
+    placed = sum(number for state, number in stations.items() if state != "unregistered")
+    known = ", ".join(f"{pairs[state]} {t.word('status', state)}" for state in STATES if pairs.get(state))
+    sentences = [
+        t("pages.result.placed", placed=placed, all=sum(stations.values())),
+        t("pages.result.links", links=known or "–"),
+        t("pages.result.loops", loops=counts["loops"], open=counts["open_loops"]),
+    ]
+    return ResultView(TONES.get(status, "bad"), t.word("registration", status), sentences)
 
 
 def _conclusion(document: Mapping[str, Any], states: Mapping[str, int], t: Messages) -> list[str]:

@@ -49,7 +49,9 @@ def city() -> Reported:
     blobs = MemoryBlobStore()
     block = city_block(STATIONS, np.random.default_rng(5))
     templates = Templates(some_features(), adjusted(MIXED))
-    arguments = store_network(blobs, block, neighbours(STATIONS), templates, rng=np.random.default_rng(6))
+    arguments = store_network(
+        blobs, block, neighbours(block, 3), templates, surface_points=100, rng=np.random.default_rng(6)
+    )
     arguments |= adjust_network(StepContext(blobs, NoProgress()), adjusting(arguments))
     arguments["inputs"] |= {"tolerance": {"std_m": 0.005}, "reference": REFERENCE}
     stored = []
@@ -189,3 +191,20 @@ def test_the_report_shows_what_is_to_be_looked_at_first_and_says_so(city: Report
     assert f"The network has {STATIONS} stations" in page
     assert f"/jobs/{JOB}/results/stations" in page
     assert "the protocols of 10" in page
+
+
+def test_the_page_shows_stations_and_links_in_parts(client: Client) -> None:
+    browser = {"Accept": "text/html", "Accept-Language": "en"}
+    first = client.get(f"/jobs/{JOB}/results", headers=browser).text
+    assert "stations have a pose" in first
+    assert 'data-station="S0"' in first
+    assert 'data-part="?offset=0&amp;limit=50"' in first
+    assert f"/jobs/{JOB}/results/pairs.ndjson" in first
+    pairs = client.get(f"/jobs/{JOB}/results?list=pairs", headers=browser).text
+    assert 'rel="next" href="?list=pairs&amp;offset=50"' in pairs
+    assert "data-station" not in pairs
+
+
+def test_what_is_shown_in_parts_is_said_in_german_too(client: Client) -> None:
+    page = client.get(f"/jobs/{JOB}/results", headers={"Accept": "text/html", "Accept-Language": "de"}).text
+    assert "Das Netz ist groß" in page

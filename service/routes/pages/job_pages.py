@@ -1,8 +1,11 @@
 """Jobs: their list, how one goes, what came out."""
 
 import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 from fastapi import Request, Response
 
@@ -11,8 +14,9 @@ from service.names.identifiers import is_identifier
 from service.ports import Job, JobFilter, JobStatus
 from service.processes import OFFERED_PROCESSES, PROCESSES
 from service.routes.page_answers import PageRoute, elsewhere, language_of, page
-from service.routes.pages.pieces_of_lists import piece_of
+from service.routes.pages.pieces_of_lists import Piece, piece_of
 from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result
+from service.use_cases.jobs.find_rows import list_of_result
 from service.web.links_graph import links_graph
 from service.web.result_view import result_view
 
@@ -57,15 +61,51 @@ def show_result(request: Request) -> Response:
         return elsewhere(request, f"/jobs/{job.id}")
     result = find_result(job.id, adapters.jobs, adapters.blobs)
     document = _document(result) if isinstance(result, Path) else result
+    shown = part_of_lists(request, job.id, document or {}, result, adapters) if isinstance(result, Path) else None
     values = {
         "job": job,
         "title": _title(job),
         "artifacts": find_artifacts(job.id, adapters.jobs, adapters.blobs),
         "view": None if document is None else result_view(job.process_id, document, language_of(request)),
         "graph": None if document is None else links_graph(document, language_of(request)),
-        "document": document,
+        "document": document if shown is None else {**(document or {}), **shown.entries},
+        "part": shown,
     }
     return page(request, "result", values)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some entries of the lists of a large network."""
+
+    chosen: str
+    """The list whose piece is shown."""
+    piece: Piece
+    entries: Mapping[str, Sequence[Any]]
+    """Lists of the document, by name."""
+    pairs: str
+    """Query for the first piece of the pairs."""
+    stations: str
+    """Query for the first piece of the stations."""
+
+
+def part_of_lists(
+    request: Request, job_id: str, document: Mapping[str, Any], result: Path, adapters: Adapters
+) -> Part | None:
+    """Give the stations with their features, or the pairs, that are asked for; None where all is in the document."""
+    if not document.get("lists"):
+        return None
+    chosen = "pairs" if request.query_params.get("list") == "pairs" else "stations"
+    names = ("pairs",) if chosen == "pairs" else ("stations", "features")
+    piece = piece_of(request, ("list", "lang"))
+    found = {name: list_of_result(job_id, name, result, adapters.blobs) for name in names}
+    entries = {
+        name: [json.loads(row) for row in rows.rows(piece.begin, piece.begin + piece.size)]
+        for name, rows in found.items()
+    }
+    lang = {name: value for name in ("lang",) if (value := request.query_params.get(name))}
+    pairs, stations = (f"?{urlencode({'list': each, **lang})}" for each in ("pairs", "stations"))
+    return Part(chosen, piece.of(found[chosen].count), entries, pairs, stations)
 
 
 def _document(result: Path) -> dict[str, Any] | None:

@@ -34,7 +34,7 @@ class Application {
   async start() {
     let answer;
     try {
-      answer = await fetch(`${this.here}/scene`, { credentials: "same-origin", headers: { Accept: "application/json" } });
+      answer = await fetch(`${this.here}/scene${this.root.dataset.part ?? ""}`, { credentials: "same-origin", headers: { Accept: "application/json" } });
     } catch {
       this.say(t("unreachable"));
       return;

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from algorithms.features.scan_features import ScanFeatures, SurfaceSample
 from algorithms.network.links import StationLink
@@ -29,9 +30,13 @@ class Templates:
     """With correspondences; names and pose are put in."""
 
 
-def neighbours(stations: int, reach: int = 3) -> list[tuple[int, int]]:
-    """Pair every station with those that come next on the way of the surveyor."""
-    return [(k, k + step) for step in range(1, reach + 1) for k in range(stations - step)]
+def neighbours(block: CityBlock, nearest: int = 5) -> list[tuple[int, int]]:
+    """Pair every station with those nearest to it: some three pairs for each."""
+    places = np.array([pose.translation for pose in block.poses])
+    _, near = cKDTree(places).query(places, nearest + 1)
+    return sorted(
+        {(min(k, other), max(k, other)) for k, row in enumerate(near.tolist()) for other in row if other != k}
+    )
 
 
 def store_network(
@@ -40,7 +45,7 @@ def store_network(
     tried: Sequence[tuple[int, int]],
     templates: Templates,
     *,
-    surface_points: int = 0,
+    surface_points: int,
     rng: np.random.Generator,
 ) -> Json:
     """Store what the steps before the adjustment of all stations have left; give the arguments of that and the report.
@@ -56,7 +61,7 @@ def store_network(
     templates
         What stations and pairs are made from.
     surface_points
-        More points of each station's surface than the rough ones that it has.
+        Points of each station's surface.
     rng
         Of the registrations.
     """
@@ -64,7 +69,7 @@ def store_network(
     names, features, pairs = block.names, [], []
     for number, name in enumerate(names):
         rough = block.surfaces[number]
-        points = rough[np.resize(np.arange(len(rough)), max(surface_points, len(rough)))]
+        points = rough[np.linspace(0, len(rough) - 1, surface_points).astype(np.int64)]
         surface = SurfaceSample(
             points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.full(len(points), -1, np.int32), 0.3
         )

@@ -72,6 +72,23 @@ def test_verdict_and_poses_come_before_reasons_and_outliers() -> None:
     assert text.index("B: registered") < text.index("it fits") < text.index("removed A/L1")
 
 
+def test_of_a_large_network_the_terminal_tells_what_its_lists_come_to() -> None:
+    counts = {
+        "frame": "S0",
+        "stations": {"fixed": 1, "registered": 980, "unregistered": 19},
+        "pairs": {"accepted": 2100, "rejected": 1000},
+        "links": {"used": 2090, "rejected": 10},
+        "loops": 1500,
+        "open_loops": 2,
+    }
+    console = Console(record=True, width=120)
+    print_result(console, {"status": "partly-registered", "counts": counts, "lists": {"stations": {}, "pairs": {}}})
+    text = console.export_text()
+    assert "stations: 1 fixed, 980 registered, 19 unregistered" in text
+    assert "loops: 1500, 2 of them open" in text
+    assert "stations, pairs (.ndjson)" in text
+
+
 def test_of_all_pairs_together_five_outliers_are_told() -> None:
     pairs = [
         {"target": "A", "source": f"S{k}", "status": "accepted", "reasons": [], "outliers": [outlier(k)]}

@@ -13,6 +13,7 @@ from rich.console import Console
 from service.client import RefusedError, ServiceClient, UnreachableError
 from service.demo import print_comparison
 from service.dependencies import Adapters
+from service.names.result_lists import rows_key
 from service.ports import Job
 from service.register_command import (
     ProgressLines,
@@ -146,6 +147,17 @@ def test_all_that_a_job_offers_is_kept(client: ServiceClient, job: str, tmp_path
     kept = {path.name: path.read_text() for path in (tmp_path / "new" / "kept").iterdir()}
     assert json.loads(kept.pop("result.json")) == {"status": "registered"}
     assert kept == {"report.html": "report.html", "lines.dxf": "lines.dxf"}
+
+
+def test_lists_of_a_large_network_become_files_of_lines(
+    client: ServiceClient, adapters: Adapters, job: str, tmp_path: Path
+) -> None:
+    lists = {"stations": {"pointer": "/stations", "count": 2, "href": "", "stream": ""}}
+    adapters.blobs.write_bytes(f"jobs/{job}/result.json", json.dumps({"lists": lists}).encode())
+    adapters.blobs.write_bytes(rows_key(job, "stations", 0), b'{"name":"A"}\n{"name":"B"}\n')
+    keep_results(client, job, client.wait(job), tmp_path / "kept")
+    rows = (tmp_path / "kept" / "stations.ndjson").read_text().splitlines()
+    assert [json.loads(row)["name"] for row in rows] == ["A", "B"]
 
 
 def test_a_file_for_the_result_gets_the_result_alone(client: ServiceClient, job: str, tmp_path: Path) -> None:
