@@ -31,14 +31,14 @@ PAGE_RESPONSES: dict[int | str, dict[str, Any]] = {
 
 
 @router.get(
-    "/jobs/{job_id}/results/{name}",
+    "/jobs/{job_id}/results/{list_name}",
     summary="A list of a result",
     response_model=ResultPage,
     responses=PAGE_RESPONSES,
 )
 def get_result_list(
     job_id: str,
-    name: str,
+    list_name: str,
     request: Request,
     adapters: AdaptersDependency,
     url: BaseUrlDependency,
@@ -50,8 +50,8 @@ def get_result_list(
     With `.ndjson` behind the name, or where only `application/x-ndjson` is accepted, all of it comes as a stream, one
     entry a line. The lists of a large network stand in no document: its result tells names and lengths in `lists`.
     """
-    streamed = name.endswith(STREAMED) or accepts_only(request.headers.get("accept", ""), MEDIA_TYPE)
-    name = name.removesuffix(STREAMED)
+    streamed = list_name.endswith(STREAMED) or accepts_only(request.headers.get("accept", ""), MEDIA_TYPE)
+    name = list_name.removesuffix(STREAMED)
     found = find_list(job_id, name, adapters.jobs, adapters.blobs)
     if isinstance(found, dict):
         return problem_response(found, request)

@@ -70,7 +70,7 @@ class Scene:
             job = replace(job, **ENDED, problem=PROBLEM if status is JobStatus.FAILED else None)
         self.adapters.jobs.create_and_enqueue(job)
         if status is JobStatus.SUCCESSFUL:
-            self.blobs.write_bytes(f"jobs/{job.id}/result.json", b'{"stringInput": "a"}')
+            self.blobs.write_bytes(f"jobs/{job.id}/result.json", b'{"stringInput": "a", "pairs": [1, 2]}')
             self.blobs.write_bytes(f"jobs/{job.id}/artifacts/poses.csv", b"station\n")
         return job.id
 
@@ -86,6 +86,7 @@ class Scene:
         """Give a path parameter that exists."""
         number = next(self._numbers)
         makers = {"job_id": self.job, "file_id": self.file, "upload_id": self.upload, "name": lambda: "poses.csv"}
+        makers["list_name"] = lambda: "pairs"
         if parameter == "process_id":
             return list(OFFERED_PROCESSES)[number % len(OFFERED_PROCESSES)]
         return makers[parameter]() if parameter in makers else "none"

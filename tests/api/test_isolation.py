@@ -28,7 +28,7 @@ from tests.api.two_projects import (
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 OWNED = {"job_id": ("finished", "waiting"), "file_id": ("file",), "upload_id": ("upload",), "key_id": ("key",)}
 """Path parameters that name somebody's things, and what of Alice they are tried with."""
-HARMLESS = {"process_id": "echo", "name": "report.html", "number": "0"}
+HARMLESS = {"process_id": "echo", "name": "report.html", "number": "0", "list_name": "pairs"}
 """Path parameters that name nobody's things by themselves."""
 UNKNOWN = "0123456789abcdef0123456789abcdef"
 ECHO = {"json": {"inputs": {"stringInput": "of alice"}}}

@@ -75,7 +75,9 @@ class TwoProjects:
         self.adapters.jobs.start(job_id, NOW)
         self.adapters.jobs.succeed(job_id, NOW)
         self.adapters.log.write(job_id, [LogLine(NOW, "info", LINE_OF_ALICE)])
-        self.adapters.blobs.write_bytes(f"jobs/{job_id}/result.json", b'{"stringInput": "of alice"}')
+        self.adapters.blobs.write_bytes(
+            f"jobs/{job_id}/result.json", b'{"stringInput": "of alice", "pairs": ["of alice"]}'
+        )
         self.adapters.blobs.write_bytes(f"jobs/{job_id}/artifacts/report.html", b"<p>of alice</p>")
         self.adapters.blobs.write_bytes(scene_key(job_id), json.dumps(SCENE_OF_ALICE).encode())
         self.adapters.blobs.write_bytes("features/a/points", b"points of alice")

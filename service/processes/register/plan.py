@@ -23,6 +23,8 @@ from service.use_cases.steps.target_lists import targets_by_station
 PAIR_WEIGHT, NETWORK_WEIGHT, CHOICE_WEIGHT = 2.0, 0.3, 0.3
 REGISTERED = "registered"
 """The output that is files."""
+PAIRS_TRIED = 3.5
+"""For each station of a network that grows, about."""
 MOST_ROUNDS = 12
 """Rounds of growth of a network of many stations."""
 
@@ -80,10 +82,10 @@ class RegisterPlan:
         return _registered_stage(job, outputs, len(outputs) - done - bool(others) - 1)
 
     def total_weight(self, job: Json) -> float:
-        """Add up features, pairs, report and wanted files; of a network that grows the pairs of the first round."""
+        """Add up features, pairs, report and wanted files; of a network that grows about as many as are tried."""
         inputs = job["inputs"]
         stations = len(inputs["stations"])
-        pairs = 3 * stations if grows(inputs) else len(pairs_to_try(inputs))
+        pairs = PAIRS_TRIED * stations if grows(inputs) else len(pairs_to_try(inputs))
         network = NETWORK_WEIGHT * (stations > 2) + NETWORK_WEIGHT * bool(inputs.get("control"))
         files = stations * WRITING_WEIGHT + REPORT_WEIGHT if REGISTERED in job.get("wanted", {}) else 0.0
         methods = 1 + len(other_methods(inputs))

@@ -48,7 +48,7 @@ def store_network(
     surface_points: int,
     rng: np.random.Generator,
 ) -> Json:
-    """Store what the steps before the adjustment of all stations have left; give the arguments of that and the report.
+    """Store what the steps before the adjustment of all stations leave; give the arguments of that and the report.
 
     Parameters
     ----------
@@ -66,40 +66,59 @@ def store_network(
         Of the registrations.
     """
     links = {link.stations: link for link in block.registered(tried, rng)}
-    names, features, pairs = block.names, [], []
-    for number, name in enumerate(names):
-        rough = block.surfaces[number]
-        points = rough[np.linspace(0, len(rough) - 1, surface_points).astype(np.int64)]
-        surface = SurfaceSample(
-            points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.full(len(points), -1, np.int32), 0.3
-        )
-        own = replace(templates.features, planes=block.features[number].planes, surface=surface, origin_m=np.zeros(3))
-        key = f"features/{name}.npz"
-        _put(files, key, lambda path, own=own: save_features(path, own))
-        counts = {"station": name, "points": 10, "lines": 1, "planes": 2, "cylinders": 0, "noise_std_m": 0.002}
-        features.append({"features": key, "sha256": "ab", "counts": counts, "timings_s": {"read": 0.5}})
-    for number, stations in enumerate(tried):
-        link, (target, source) = links.get(stations), (names[k] for k in stations)
-        document = pair_between(templates.pair, target, source, link)
-        pair, kept = f"jobs/{JOB}/pairs/{number}.json", f"jobs/{JOB}/links/{number}.npz"
-        files.write_bytes(pair, document.model_dump_json(by_alias=True).encode())
-        if link is not None:
-            _put(files, kept, lambda path, link=link: save_link(path, link))
-        pairs.append(
-            {
-                "pair": pair,
-                "status": document.status,
-                "target": target,
-                "source": source,
-                "link": None if link is None else kept,
-            }
-        )
+    features = [
+        store_features(files, f"features/{name}.npz", block, number, templates, surface_points)
+        for number, name in enumerate(block.names)
+    ]
+    pairs = [
+        store_pair(files, JOB, number, tuple(block.names[k] for k in stations), links.get(stations), templates)
+        for number, stations in enumerate(tried)
+    ]
     inputs = {
-        "stations": [{"name": name, "scan": {"file": f"f-{name}", "index": 0}} for name in names],
+        "stations": [{"name": name, "scan": {"file": f"f-{name}", "index": 0}} for name in block.names],
         "method": {"method": "auto"},
     }
-    points = [{"sha256": "ab", "index": number, "name": name} for number, name in enumerate(names)]
+    points = [{"sha256": "ab", "index": number, "name": name} for number, name in enumerate(block.names)]
     return {"job_id": JOB, "inputs": inputs, "features": features, "pairs": pairs, "viewer_points": points}
+
+
+def store_features(
+    files: StepFiles, key: str, block: CityBlock, number: int, templates: Templates, surface_points: int
+) -> Json:
+    """Store the features of a station; give the output of the step `features`."""
+    rough = block.surfaces[number]
+    points = rough[np.linspace(0, len(rough) - 1, surface_points).astype(np.int64)]
+    normals, labels = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.full(len(points), -1, np.int32)
+    own = replace(
+        templates.features,
+        planes=block.features[number].planes,
+        surface=SurfaceSample(points, normals, labels, 0.3),
+        origin_m=np.zeros(3),
+    )
+    _put(files, key, lambda path: save_features(path, own))
+    counts = {"points": 10, "lines": 1, "planes": 2, "cylinders": 0, "noise_std_m": 0.002}
+    counted = {"station": block.names[number], **counts}
+    return {"features": key, "sha256": "ab", "counts": counted, "timings_s": {"read": 0.5}}
+
+
+def store_pair(
+    files: StepFiles,
+    job_id: str,
+    number: int | str,
+    names: tuple[str, ...],
+    link: StationLink | None,
+    templates: Templates,
+) -> Json:
+    """Store a pair (target, source), whose registration is given or failed; give the output of `register-pair`."""
+    target, source = names
+    document = pair_between(templates.pair, target, source, link)
+    pair, kept = f"jobs/{job_id}/pairs/{number}.json", f"jobs/{job_id}/links/{number}.npz"
+    files.write_bytes(pair, document.model_dump_json(by_alias=True).encode())
+    if link is not None:
+        _put(files, kept, lambda path: save_link(path, link))
+    stored = None if link is None else kept
+    cost = {"seconds": 2.0, "peak_memory_bytes": None, "centre_m": [0.0, 0.0, 0.0]}
+    return {"pair": pair, "status": document.status, "target": target, "source": source, "link": stored, **cost}
 
 
 def adjusting(arguments: Json) -> Json:
