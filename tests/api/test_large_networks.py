@@ -12,12 +12,15 @@ import pytest
 from algorithms.progress import NoProgress
 from schemas.results.registration_result import RegistrationDocument
 from service.dependencies import Adapters
-from service.names.result_lists import POINTERS, ROWS
+from service.names.content_keys import content_key
+from service.names.result_lists import POINTERS, ROWS, rows_key
 from service.ports import Job, JobStatus, Json, StepContext
 from service.settings import Settings
 from service.use_cases.steps.job_poses import result_with_stations
+from service.use_cases.steps.registered_calls import registered_calls
+from service.use_cases.steps.registered_files import write_registered
 from service.use_cases.steps.run_network import adjust_network
-from service.use_cases.steps.run_registration_report import report_registration
+from service.use_cases.steps.run_registration_report import list_registered, report_registration
 from tests.api.conftest import Client
 from tests.doubles.application import create_app
 from tests.doubles.memory import MemoryBlobStore
@@ -184,6 +187,30 @@ def test_later_steps_find_the_poses_of_all_stations(city: Reported) -> None:
     found = result_with_stations(StepContext(city.blobs, NoProgress()), f"jobs/{JOB}/result.json")
     assert found["stations"] == city.whole["stations"]
     assert found["features"] == city.whole["features"]
+
+
+def test_registered_files_of_a_large_network_read_the_rows_of_their_stations_only(city: Reported) -> None:
+    """Else thousands of files would each read all stations; the list of the files comes in pages as well."""
+    stations = [{"name": f"S{k}", "scan": {"file": f"f{k}", "index": 0}} for k in range(STATIONS)]
+    files = {f"f{k}": {"name": f"{k}.ply", "sha256": f"{k:064x}"} for k in range(STATIONS)}
+    blobs, result = city.blobs, f"jobs/{JOB}/result.json"
+    for file in files.values():
+        blobs.write_bytes(content_key(file["sha256"]), b"")
+    before = blobs.local_path(result).read_bytes()
+    job = {"id": JOB, "files": files}
+    (poses,) = registered_calls(job, stations, {"format": "poses"}, result)
+    assert [key for key in poses.arguments["reads"] if "/lists/" in key] == [
+        rows_key(JOB, name, 0) for name in ("stations", "features")
+    ]
+    context = StepContext(blobs, NoProgress())
+    written = write_registered(context, poses.arguments)
+    assert written["files"][0]["stations"] == [
+        each["name"] for each in city.whole["stations"] if each["world_from_scan"] is not None
+    ]
+    list_registered(context, {"job_id": JOB, "result": result, "written": [written]})
+    listed = read(blobs, result)["lists"]["registered"]
+    assert listed["count"] == len(written["files"])
+    blobs.write_bytes(result, before)
 
 
 def test_the_report_shows_what_is_to_be_looked_at_first_and_says_so(city: Reported) -> None:

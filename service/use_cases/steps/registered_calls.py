@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 
+from service.names.result_lists import ROWS, rows_key
 from service.ports import Json, StepCall
 from service.use_cases.steps.station_calls import photos_of, scan_of
 
@@ -35,6 +36,7 @@ def registered_calls(job: Json, stations: Sequence[Json], options: Json, result:
     stems = distinct_stems(_stem(job, group, chosen) for group in groups)
     noises = _noise_jobs(stations)
     reads = sorted({*noises.values(), *([result] if result else [])})
+    place = {station["name"]: number for number, station in enumerate(stations)}
     if chosen["cleaning"] is not None:
         # what moved, and which view is best, is told by all stations together
         arguments = {
@@ -46,7 +48,7 @@ def registered_calls(job: Json, stations: Sequence[Json], options: Json, result:
             "options": chosen,
             "stations": [_side(job, station, noises) for station in stations],
             "result": result,
-            "reads": reads,
+            "reads": [*reads, *(_row_keys(job["id"], place.values()) if result else ())],
         }
         return [StepCall(STEP, arguments, "cleaning and writing", weight=WRITING_WEIGHT * len(stations))]
     return [
@@ -58,7 +60,7 @@ def registered_calls(job: Json, stations: Sequence[Json], options: Json, result:
                 "options": chosen,
                 "stations": [_side(job, station, noises) for station in group],
                 "result": result,
-                "reads": reads,
+                "reads": [*reads, *(_row_keys(job["id"], (place[each["name"]] for each in group)) if result else ())],
             },
             f"writing {stem}",
             weight=WRITING_WEIGHT * len(group),
@@ -92,6 +94,12 @@ def distinct_stems(stems: Iterable[str]) -> list[str]:
         seen.add(name.lower())
         found.append(name)
     return found
+
+
+def _row_keys(job_id: str, numbers: Iterable[int]) -> list[str]:
+    """Name the blobs in which stations of a large network stand, so that no file of one reads all of them."""
+    blobs = sorted({number // ROWS for number in numbers})
+    return [rows_key(job_id, name, blob) for name in ("stations", "features") for blob in blobs]
 
 
 def _stem(job: Json, group: Sequence[Json], options: Json) -> str:

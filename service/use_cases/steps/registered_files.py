@@ -1,5 +1,6 @@
 """Write registered scans as files: the same E57 with new poses, another format, or poses alone."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -80,8 +81,8 @@ def write_registered(context: StepContext, arguments: Json) -> Json:
     stations, left_out = _placed(context, arguments)
     files: list[RegisteredFile] = []
     if stations:
-        result = None if arguments.get("result") is None else result_with_stations(context, arguments["result"])
-        taken_from = [] if result is not None else [result_with_stations(context, key) for key in arguments["reads"]]
+        result = None if arguments.get("result") is None else _document(context, arguments["result"])
+        taken_from = [] if result is not None else [_document(context, key) for key in arguments["reads"]]
         system = world_system(options, result, taken_from)
         files = _writing(options)(context, arguments, stations, system)
     return {"files": [file.model_dump(mode="json") for file in files], "left_out": left_out}
@@ -234,21 +235,19 @@ def _with_std(cloud: StationCloud, std: PositionStd) -> StationCloud:
 def _placed(context: StepContext, arguments: Json) -> tuple[list[_Placed], list[Json]]:
     """Find the poses of the stations; those that have none are left out with the reason."""
     options, result = arguments["options"], arguments.get("result")
-    of_job = {} if result is None else result_with_stations(context, result)
-    known = _by_name(of_job.get("stations", []), "name")
+    known = {} if result is None else _by_name(_entries(context, arguments, "stations"), "name")
     documents = {
         key: result_with_stations(context, key) for key in {s["noise_of"] for s in arguments["stations"]} if key
     }
-    own_noise = _by_name(of_job.get("features", []), "station")
+    own_noise = {} if result is None else _by_name(_entries(context, arguments, "features"), "station")
     found, left_out = [], []
     for station in arguments["stations"]:
         name, given = station["name"], station["world_from_scan"]
         if result is not None:
-            station_of_job = known.get(name, {})
-            given = station_of_job.get("world_from_scan")
+            of_job = known.get(name, {})
+            given = of_job.get("world_from_scan")
             if given is None or given.get("undetermined"):
-                reason = station_of_job.get("reason") or "its pose is not determined"
-                left_out.append({"name": name, "reason": reason})
+                left_out.append({"name": name, "reason": of_job.get("reason") or "its pose is not determined"})
                 continue
         noise = own_noise.get(name)
         if station["noise_of"] and noise is None:
@@ -298,6 +297,21 @@ def _described(
         points=written.points,
         notes=list(written.notes),
     )
+
+
+def _document(context: StepContext, key: str) -> Json:
+    document: Json = json.loads(context.blobs.local_path(key).read_bytes())
+    return document
+
+
+def _entries(context: StepContext, arguments: Json, name: str) -> list[Json]:
+    """Give a list of the result; of a large network the rows that the plan names, those of the stations among them."""
+    document = _document(context, arguments["result"])
+    if not document.get("lists"):
+        entries: list[Json] = document[name]
+        return entries
+    keys = [key for key in arguments["reads"] if f"/lists/{name}/" in key]
+    return [json.loads(row) for key in keys for row in context.blobs.local_path(key).read_bytes().splitlines()]
 
 
 def _by_name(entries: Sequence[Json], member: str) -> dict[str, Any]:
