@@ -18,7 +18,7 @@ from service.use_cases.reports.cloud_pictures import (
 from service.use_cases.reports.histograms import residual_histograms
 from service.use_cases.reports.link_rows import link_rows
 from service.use_cases.reports.report_drawings import StandPoint
-from service.use_cases.reports.setups_drawing import LINK_STYLES, PlacedStand, SetupLink, setups_plan
+from service.use_cases.reports.setups_drawing import LINK_STYLES, PlacedStand, SetupLink, many_setups_plan, setups_plan
 from tests.unit.service.use_cases.documents.test_pair_documents import MIXED, adjusted
 from tests.unit.service.use_cases.steps.test_registration_report import motion, pair
 
@@ -84,7 +84,23 @@ def test_many_unused_links_are_left_out_of_the_plan() -> None:
     assert drawing.count('stroke-dasharray="4 4"') == 1  # the legend's
 
 
+def test_thousands_of_stations_are_dots_and_all_links_of_a_state_one_line() -> None:
+    stands = [StandPoint(f"S{k}", k % 50, k // 50) for k in range(2000)]
+    links = [SetupLink(f"S{k}", f"S{k + 1}", "used", 0.001) for k in range(1999)]
+    links += [SetupLink("S0", "S1999", "rejected", None), SetupLink("S0", "missing", "used", None)]
+    drawing = many_setups_plan(stands, links, ["S7", "missing"], EN)
+    ways = re.findall(r'<path d="([^"]+)"', drawing)
+    assert [way.count("M") for way in ways] == [1999, 2000]
+    assert "L" not in ways[1]
+    assert re.findall(r'font-size="9">([^<]+)<', drawing) == ["S7"]
+    # dots stand where the names of the same stations do in a plan of few
+    few = setups_plan([PlacedStand(stand, None) for stand in stands], [], [], EN)
+    x, y = map(float, re.findall(r"M([\d.]+) ([\d.]+)h2", ways[1])[7])
+    assert f"M{x + 1.0:.1f} {y + 1.0 - 9.0:.1f}" in few
+
+
 def test_a_station_name_in_a_plan_is_text() -> None:
+    assert "<b>" not in many_setups_plan([StandPoint("<b>", 0, 0)], [], ["<b>"], EN)
     drawing = setups_plan([placed("<script>x</script>", 0, 0)], ["<b>"], [], EN)
     assert "<script" not in drawing
     assert "&lt;b&gt;" in drawing
