@@ -28,6 +28,7 @@ from tests.scenes.buildings.city_block import city_block
 from tests.scenes.buildings.stored_networks import JOB, Templates, adjusting, neighbours, store_network
 from tests.unit.service.use_cases.documents.test_pair_documents import MIXED, adjusted
 from tests.unit.service.use_cases.steps.test_feature_store import some_features
+from tests.unit.service.use_cases.steps.test_registration_report import two_lines
 
 NOW = datetime(2026, 1, 31, 12, tzinfo=UTC)
 STATIONS = 30
@@ -43,6 +44,8 @@ class Reported:
     """The document of a small one."""
     scene: Json
     """What its viewer shows."""
+    lines: bytes
+    """The drawing of its lines."""
     blobs: MemoryBlobStore
     """What is stored of it as of a large one."""
 
@@ -51,7 +54,7 @@ class Reported:
 def city() -> Reported:
     blobs = MemoryBlobStore()
     block = city_block(STATIONS, np.random.default_rng(5))
-    templates = Templates(some_features(), adjusted(MIXED))
+    templates = Templates(replace(some_features(), lines=two_lines()), adjusted(MIXED))
     arguments = store_network(
         blobs, block, neighbours(block, 3), templates, surface_points=100, rng=np.random.default_rng(6)
     )
@@ -60,7 +63,8 @@ def city() -> Reported:
     stored = []
     for most_whole in (STATIONS, STATIONS - 1):
         report_registration(StepContext(blobs, NoProgress(), {"max_whole_stations": most_whole}), arguments)
-        stored.append([read(blobs, f"jobs/{JOB}/{name}.json") for name in ("result", "scene")])
+        lines = blobs.local_path(f"jobs/{JOB}/artifacts/lines.ply").read_bytes()
+        stored.append([*(read(blobs, f"jobs/{JOB}/{name}.json") for name in ("result", "scene")), lines])
     return Reported(*stored[0], blobs)
 
 
@@ -181,6 +185,11 @@ def test_a_part_of_the_scene_shows_what_the_whole_one_shows_of_these_stations(cl
     assert part["stages"][-1]["poses"] == {
         name: pose for name, pose in whole["stages"][-1]["poses"].items() if name in names
     }
+
+
+def test_the_drawing_of_all_lines_is_the_same(city: Reported) -> None:
+    assert len(city.lines) > 1000
+    assert city.blobs.local_path(f"jobs/{JOB}/artifacts/lines.ply").read_bytes() == city.lines
 
 
 def test_later_steps_find_the_poses_of_all_stations(city: Reported) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,14 +10,25 @@ from dataclasses import dataclass, field
 from heapq import nsmallest
 from operator import itemgetter
 
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
 from algorithms.features.scan_features import ScanFeatures
 from schemas.requests.report_options import ReportOptions
 from schemas.results.control_result import ControlResult
 from schemas.results.network import Network
-from schemas.results.registration_result import FeatureCount, Pair, RegisteredFile, RegistrationDocument, Station
+from schemas.results.registration_result import (
+    Artifact,
+    FeatureCount,
+    Pair,
+    RegisteredFile,
+    RegistrationDocument,
+    Station,
+)
 from schemas.results.result_lists import NetworkCounts
 from schemas.results.scene import ScenePages, StoredScene
 from schemas.results.tolerance_check import StationPrecision
+from service.formats.ply_edges_writer import Segments, write_ply_edges
 from service.names.feature_keys import viewer_points_of_step
 from service.names.result_lists import placed_key
 from service.names.scene_keys import SCENE_PAIRS, SCENE_POINTS, SCENE_STATIONS, scene_key
@@ -40,7 +52,7 @@ from service.use_cases.reports.network_extract import (
     report_of_network,
 )
 from service.use_cases.reports.report_page import ReportFrame
-from service.use_cases.reports.result_lines import ScanLines
+from service.use_cases.reports.result_lines import ScanLines, lines_of_station
 from service.use_cases.reports.result_tables_csv import poses_csv
 from service.use_cases.steps.feature_store import load_features
 from service.use_cases.steps.report_parts import (
@@ -99,8 +111,8 @@ def report_large_network(context: StepContext, arguments: Json, network: Json, t
     poses = placed_stations(names, digest.pairs, network, tied)
     relative = relative_to_first(poses, tied)
     control = None if tied is None else ControlResult.model_validate(tied["control"])
-    picture = NetworkPicture(len(names))
-    precisions = list(_measured(context, arguments, (poses, relative), digest.fits, control, picture, writer))
+    shown = _StationsShown(digest.fits, control, NetworkPicture(len(names)), inputs.get("tolerance"), writer)
+    listed = [_write_lines(context, job_id, shown.read_all(context, arguments["features"], poses, relative))]
     digest.fits.clear()
     stations = [pose.station for pose in poses]
     comparison, summary = compared_poses(relative, inputs.get("reference"))
@@ -111,7 +123,7 @@ def report_large_network(context: StepContext, arguments: Json, network: Json, t
         pairs=digest.pairs,
         network=joined,
         control=control,
-        tolerance=tolerance_check(inputs.get("tolerance"), precisions, stations, digest.pairs, joined),
+        tolerance=tolerance_check(inputs.get("tolerance"), shown.precisions, stations, digest.pairs, joined),
         features=[FeatureCount(**output["counts"]) for output in arguments["features"]],
         comparison=comparison,
         comparison_summary=summary,
@@ -121,12 +133,13 @@ def report_large_network(context: StepContext, arguments: Json, network: Json, t
     _write_lists(whole, writer)
     frame = ReportFrame(ReportOptions.model_validate(inputs.get("report") or {}), job_id, arguments.get("created"))
     context.progress.report(OF_STATIONS, "writing the report")
-    files = _downloads(stations) | _report(context, arguments, whole, digest, picture, frame)
-    for name, (_, content) in files.items():
+    files = _downloads(stations) | _report(context, arguments, whole, digest, shown.picture, frame)
+    for name, (media, content) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
+        listed.append(listed_download(job_id, name, media, len(content)))
     _write_scene(context, arguments, whole, tied, writer)
     writer.finish()
-    _write_document(context, job_id, whole, files, writer)
+    _write_document(context, job_id, whole, listed, writer)
     return {"status": whole.status}
 
 
@@ -170,28 +183,56 @@ def _stripped(pair: Pair) -> Pair:
     )
 
 
-def _measured(
-    context: StepContext,
-    arguments: Json,
-    poses: tuple[Sequence[StationPose], Sequence[StationPose]],
-    fits: Mapping[str, FeatureFit],
-    control: ControlResult | None,
-    picture: NetworkPicture,
-    writer: RowWriter,
-) -> Iterator[StationPrecision]:
-    """Read the features of each station once: its part of the scene and of the pictures; give its precision."""
-    outputs, asked = arguments["features"], arguments["inputs"].get("tolerance")
-    for number, (output, in_world, relative) in enumerate(zip(outputs, *poses, strict=True)):
-        share = OF_PAIRS + (OF_STATIONS - OF_PAIRS) * number / len(outputs)
-        context.progress.report(share, f"station {number + 1} of {len(outputs)}")
-        station = in_world.station
-        features: ScanFeatures = load_features(context.blobs.local_path(output["features"]))
-        shown = with_targets(with_pose(scene_station(station.name, features, fits), station), control)
-        writer.add(SCENE_STATIONS, shown)
-        scan = ScanLines.of_features(features)
-        picture.add(station, scan)
-        if number > 0:  # as in smaller networks: the first one carries the frame
-            yield station_precision(station.name, relative.estimate, scan.surface_m, scan.origin_m, asked)
+@dataclass(eq=False)
+class _StationsShown:
+    """Read the features of each station once: its part of the scene and of the pictures, its precision, its lines."""
+
+    fits: Mapping[str, FeatureFit]
+    control: ControlResult | None
+    picture: NetworkPicture
+    tolerance: Json | None
+    writer: RowWriter
+    precisions: list[StationPrecision] = field(default_factory=list)
+    """Of all stations but the first, which carries the frame."""
+
+    def read_all(
+        self,
+        context: StepContext,
+        outputs: Sequence[Json],
+        poses: Sequence[StationPose],
+        relative: Sequence[StationPose],
+    ) -> Iterator[Segments]:
+        """Give the lines of each registered station in the world frame with their colours, and note the rest."""
+        for number, (output, in_world, to_first) in enumerate(zip(outputs, poses, relative, strict=True)):
+            share = OF_PAIRS + (OF_STATIONS - OF_PAIRS) * number / len(outputs)
+            context.progress.report(share, f"station {number + 1} of {len(outputs)}")
+            station = in_world.station
+            features: ScanFeatures = load_features(context.blobs.local_path(output["features"]))
+            shown = with_targets(with_pose(scene_station(station.name, features, self.fits), station), self.control)
+            self.writer.add(SCENE_STATIONS, shown)
+            scan = ScanLines.of_features(features)
+            self.picture.add(station, scan)
+            if number > 0:
+                self.precisions.append(
+                    station_precision(station.name, to_first.estimate, scan.surface_m, scan.origin_m, self.tolerance)
+                )
+            if station.world_from_scan is not None:
+                pose = RigidTransform.from_matrix(np.array(station.world_from_scan.matrix))
+                states = {line.id: line.state for line in shown.lines}
+                lines = lines_of_station(station.name, scan, pose, states)
+                yield lines.starts, lines.ends, lines.colors
+
+
+def _write_lines(context: StepContext, job_id: str, parts: Iterator[Segments]) -> Artifact:
+    """Write the lines of all stations as they come."""
+    scratch, name = context.blobs.scratch(), "lines.ply"
+    try:
+        write_ply_edges(scratch / name, parts)
+        size = (scratch / name).stat().st_size
+        context.blobs.put_file(f"jobs/{job_id}/artifacts/{name}", scratch / name)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return listed_download(job_id, name, "application/octet-stream", size)
 
 
 def _write_lists(whole: RegistrationDocument, writer: RowWriter) -> None:
@@ -272,7 +313,7 @@ def _write_scene(
 
 
 def _write_document(
-    context: StepContext, job_id: str, whole: RegistrationDocument, files: Mapping[str, Download], writer: RowWriter
+    context: StepContext, job_id: str, whole: RegistrationDocument, listed: Sequence[Artifact], writer: RowWriter
 ) -> None:
     """Write the document without its lists, and beside it what later steps need of all stations at once."""
     network = whole.network
@@ -297,9 +338,7 @@ def _write_document(
             "features": [],
             "lists": lists,
             "counts": counts,
-            "artifacts": [
-                listed_download(job_id, name, media, len(content)) for name, (media, content) in files.items()
-            ],
+            "artifacts": list(listed),
         }
     )
     _write_with_itself(context, job_id, without_lists(json.loads(rest.model_dump_json(by_alias=True)), lists))
