@@ -78,8 +78,8 @@ class NoSuchListError(ServiceError):
 
     status, title = 404, "No such list"
 
-    def __init__(self, job_id: str, name: str, known: Sequence[str]) -> None:
-        there = f"; it has {', '.join(known)}" if known else ""
+    def __init__(self, job_id: str, name: str, known: Sequence[str], why: str = "") -> None:
+        there = f"; it has {', '.join(known)}" if known else f"; {why}" if why else ""
         super().__init__(f"the result of job '{job_id}' has no list '{name}'{there}")
 
 

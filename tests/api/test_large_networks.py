@@ -16,6 +16,7 @@ from service.names.content_keys import content_key
 from service.names.result_lists import POINTERS, ROWS, rows_key
 from service.ports import Job, JobStatus, Json, StepContext
 from service.settings import Settings
+from service.use_cases.jobs import find_rows
 from service.use_cases.steps.job_poses import result_with_stations
 from service.use_cases.steps.registered_calls import registered_calls
 from service.use_cases.steps.registered_files import write_registered
@@ -153,6 +154,18 @@ def test_lists_of_a_small_network_have_pages_too(client: Client, adapters: Adapt
     finish(adapters, Job("small", "register", {}, JobStatus.ACCEPTED, NOW))
     city.blobs.write_bytes("jobs/small/result.json", json.dumps(city.whole).encode())
     assert list(paged(client, "/jobs/small/results/links?limit=100")) == city.whole["network"]["links"]
+
+
+def test_a_long_document_is_not_taken_apart_for_each_page(
+    client: Client, adapters: Adapters, city: Reported, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finish(adapters, Job("long", "register", {}, JobStatus.ACCEPTED, NOW))
+    city.blobs.write_bytes("jobs/long/result.json", json.dumps(city.whole).encode())
+    monkeypatch.setattr(find_rows, "LARGEST_DOCUMENT", 10_000)
+    answer = client.get("/jobs/long/results/stations")
+    assert answer.status_code == 404
+    assert "one long document" in answer.json()["detail"]
+    assert client.get(f"/jobs/{JOB}/results/stations").status_code == 200
 
 
 def test_a_list_that_is_not_there_is_refused_with_those_that_are(client: Client) -> None:

@@ -77,7 +77,7 @@ class RegisterPlan:
                     "writing the report",
                     weight=REPORT_WEIGHT,
                 ),
-                *points,
+                *(_counted(points, "scan") if grows(inputs) else points),
             ]
         return _registered_stage(job, outputs, len(outputs) - done - bool(others) - 1)
 

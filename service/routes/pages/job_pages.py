@@ -16,13 +16,11 @@ from service.processes import OFFERED_PROCESSES, PROCESSES
 from service.routes.page_answers import PageRoute, elsewhere, language_of, page
 from service.routes.pages.pieces_of_lists import Piece, piece_of
 from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result
-from service.use_cases.jobs.find_rows import list_of_result
+from service.use_cases.jobs.find_rows import LARGEST_DOCUMENT, list_of_result
 from service.web.links_graph import links_graph
 from service.web.result_view import result_view
 
 MOST_LINES = 200
-LARGEST_DOCUMENT = 50_000_000
-"""A result that is longer is only offered for download."""
 
 
 def list_jobs(request: Request) -> Response:
@@ -109,7 +107,7 @@ def part_of_lists(
 
 
 def _document(result: Path) -> dict[str, Any] | None:
-    if result.stat().st_size > LARGEST_DOCUMENT:
+    if result.stat().st_size > LARGEST_DOCUMENT:  # only offered for download
         return None
     document = json.loads(result.read_bytes())
     return document if isinstance(document, dict) else None

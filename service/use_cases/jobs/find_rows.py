@@ -12,6 +12,9 @@ from service.names.result_lists import POINTERS, ROWS, rows_key
 from service.ports import BlobStore, JobStore
 from service.use_cases.jobs.find_job import find_result
 
+LARGEST_DOCUMENT = 50_000_000
+"""Bytes of a document that is parsed to show a part of it, at ten times as many in memory."""
+
 
 class Rows(Protocol):
     """The entries of a list, each as JSON without line breaks."""
@@ -97,8 +100,10 @@ def list_of_result(job_id: str, name: str, result: Path, blobs: BlobStore) -> Ro
     Raises
     ------
     NoSuchListError
-        The result has no such list.
+        The result has no such list, or is one document too long to be taken apart.
     """
+    if result.stat().st_size > LARGEST_DOCUMENT:
+        raise NoSuchListError(job_id, name, [], "it is one long document, which `/results` gives as a whole")
     document = json.loads(result.read_bytes())
     kept = document.get("lists") if isinstance(document, dict) else None
     if kept and name in kept:
