@@ -1,13 +1,13 @@
 """Files that hold scans or photos: which reader serves a file, what is in it, and one scan or photo of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 import numpy as np
 
 from algorithms.scans.scan import Scan
 from service.errors import UnreadableFileError
-from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanReader, ScanRecords
+from service.formats.base import LargeScan, ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanReader, ScanRecords
 from service.formats.e57 import E57Reader
 from service.formats.e57_photos import E57PhotoReader
 from service.formats.finishing import finish, refused_info, scan_info, with_reading
@@ -175,8 +175,9 @@ def inspect_file(path: Path, filename: str, limits: ReadLimits = NO_LIMITS, colu
     found: list[ScanInfo] = []
     faults: list[UnreadableFileError] = []
     with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
-        for records in reader_of(file).scans(file, limits):
-            told = _told(file, records)
+        reader = reader_of(file)
+        for records in reader.scans(file, limits):
+            told = _told(file, reader, limits, records)
             if isinstance(told, RefusedScan):
                 faults.append(told.error)
                 told = refused_info(told)
@@ -221,10 +222,11 @@ def read_scan(
     """
     file = ScanFile(path, filename, columns, unit)
     with np.errstate(all="ignore"):
-        for records in reader_of(file).scans(file, limits, index):
+        for records in reader_of(file).scans(file, replace(limits, at_once=limits.max_points), index):
             if isinstance(records, RefusedScan):
                 raise records.error
-            return finish(file, records)
+            if isinstance(records, ScanRecords):
+                return finish(file, records)
     raise file.unreadable("the file holds no points under this index", f"scan {index}")
 
 
@@ -246,9 +248,18 @@ def reader_of(file: ScanFile) -> ScanReader:
     return reader
 
 
-def _told(file: ScanFile, records: ScanRecords | RefusedScan) -> ScanInfo | RefusedScan:
+def _told(
+    file: ScanFile, reader: ScanReader, limits: ReadLimits, records: ScanRecords | RefusedScan | LargeScan
+) -> ScanInfo | RefusedScan:
     if isinstance(records, RefusedScan):
         return records
+    if isinstance(records, LargeScan):
+        from service.formats.surveyed import surveyed_info
+
+        try:
+            return surveyed_info(file, reader, limits, records)
+        except UnreadableFileError as error:
+            return RefusedScan(records.index, "", error)
     count = len(records.points)
     try:
         scan = finish(file, records)

@@ -15,6 +15,8 @@ from service.formats.units import DeclaredUnit
 
 RECORDS_AT_ONCE = 1 << 19
 """Records of a piece."""
+RECORDS_IN_MEMORY = 30_000_000
+"""Scans with more are inspected piece by piece, and their features come from a part of the points."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,8 @@ class ReadLimits:
     """Scans per file, and photos per file."""
     max_pixels: int = 100_000_000
     """Pixels per photo."""
+    at_once: int = RECORDS_IN_MEMORY
+    """Records of a scan up to which `ScanReader.scans` gives it whole."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,14 @@ class RefusedScan:
     index: int
     name: str
     error: UnreadableFileError
+
+
+@dataclass(frozen=True)
+class LargeScan:
+    """A scan with more records than may be in memory at once; `ScanReader.pieces` gives it."""
+
+    index: int
+    records: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,10 +201,11 @@ class ScanReader(Protocol):
 
     def scans(
         self, file: ScanFile, limits: ReadLimits, wanted: int | None = None
-    ) -> Iterator[ScanRecords | RefusedScan]:
+    ) -> Iterator[ScanRecords | RefusedScan | LargeScan]:
         """Yield the scans of a file in order, or only the one wanted (nothing if there is no such scan).
 
         Of a format that holds several scans, one that is damaged or empty is yielded as refused, and others follow.
+        Formats that large scans come in (E57, LAS) yield one with more records than `limits.at_once` as large.
 
         Raises
         ------

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points
 from service.errors import UnreadableFileError
-from service.formats.base import RECORDS_AT_ONCE, ReadLimits, RefusedScan, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, LargeScan, ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.crs_units import unit_of_crs
 from service.formats.e57_nodes import faults_named, instrument_of, number_of, opened, pose_of
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
@@ -52,17 +52,19 @@ class E57Reader:
 
     def scans(
         self, file: ScanFile, limits: ReadLimits, wanted: int | None = None
-    ) -> Iterator[ScanRecords | RefusedScan]:
+    ) -> Iterator[ScanRecords | RefusedScan | LargeScan]:
         """Yield the scans of a file in order, or only the one wanted."""
         with opened(file) as image_file:
             with faults_named(file, "the file's structure"):
                 data = _scan_nodes(file, image_file, limits)
                 said = _said_of_units(image_file)
             for index in range(len(data)) if wanted is None else [wanted] if 0 <= wanted < len(data) else []:
-                found: ScanRecords | RefusedScan
+                found: ScanRecords | RefusedScan | LargeScan
                 try:
                     with faults_named(file, f"scan {index}"):
-                        found = replace(_read_scan(file, image_file, data[index], index, limits), **said)
+                        found = _read_scan(file, image_file, data[index], index, limits)
+                    if isinstance(found, ScanRecords):
+                        found = replace(found, **said)
                 except UnreadableFileError as fault:
                     found = RefusedScan(index, _name_of(data, index), fault)
                 yield found
@@ -132,8 +134,10 @@ def _plan(file: ScanFile, node: Any, index: int, limits: ReadLimits) -> _Plan:
     return _Plan(points_node, count, fields, coordinates, largest)
 
 
-def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords:
+def _read_scan(file: ScanFile, image_file: Any, node: Any, index: int, limits: ReadLimits) -> ScanRecords | LargeScan:
     plan = _plan(file, node, index, limits)
+    if plan.count > limits.at_once:
+        return LargeScan(index, plan.count)
     columns = _Columns(plan.count, plan.fields, plan.largest_color)
     filled = _fill(image_file, plan.points_node, plan.fields, columns)
     if filled != plan.count:

@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from algorithms.arrays import Array
-from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.base import LargeScan, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
 from service.formats.las_units import las_unit
@@ -38,12 +38,15 @@ class LasReader:
         """Say no more than that the signature is missing."""
         return ""
 
-    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords]:
+    def scans(self, file: ScanFile, limits: ReadLimits, wanted: int | None = None) -> Iterator[ScanRecords | LargeScan]:
         """Yield the one cloud of a file."""
         if wanted not in {None, 0}:
             return
         opened, cloud = OpenedLas(file, limits), None
         for chunk in opened.chunks():
+            if opened.count > limits.at_once:
+                yield LargeScan(0, opened.count)
+                return
             cloud = _Cloud(chunk, opened.count) if cloud is None else cloud
             cloud.take(chunk, opened.scales)
         if cloud is not None:
@@ -59,7 +62,10 @@ class LasReader:
             if not largest and cloud.channels is not None and cloud.channels.any():
                 largest = _largest_color(cloud.channels)  # of the first points that are not black
             color = None if cloud.channels is None else colors_8bit(cloud.channels, largest or 255.0)
-            records = ScanRecords(0, cloud.points, base_m=opened.offsets, intensity=cloud.intensity, color=color)
+            records = ScanRecords(
+                0, cloud.points, base_m=opened.offsets, intensity=cloud.intensity, color=color,
+                gps_time_s=cloud.span_s, instrument=opened.instrument,
+            )  # fmt: skip
             yield _with_unit(file, records, opened.unit)
 
 
@@ -174,6 +180,14 @@ class _Cloud:
             self._times[part] = chunk["gps_time"]
         self._filled = part.stop
 
+    @property
+    def span_s(self) -> tuple[float, float] | None:
+        """Least and largest time; None: there are none, or not all are finite."""
+        if self._times is None:
+            return None
+        low, high = float(self._times.min()), float(self._times.max())
+        return (low, high) if np.isfinite([low, high]).all() else None
+
     def records(self, offsets: Array) -> ScanRecords:
         """Give what was copied."""
         channels, times = self.channels, self._times
@@ -184,15 +198,9 @@ class _Cloud:
             base_m=offsets,
             intensity=self.intensity,
             color=colors_8bit(channels, _largest_color(channels)) if coloured and channels is not None else None,
-            gps_time_s=None if times is None else _span(times),
+            gps_time_s=self.span_s,
             times_s=None if times is None else times_of(times),
         )
-
-
-def _span(times: Array) -> tuple[float, float] | None:
-    """Give the least and the largest time; None: they are not finite."""
-    low, high = float(times.min()), float(times.max())
-    return (low, high) if np.isfinite([low, high]).all() else None
 
 
 def _laszip_record(file: ScanFile, header: Any) -> bytes:

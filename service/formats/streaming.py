@@ -40,10 +40,10 @@ def stream_scan(
         The scan has more points than `limits` allow.
     """
     reader = reader_of(file)
-    survey = _Survey()
+    survey = Survey()
     with np.errstate(all="ignore"):  # absurd numbers are found by looking at them, not by a warning
         for records in reader.pieces(file, limits, index):
-            survey.see(_usable(in_metres(file, records, f"scan {index}")))
+            survey.see(usable(in_metres(file, records, f"scan {index}")))
             (progress or NoProgress()).report(0.5, f"reading {file.filename}")
     first = survey.first
     if first is None or survey.points == 0:
@@ -79,7 +79,7 @@ class _Grid:
 
 
 @dataclass
-class _Survey:
+class Survey:
     """What is learnt of a scan in one reading."""
 
     first: ScanRecords | None = None
@@ -89,6 +89,8 @@ class _Survey:
     high_m: Vector3 = field(default_factory=lambda: np.full(3, -np.inf))
     has_intensity: bool = False
     has_color: bool = False
+    gps_time_s: tuple[float, float] | None = None
+    """Least and largest; None: the file has no times, or not of all pieces."""
     _least: float = np.inf
     _largest: float = -np.inf
     _low_cell: Array = field(default_factory=lambda: np.full(2, np.iinfo(np.int64).max))
@@ -98,6 +100,8 @@ class _Survey:
         """Take a piece into account."""
         if self.first is None:
             self.first = replace(records, points=records.points[:0])
+            self.gps_time_s = records.gps_time_s
+        self.gps_time_s = _both(self.gps_time_s, records.gps_time_s)
         self.has_intensity |= records.intensity is not None
         self.has_color |= records.color is not None
         if len(records.points) == 0:
@@ -131,6 +135,10 @@ class _Survey:
         return _Grid(int(self._low_cell[0]), int(self._low_cell[1]), rows, columns)
 
 
+def _both(first: tuple[float, float] | None, second: tuple[float, float] | None) -> tuple[float, float] | None:
+    return None if first is None or second is None else (min(first[0], second[0]), max(first[1], second[1]))
+
+
 @dataclass(frozen=True, eq=False)
 class _Stream:
     reader: ScanReader
@@ -143,15 +151,15 @@ class _Stream:
     def pieces(self) -> Iterator[PointPiece]:
         """Read the scan from its first record on."""
         for records in self.reader.pieces(self.file, self.limits, self.index):
-            usable = _usable(in_metres(self.file, records, f"scan {self.index}"))
-            base_m = np.zeros(3) if usable.base_m is None else usable.base_m
+            found = usable(in_metres(self.file, records, f"scan {self.index}"))
+            base_m = np.zeros(3) if found.base_m is None else found.base_m
             row = column = None
-            if self.grid is not None and usable.row is not None and usable.column is not None:
-                row, column = usable.row - self.grid.first_row, usable.column - self.grid.first_column
-            yield PointPiece(usable.points + (base_m - self.origin_m), usable.intensity, usable.color, row, column)
+            if self.grid is not None and found.row is not None and found.column is not None:
+                row, column = found.row - self.grid.first_row, found.column - self.grid.first_column
+            yield PointPiece(found.points + (base_m - self.origin_m), found.intensity, found.color, row, column)
 
 
-def _usable(records: ScanRecords) -> ScanRecords:
+def usable(records: ScanRecords) -> ScanRecords:
     """Leave out what is no measured point."""
     keep = finite(records.points)
     if records.valid is not None:

@@ -51,20 +51,21 @@ def read_thinned_scan(
         The scan has more points than `limits` allow.
     """
     file = ScanFile(path, filename, columns, unit)
-    kept: _Kept | None = None
+    kept: Thinned | None = None
     with np.errstate(all="ignore"):
         for piece in reader_of(file).pieces(file, limits, index):
-            kept = _Kept(piece, records, most) if kept is None else kept
+            kept = Thinned(piece, records, most) if kept is None else kept
             kept.take(piece)
         if kept is None:
             raise file.unreadable("the file holds no points under this index", f"scan {index}")
         return finish(file, kept.joined()), kept.words
 
 
-class _Kept:
+class Thinned:
     """Arrays of a scan that are filled piece by piece with the points that are kept."""
 
     def __init__(self, first: ScanRecords, records: int, most: int) -> None:
+        """Make room for about `most` of `records`; the first piece tells what there is of each."""
         self._first = first
         self._grid = first.row is not None and first.column is not None
         share = max(records / most, 1.0)

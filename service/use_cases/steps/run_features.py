@@ -24,8 +24,6 @@ from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.feature_store import load_features, save_features
 
-MOST_POINTS = 30_000_000
-"""Of larger scans a part of the points is used: some surfaces metres wide tell the pose, and memory is bounded."""
 SEED = 0
 """Every computation draws from a generator with this seed: the same input gives the same answer."""
 
@@ -180,17 +178,18 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
 
 def _scan_in_memory(context: StepContext, arguments: Json) -> tuple[Scan, tuple[str, ...]]:
     """Read a scan, or so much of a very large one as memory has room for, and say in words how much."""
+    from service.formats.base import RECORDS_IN_MEMORY
     from service.formats.thinned import read_thinned_scan
 
     records = arguments.get("records") or 0
-    if records <= MOST_POINTS:
+    if records <= RECORDS_IN_MEMORY:
         return read_stored_scan(context, arguments), ()
     scan, words = read_thinned_scan(
         context.blobs.local_path(content_key(arguments["sha256"])),
         arguments["filename"],
         arguments["index"],
         records,
-        MOST_POINTS,
+        RECORDS_IN_MEMORY,
         read_limits(context),
         columns=arguments.get("columns") or "",
         unit=arguments.get("unit") or "",

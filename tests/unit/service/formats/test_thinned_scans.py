@@ -1,5 +1,6 @@
 """Of a scan with too many points every second, third … row and column is kept, as if the rest had not been measured."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from algorithms.progress import NoProgress
 from service.errors import UnreadableFileError
-from service.formats import base, e57, read_scan
+from service.formats import base, e57, inspect_file, las, read_scan, surveyed
+from service.formats.base import ReadLimits
 from service.formats.thinned import read_thinned_scan
 from service.formats.writers import PointPiece, StationCloud, writer_of
 
@@ -60,6 +62,27 @@ def test_where_there_is_room_for_all_all_are_kept(file: Path) -> None:
     whole = read_scan(file, file.name)
     thinned, _ = read_thinned_scan(file, file.name, 0, len(whole), len(whole))
     np.testing.assert_array_equal(thinned.points, whole.points)
+
+
+@pytest.mark.parametrize("kind", ["e57", "laz"])
+def test_a_scan_that_is_never_whole_in_memory_is_described_as_any_other(
+    kind: str, structured: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(e57, "RECORDS_AT_ONCE", 177)
+    monkeypatch.setattr(las, "POINTS_AT_ONCE", 177)
+    monkeypatch.setattr(surveyed, "WARNED_OF", 500)
+    path = tmp_path / f"wall.{kind}"
+    writer_of(kind).write(path, [cloud(structured=structured)], NoProgress())
+    (whole,) = inspect_file(path, path.name)
+    (large,) = inspect_file(path, path.name, ReadLimits(at_once=ROWS * COLUMNS - 1))
+    np.testing.assert_allclose(large.bounds_m, whole.bounds_m, atol=1e-9)
+    assert large.content is not None
+    assert whole.content is not None
+    assert large.content.points == whole.content.points
+    np.testing.assert_allclose(large.content.mean_m, whole.content.mean_m, atol=1e-9)
+    np.testing.assert_allclose(large.content.scatter_m2, whole.content.scatter_m2, atol=1e-9)
+    told = [replace(each, bounds_m=None, content=None).to_json() for each in (large, whole)]
+    assert told[0] == told[1]
 
 
 def test_a_scan_that_is_not_there_is_refused_by_its_number(file: Path) -> None:
