@@ -1,6 +1,6 @@
 """A registration of a thousand stations over HTTP: the engine, its plan and the report are real, scans are not.
 
-    TIELINE_OVER_HTTP=1000 uv run pytest -n0 -s -m benchmark tests/benchmark/test_network_over_http.py
+    TIELINE_OVER_HTTP=1000 uv run pytest -n0 -s -m benchmark tests/benchmark/test_drawn_network_over_http.py
 
 Steps that read scans are drawn from a simulated city: features, and registrations of pairs. Choice of pairs, adjustment
 of all stations and report are computed. Steps run in the worker's own process, so that what is measured beside them is
