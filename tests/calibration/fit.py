@@ -25,19 +25,26 @@ RIDGE = 0.02
 """Weight of the square of how far a constant lies from where it starts: what the data do not tell stays there."""
 
 
+def loss(pairs: Pairs, weights: Weights, chosen: Flags) -> float:
+    """Give what the fit makes as small as it can."""
+    away = np.array(list(asdict(weights).values())) - np.array(list(asdict(START).values()))
+    return RIDGE / max(chosen.sum(), 1) * float(away @ away) - pairs.log_likelihood(weights, chosen)
+
+
 def fitted(pairs: Pairs, chosen: Flags, start: Weights = START) -> Weights:
     """Fit by maximum likelihood, never below zero: no evidence is turned round."""
-    origin = np.array(list(asdict(START).values()))[:-1]
 
     def weights_of(vector: Array) -> Weights:
         return Weights(*vector.tolist(), START.elsewhere)
 
-    def loss(vector: Array) -> float:
-        ridge = RIDGE / max(chosen.sum(), 1) * float(np.sum((vector - origin) ** 2))
-        return ridge - pairs.log_likelihood(weights_of(vector), chosen)
-
     begin = np.array(list(asdict(start).values()))[:-1]
-    found = minimize(loss, begin, method="L-BFGS-B", bounds=[(0.0, None)] * len(origin), options={"maxiter": 200})
+    found = minimize(
+        lambda vector: loss(pairs, weights_of(vector), chosen),
+        begin,
+        method="L-BFGS-B",
+        bounds=[(0.0, None)] * len(begin),
+        options={"maxiter": 200},
+    )
     return weights_of(found.x)
 
 
