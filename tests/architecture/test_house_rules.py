@@ -36,6 +36,12 @@ def test_no_module_is_longer_than_500_lines(path: Path) -> None:
     assert len(path.read_text().splitlines()) <= 500
 
 
+def test_no_two_files_of_tests_have_the_same_name() -> None:
+    """Pytest imports them by their names alone: of two with one name the second is not collected."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted({name for name in names if names.count(name) > 1}) == []
+
+
 def test_only_the_job_boundary_catches_every_exception() -> None:
     places = [
         str(path.relative_to(ROOT))
