@@ -48,11 +48,7 @@ def stream_scan(
     first = survey.first
     if first is None or survey.points == 0:
         raise file.unreadable("the file holds no points under this index", f"scan {index}")
-    largest_m = float(np.abs([survey.low_m, survey.high_m]).max())
-    if largest_m > LARGEST_COORDINATE_M:
-        raise file.unreadable(
-            f"a coordinate of {largest_m:.6g} m is beyond {LARGEST_COORDINATE_M:.0e} m", f"scan {index}"
-        )
+    survey.refuse_absurd(file, f"scan {index}")
     grid = survey.grid
     origin_m = local_origin(survey.low_m, survey.high_m)
     stream = _Stream(reader, file, limits, index, origin_m, grid)
@@ -118,6 +114,18 @@ class Survey:
             cells = (records.row, records.column)
             self._low_cell = np.minimum(self._low_cell, [int(each.min()) for each in cells])
             self._high_cell = np.maximum(self._high_cell, [int(each.max()) for each in cells])
+
+    def refuse_absurd(self, file: ScanFile, place: str) -> None:
+        """Refuse coordinates that are no lengths.
+
+        Raises
+        ------
+        UnreadableFileError
+            One lies beyond `LARGEST_COORDINATE_M`.
+        """
+        largest_m = float(np.abs([self.low_m, self.high_m]).max())
+        if largest_m > LARGEST_COORDINATE_M:
+            raise file.unreadable(f"a coordinate of {largest_m:.6g} m is beyond {LARGEST_COORDINATE_M:.0e} m", place)
 
     @property
     def intensity_limits(self) -> tuple[float, float] | None:

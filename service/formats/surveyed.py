@@ -25,13 +25,14 @@ def surveyed_info(file: ScanFile, reader: ScanReader, limits: ReadLimits, large:
     place = f"scan {large.index}"
     survey, sums, kept = Survey(), ContentSums(), None
     for piece in reader.pieces(file, limits, large.index):
-        kept = Thinned(piece, large.records, WARNED_OF) if kept is None else kept
+        kept = Thinned(file, piece, large.records, WARNED_OF) if kept is None else kept
         kept.take(piece)
         measured = usable(in_metres(file, piece, place))
         survey.see(measured)
         sums.add(measured.points, np.zeros(3) if measured.base_m is None else measured.base_m)
     if kept is None or survey.first is None or survey.points == 0:
         raise file.unreadable("no point of the scan has finite coordinates", place)
+    survey.refuse_absurd(file, place)
     part = scan_info(large.index, finish(file, kept.joined()), 0)
     grid = survey.grid
     whole = replace(

@@ -13,7 +13,7 @@ import numpy as np
 from algorithms.arrays import Array, Flags
 from algorithms.scans.scan import Scan
 from service.formats import NO_LIMITS, reader_of
-from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.base import RECORDS_AT_ONCE, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import finish
 
 
@@ -54,7 +54,7 @@ def read_thinned_scan(
     kept: Thinned | None = None
     with np.errstate(all="ignore"):
         for piece in reader_of(file).pieces(file, limits, index):
-            kept = Thinned(piece, records, most) if kept is None else kept
+            kept = Thinned(file, piece, records, most) if kept is None else kept
             kept.take(piece)
         if kept is None:
             raise file.unreadable("the file holds no points under this index", f"scan {index}")
@@ -64,15 +64,16 @@ def read_thinned_scan(
 class Thinned:
     """Arrays of a scan that are filled piece by piece with the points that are kept."""
 
-    def __init__(self, first: ScanRecords, records: int, most: int) -> None:
+    def __init__(self, file: ScanFile, first: ScanRecords, records: int, most: int) -> None:
         """Make room for about `most` of `records`; the first piece tells what there is of each."""
-        self._first = first
+        self._file, self._first = file, first
         self._grid = first.row is not None and first.column is not None
         share = max(records / most, 1.0)
         self._step = math.ceil(math.sqrt(share) if self._grid else share)
+        self._cells = _numbering(first.row), _numbering(first.column)
         self._seen, self._filled = 0, 0
         # what is never written to takes no memory
-        room = records // self._step + 1
+        room = records // self._step + RECORDS_AT_ONCE
         self._points = np.empty((room, 3))
         self._others = {
             name: np.empty((room, *value.shape[1:]), dtype=value.dtype)
@@ -89,6 +90,9 @@ class Thinned:
         """Keep some points of the next piece."""
         chosen = self._chosen(piece)
         points = piece.points[chosen]
+        if self._filled + len(points) > len(self._points):
+            why = "rows and columns are numbered so that leaving some of them out leaves too many points"
+            raise self._file.unreadable(why, f"scan {self._first.index}")
         if piece.base_m is not None and self._first.base_m is not None:
             points += piece.base_m - self._first.base_m
         part = slice(self._filled, self._filled + len(points))
@@ -103,13 +107,26 @@ class Thinned:
         """Give what was kept as one scan, its grid renumbered."""
         whole: dict[str, Any] = {name: value[: self._filled] for name, value in self._others.items()}
         if self._grid:
-            whole |= {name: whole[name] // self._step for name in ("row", "column")}
+            whole |= {
+                name: (whole[name] - lowest) // (stride * self._step)
+                for name, (lowest, stride) in zip(("row", "column"), self._cells, strict=True)
+            }
         return replace(self._first, points=self._points[: self._filled], times_s=None, **whole)
 
     def _chosen(self, piece: ScanRecords) -> Flags:
         if self._grid and piece.row is not None and piece.column is not None:
-            return np.asarray((piece.row % self._step == 0) & (piece.column % self._step == 0))
+            whole = zip((piece.row, piece.column), self._cells, strict=True)
+            rows, columns = ((numbers - lowest) % (stride * self._step) == 0 for numbers, (lowest, stride) in whole)
+            return np.asarray(rows & columns)
         return np.asarray((self._seen + np.arange(len(piece.points))) % self._step == 0)
+
+
+def _numbering(numbers: Array | None) -> tuple[int, int]:
+    """Tell the lowest number of rows or columns, and how far apart they are: one that was thinned may count by more."""
+    if numbers is None or len(numbers) == 0:
+        return 0, 1
+    lowest = int(numbers.min())
+    return lowest, max(int(np.gcd.reduce(np.unique(numbers) - lowest)), 1)
 
 
 def _absent(name: str) -> bool:

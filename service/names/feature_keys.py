@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from service.ports import Json
 
-FEATURE_VERSION = 18
+FEATURE_VERSION = 19
 """Raise when extraction gives other features for the same scan and options."""
 VIEWER_POINTS_VERSION = 1
 """Raise when the viewer is given points in another form."""

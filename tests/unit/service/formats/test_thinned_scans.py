@@ -9,8 +9,8 @@ import pytest
 from algorithms.progress import NoProgress
 from service.errors import UnreadableFileError
 from service.formats import base, e57, inspect_file, las, read_scan, surveyed
-from service.formats.base import ReadLimits
-from service.formats.thinned import read_thinned_scan
+from service.formats.base import ReadLimits, ScanFile, ScanRecords
+from service.formats.thinned import Thinned, read_thinned_scan
 from service.formats.writers import PointPiece, StationCloud, writer_of
 
 ROWS, COLUMNS = 40, 60
@@ -62,6 +62,33 @@ def test_where_there_is_room_for_all_all_are_kept(file: Path) -> None:
     whole = read_scan(file, file.name)
     thinned, _ = read_thinned_scan(file, file.name, 0, len(whole), len(whole))
     np.testing.assert_array_equal(thinned.points, whole.points)
+
+
+@pytest.mark.parametrize("lowest", [0, 1])
+def test_of_a_scan_that_was_thinned_before_no_more_is_kept_and_no_less(lowest: int) -> None:
+    row, column = (2 * numbers + lowest for numbers in np.divmod(np.arange(ROWS * COLUMNS), COLUMNS))
+    records = ScanRecords(0, np.zeros((len(row), 3)), row=row, column=column)
+    kept = Thinned(ScanFile(Path("a"), "a.e57"), records, len(row), len(row) // 4)
+    kept.take(records)
+    joined = kept.joined()
+    assert joined.row is not None
+    assert joined.column is not None
+    assert sorted(set(joined.row.tolist())) == list(range(ROWS // 2))
+    assert sorted(set(joined.column.tolist())) == list(range(COLUMNS // 2))
+    assert len(joined.points) == ROWS * COLUMNS // 4
+
+
+def test_a_large_scan_with_an_absurd_coordinate_is_refused_wherever_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(surveyed, "WARNED_OF", 10)  # so that it is none of the points that are kept
+    points = np.column_stack([np.arange(100.0), np.arange(100.0) ** 1.5, np.zeros(100)])
+    points[51] = 1e9
+    absurd = StationCloud("a", lambda: iter([PointPiece(points, None, None)]), np.zeros(3))
+    path = tmp_path / "a.e57"
+    writer_of("e57").write(path, [absurd], NoProgress())
+    with pytest.raises(UnreadableFileError, match="beyond"):
+        inspect_file(path, path.name, ReadLimits(at_once=99))
 
 
 @pytest.mark.parametrize("kind", ["e57", "laz"])
