@@ -83,7 +83,7 @@ class StepQueue(Protocol):
     def take_turn(self, executor_id: str, now: datetime, *, alone: bool) -> ClaimedStep | FreshJob | None:
         """Claim the step whose turn it is, and mark its job as running, or tell which job is to be begun.
 
-        None when nothing waits, or when the next step wants to be alone on its worker and is not.
+        None when nothing waits but what others begin, or when the next step wants to be alone on its worker and is not.
         """
 
     def plan_stage(self, job_id: str, stage: int, calls: Sequence[StepCall], total_weight: float) -> None:

@@ -33,9 +33,13 @@ ORDER_OF_STEPS = 1
 WAITING, RUNNING, DONE = "waiting", "running", "done"
 QUIET = timedelta(seconds=2.0)
 """A job of which no step has run for so long waits: shorter pauses are those between two steps."""
+BEGINNING = timedelta(seconds=2.0)
+"""A job that one worker was told to begin is told to no other for so long: of many that begin the same job all but one
+work in vain, hold up the turns of the rest, and with them are ever more of the same."""
 WAITS_MESSAGE = "waiting for a worker"
 UNFINISHED_JOB = jobs.c.status.in_(UNFINISHED)
-UNPLANNED = sa.and_(jobs.c.planned == 0, UNFINISHED_JOB)
+UNPLANNED = tuple(sa.and_(jobs.c.planned == 0, jobs.c.status == status) for status in UNFINISHED)
+"""By status: of each alone an index gives them in order."""
 STEPS_OF_JOBS = job_steps.join(jobs, jobs.c.id == job_steps.c.job_id)
 OURS = sa.and_(UNFINISHED_JOB, jobs.c.planned == ORDER_OF_STEPS)
 
@@ -56,6 +60,7 @@ class DatabaseSteps:
         self._reading = engine.execution_options(reads_only=True)
         self._max_running_jobs = max_running_jobs
         self._changes = Changes(engine)
+        self._first_fresh_query = _first_fresh_query(max_running_jobs)
 
     # turns
 
@@ -69,7 +74,7 @@ class DatabaseSteps:
 
     def _waits(self) -> bool:
         steps = sa.exists(sa.select(sa.literal(1)).where(job_steps.c.state == WAITING))
-        fresh = sa.exists(sa.select(sa.literal(1)).select_from(jobs).where(UNPLANNED))
+        fresh = sa.exists(sa.select(sa.literal(1)).select_from(jobs).where(sa.or_(*UNPLANNED)))
         with self._reading.begin() as connection:
             return bool(connection.execute(sa.select(sa.or_(steps, fresh))).scalar())
 
@@ -78,8 +83,9 @@ class DatabaseSteps:
         with self._engine.begin() as connection:
             lock_name(connection, "turns")
             for owner in in_turn(_shares(connection)):
-                step, fresh = _first_step(connection, owner), self._first_fresh(connection, owner)
+                step, fresh = _first_step(connection, owner), self._first_fresh(connection, owner, now)
                 if fresh is not None and (step is None or before(fresh, _place_in_line(step))):
+                    connection.execute(sa.update(jobs).where(jobs.c.id == fresh.job_id).values(updated=now))
                     return FreshJob(fresh.job_id)
                 if step is not None:
                     if step["deaths"] >= 1.0 and not alone:
@@ -87,20 +93,13 @@ class DatabaseSteps:
                     return _claim(connection, executor_id, step, now)
         return None
 
-    def _first_fresh(self, connection: sa.Connection, owner: str) -> WaitingPlace | None:
-        """Find the next job of a project that is to be begun, unless enough of them are under way."""
-        query = (
-            sa.select(jobs.c.urgency, jobs.c.created, jobs.c.id)
-            .where(UNPLANNED, jobs.c.owner == owner)
-            .order_by(jobs.c.urgency, jobs.c.created, jobs.c.id)
-            .limit(1)
-        )
-        row = connection.execute(query).one_or_none()
-        if row is None:
+    def _first_fresh(self, connection: sa.Connection, owner: str, now: datetime) -> WaitingPlace | None:
+        """Find the next job of a project that is to be begun and nobody begins, unless enough of them are under way."""
+        values = {"owner": owner, "earliest": now - BEGINNING, "latest": now + BEGINNING}
+        row = connection.execute(self._first_fresh_query, values).one_or_none()
+        if row is None or row.number >= self._max_running_jobs:
             return None
-        begun = sa.and_(OURS, jobs.c.owner == owner, jobs.c.urgency <= row.urgency)
-        number = connection.execute(sa.select(sa.func.count()).select_from(jobs).where(begun)).scalar_one()
-        return WaitingPlace(row.urgency, 0, row.created, row.id) if number < self._max_running_jobs else None
+        return WaitingPlace(row.urgency, 0, row.created, row.id)
 
     # stages
 
@@ -233,6 +232,18 @@ class DatabaseSteps:
             return StepFigures(numbers[WAITING], numbers[RUNNING], max(wait_s, 0.0), read_totals(connection))
 
 
+def _owners(which: sa.ColumnElement[bool]) -> sa.Select[Any]:
+    """Ask for the projects that have some of the jobs, from one to the next by an index: O(projects), not O(jobs)."""
+    first = sa.select(jobs.c.owner).where(which).order_by(jobs.c.owner).limit(1)
+    found = sa.select(first.subquery().c.owner).cte(recursive=True)
+    following = first.where(jobs.c.owner > found.c.owner).correlate(found).scalar_subquery()
+    found = found.union_all(sa.select(following).where(found.c.owner.is_not(None)))
+    return sa.select(found.c.owner).where(found.c.owner.is_not(None))
+
+
+OWNERS_OF_FRESH = sa.union_all(*map(_owners, UNPLANNED))
+
+
 def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
     """Give the projects of which something waits, and what each of them has."""
     runs, waits = (sa.func.sum(sa.case((job_steps.c.state == state, 1), else_=0)) for state in (RUNNING, WAITING))
@@ -240,9 +251,31 @@ def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
     unfinished = steps.where(OURS, job_steps.c.state.in_((RUNNING, WAITING))).group_by(jobs.c.owner)
     rows = connection.execute(unfinished).all()
     running, waiting = {row.owner: row.running for row in rows}, {row.owner for row in rows if row.waiting}
-    fresh = set(connection.execute(sa.select(jobs.c.owner).where(UNPLANNED).distinct()).scalars())
+    fresh = set(connection.execute(OWNERS_OF_FRESH).scalars())
     begun = {row.owner: row.begun for row in connection.execute(sa.select(turns))}
     return [ProjectShare(owner, running.get(owner, 0), begun.get(owner, 0.0)) for owner in waiting | fresh]
+
+
+def _first_fresh_query(most: int) -> sa.Select[Any]:
+    """Ask for the first job of a project that nobody begins, and how many as urgent ones are begun or being begun."""
+    owner = sa.bindparam("owner", type_=jobs.c.owner.type)
+    earliest, latest = (sa.bindparam(name, type_=jobs.c.updated.type) for name in ("earliest", "latest"))
+    changed = sa.func.coalesce(jobs.c.updated, jobs.c.created)
+    begins = sa.and_(changed > jobs.c.created, changed.between(earliest, latest))
+    columns = (jobs.c.urgency, jobs.c.created, jobs.c.id, begins.label("begins"))
+    # each in the order of the index; when as many as may run are being begun, no more are
+    heads = [
+        sa.select(*columns).where(which, jobs.c.owner == owner).order_by(*columns[:3]).limit(most + 1).subquery()
+        for which in UNPLANNED
+    ]
+    head = sa.union_all(*map(sa.select, heads)).cte()
+    free = sa.select(head).where(sa.not_(head.c.begins)).order_by(head.c.urgency, head.c.created, head.c.id)
+    first = free.limit(1).cte()
+    begun = sa.select(sa.func.count()).select_from(jobs).where(OURS, jobs.c.owner == owner)
+    begun = begun.where(jobs.c.urgency <= first.c.urgency).correlate(first)
+    others = sa.select(sa.func.count()).select_from(head).where(head.c.begins, head.c.urgency <= first.c.urgency)
+    number = begun.scalar_subquery() + others.correlate(first).scalar_subquery()
+    return sa.select(first, number.label("number"))
 
 
 def _first_step(connection: sa.Connection, owner: str) -> sa.RowMapping | None:

@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from service.adapters.database import changes
 from service.adapters.database.executors import DatabaseExecutors
 from service.adapters.database.jobs import DatabaseJobStore, migrate
-from service.adapters.database.steps import DatabaseSteps
+from service.adapters.database.steps import BEGINNING, DatabaseSteps
 from service.adapters.database.tables import connect, job_steps
 from service.ports import ClaimedStep, FreshJob, Job, JobStatus, LostStep, StepCall, StepPlace
 from service.settings import Settings
@@ -184,6 +184,15 @@ def test_only_so_many_jobs_of_a_project_are_begun_and_urgent_ones_besides(stores
     assert stores.take() is None
     stores.add("urgent", stage=None, urgency=0)
     assert stores.take() == FreshJob("urgent")
+
+
+def test_a_job_that_is_being_begun_is_told_to_nobody_else_for_a_while(stores: Stores) -> None:
+    for number in range(MOST + 1):
+        stores.add(f"j{number}", number - 60.0, stage=None)
+    begun = [stores.take(worker) for worker in ("w1", "w2", "w1", "w2", "w1")]
+    assert begun == [*(FreshJob(f"j{number}") for number in range(MOST)), None]
+    later = NOW + 1.1 * BEGINNING  # who was told so is gone
+    assert stores.steps.take_turn("w2", later, alone=True) == FreshJob("j0")
 
 
 def test_projects_take_turns_whatever_one_of_them_sends(stores: Stores) -> None:
