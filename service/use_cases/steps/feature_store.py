@@ -23,6 +23,19 @@ def load_features(path: Path) -> ScanFeatures:
         return _build(ScanFeatures, {name: archive[name] for name in archive.files}, "")
 
 
+def load_members(path: Path, *names: str) -> list[Any]:
+    """Read some members, by dotted names: of many scans one after the other, where all would be read in vain."""
+    with np.load(path, allow_pickle=False) as archive:
+        members = []
+        for name in names:
+            kind: Any = ScanFeatures
+            for part in name.split("."):
+                kind = get_type_hints(kind)[part]
+            own = [each for each in archive.files if each == name or each.startswith(f"{name}.")]
+            members.append(_member(kind, {each: archive[each] for each in own}, name))
+        return members
+
+
 def _flatten(value: Any, prefix: str) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for field in fields(value):
@@ -36,18 +49,17 @@ def _flatten(value: Any, prefix: str) -> dict[str, Any]:
 
 def _build(kind: type[T], flat: dict[str, Any], prefix: str) -> T:
     hints = get_type_hints(kind)
-    members: dict[str, Any] = {}
-    for field in fields(kind):  # type: ignore[arg-type]
-        name = prefix + field.name
-        hint = hints[field.name]
-        if get_origin(hint) in {Union, types.UnionType}:
-            hint = next(option for option in get_args(hint) if option is not type(None))
-        if is_dataclass(hint) and any(key.startswith(name + ".") for key in flat):
-            members[field.name] = _build(hint, flat, name + ".")  # type: ignore[arg-type]
-        elif name not in flat:
-            members[field.name] = None
-        elif get_origin(hint) is tuple:
-            members[field.name] = tuple(flat[name].tolist())
-        else:
-            members[field.name] = hint(flat[name]) if hint in {int, float, bool, str} else flat[name]
-    return kind(**members)
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return kind(**{name: _member(hints[name], flat, prefix + name) for name in names})
+
+
+def _member(hint: Any, flat: dict[str, Any], name: str) -> Any:
+    if get_origin(hint) in {Union, types.UnionType}:
+        hint = next(option for option in get_args(hint) if option is not type(None))
+    if is_dataclass(hint) and any(key.startswith(name + ".") for key in flat):
+        return _build(hint, flat, name + ".")  # type: ignore[arg-type]
+    if name not in flat:
+        return None
+    if get_origin(hint) is tuple:
+        return tuple(flat[name].tolist())
+    return hint(flat[name]) if hint in {int, float, bool, str} else flat[name]

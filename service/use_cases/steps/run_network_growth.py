@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from algorithms.arrays import Points
-from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.network.candidate_pairs import Tried, first_pairs, next_pairs
 from algorithms.network.links import StationLink
@@ -14,7 +12,7 @@ from algorithms.network.pose_graph import chained_parts
 from algorithms.network.similarity import appearance, likeness
 from algorithms.network.whereabouts import whereabouts_of
 from service.ports import Json, StepContext
-from service.use_cases.steps.feature_store import load_features
+from service.use_cases.steps.feature_store import load_members
 from service.use_cases.steps.run_network import stored_links
 from service.use_cases.steps.station_priors import approximate_pose
 
@@ -28,12 +26,12 @@ def choose_pairs(context: StepContext, arguments: Json) -> Json:
     profiles, surfaces = [], []
     poses: dict[int, PoseEstimate] = {}
     for number, key in enumerate(arguments["features"]):
-        features = load_features(context.blobs.local_path(key))
-        profiles.append(appearance(features.planes))
-        surfaces.append(_thinned(features))
+        planes, points, origin_m = load_members(context.blobs.local_path(key), "planes", "surface.points", "origin_m")
+        profiles.append(appearance(planes))
+        surfaces.append(np.ascontiguousarray(points[:: max(len(points) // MOST_POINTS, 1)]))
         approximate = arguments.get("known", {}).get(names[number], {}).get("approximate_pose")
         if approximate is not None:
-            poses[number] = approximate_pose(approximate, features.origin_m)
+            poses[number] = approximate_pose(approximate, origin_m)
         context.progress.report((number + 1) / len(names), "comparing scans")
     alike = likeness(profiles)
     whereabouts = whereabouts_of(surfaces, poses)
@@ -53,8 +51,3 @@ def _known(links: Sequence[StationLink], names: Sequence[str], tried: Sequence[t
     used = [link for number, link in enumerate(links) if number not in verdict.rejected]
     parts, poses = chained_parts(used, len(names))
     return Tried(tried, [link.stations for link in used], poses, parts)
-
-
-def _thinned(features: ScanFeatures) -> Points:
-    points = features.surface.points
-    return np.ascontiguousarray(points[:: max(len(points) // MOST_POINTS, 1)])

@@ -13,7 +13,7 @@ from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.scans.instrument_errors import Sweep, TimeSource
 from service.names.feature_keys import feature_key
-from service.use_cases.steps.feature_store import load_features, save_features
+from service.use_cases.steps.feature_store import load_features, load_members, save_features
 
 
 def some_features() -> ScanFeatures:
@@ -67,6 +67,17 @@ def test_features_come_back_bit_for_bit(tmp_path: Path) -> None:
     features = some_features()
     save_features(tmp_path / "f.npz", features)
     assert same(load_features(tmp_path / "f.npz"), features)
+
+
+def test_members_come_back_as_of_the_whole(tmp_path: Path) -> None:
+    features = some_features()
+    save_features(tmp_path / "f.npz", features)
+    names = ("planes", "surface.points", "origin_m", "seen", "point_count")
+    found = load_members(tmp_path / "f.npz", *names)
+    assert same(found[0], features.planes)
+    np.testing.assert_array_equal(found[1], features.surface.points)
+    np.testing.assert_array_equal(found[2], features.origin_m)
+    assert found[3:] == [None, 1234]
 
 
 @pytest.mark.parametrize("duration_s", [None, 184.5])
