@@ -16,10 +16,20 @@ from algorithms.quality.acceptance import (
     judge,
 )
 from algorithms.quality.overlap import verify_pose
-from algorithms.registration.base import FinalPose, FineRegistration, PairResult, RegistrationProblem, TargetFit
+from algorithms.registration.base import (
+    FinalPose,
+    FineRegistration,
+    PairResult,
+    PairStatus,
+    RegistrationProblem,
+    TargetFit,
+)
 from algorithms.registration.final_pose import widened
 from algorithms.registration.final_verdict import doubts_of_slivers, status_of_final
 from algorithms.registration.pair_verdict import agreement_doubts, expected_supporters, rigidity_of
+
+LEAST_PROBABILITY = 0.5
+"""A place that is rather not the right one than the right one is not accepted, whatever the limits say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +92,8 @@ def judged(
     if tested is not None:
         final = widened(problem, final, tested)
     place = _place(problem, coarse, final)
+    if status is PairStatus.ACCEPTED and (answer.targets is None or not answer.targets.is_controlled):
+        status, reasons = _if_probable(place, reasons)
     shown = None if fine is None else replace(fine, pose=final.pose)
     return PairResult(
         status, reasons, coarse, shown, verification, final=final, rigidity=tested, targets=answer.targets, place=place
@@ -97,6 +109,18 @@ def _place(problem: RegistrationProblem, coarse: CoarseRegistration, final: Fina
     surfaces = problem.target.index, problem.source.index
     others = [each for each in coarse.others if not are_near(pose, each, *surfaces)]
     return place_of(problem.target, problem.source, [pose, *others], calibration)
+
+
+def _if_probable(place: Place | None, reasons: tuple[str, ...]) -> tuple[PairStatus, tuple[str, ...]]:
+    """Accept a pose unless its place is improbable: then another one, or none of those found, is the right one."""
+    if place is None or place.probability >= LEAST_PROBABILITY:
+        return PairStatus.ACCEPTED, reasons
+    likely = sum(each.probability for each in place.others)
+    doubt = (
+        f"that this is the right place is probable to {place.probability:.0%}, that it is another one that was found "
+        f"to {likely:.0%}, and that it is none of them to {place.none:.0%} ({LEAST_PROBABILITY:.0%} would be needed)"
+    )
+    return PairStatus.AMBIGUOUS if likely > place.none else PairStatus.DOUBTFUL, (*reasons, doubt)
 
 
 def _with_targets(verdict: Verdict, verification: Verification, targets: TargetFit) -> Verdict:

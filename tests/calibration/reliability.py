@@ -8,6 +8,7 @@ import numpy as np
 from algorithms.arrays import Array, Flags, Scalars
 from algorithms.evidence.calibration import Calibration
 from algorithms.evidence.log_odds import log_odds
+from algorithms.registration.verdict import LEAST_PROBABILITY
 from tests.calibration.pairs import Pairs
 
 RISK = 0.005
@@ -20,7 +21,8 @@ HEAD = """# How reliable the probability of a place is
 Written by `python -m tests.calibration.fit --write` from the frozen pairs of simulated scans in `tests/calibration`.
 The model is `log_odds.py` beside this page (MATH 5.10). Every kind of building is judged by constants that were fitted
 on the other kinds. "Evidence" accepts what is the right place with a probability of at least {least} and precise
-enough; "rules" are those in force, by which the status is decided: the probability is information.
+enough. "Rules" decide the status; "in force" is what they accept less what the evidence calls rather not the right
+place (below one half).
 
 Of {pairs} pairs {accepted} are probable enough, {wrong} of them wrong: at 95 % no more than {bound:.2%} are. No
 probability above {most:.4f} is said.
@@ -60,6 +62,7 @@ def reliability(pairs: Pairs, probability: Scalars, right: Flags, calibration: C
 def _acceptance(pairs: Pairs, probability: Scalars, right: Flags) -> Iterator[str]:
     ours = (probability >= 1.0 - RISK) & pairs.of_pairs("precise")
     rules, rules_right = pairs.of_pairs("status") == "accepted", pairs.of_pairs("status_right")
+    probable = probability >= LEAST_PROBABILITY
     same, common = pairs.of_pairs("same_place"), pairs.of_pairs("common")
     families, buildings = pairs.of_pairs("family"), pairs.of_pairs("building")
     groups = {
@@ -73,10 +76,12 @@ def _acceptance(pairs: Pairs, probability: Scalars, right: Flags) -> Iterator[st
     }
     yield "## What is accepted\n"
     for title, classes in groups.items():
-        yield f"| {title} | pairs | evidence: right | wrong | rules: right | wrong |\n|---|---|---|---|---|---|"
+        yield f"| {title} | pairs | evidence: right | wrong | rules: right | wrong | in force: right | wrong |"
+        yield f"|{'---|' * 8}"
         for name, chosen in classes:
-            figures = (chosen, chosen & ours & right, chosen & ours & ~right, chosen & rules & rules_right)
-            counts = [int(flags.sum()) for flags in (*figures, chosen & rules & ~rules_right)]
+            verdicts = ((ours, right), (rules, rules_right), (rules & probable, rules_right))
+            sides = [flags for accepted, is_right in verdicts for flags in (accepted & is_right, accepted & ~is_right)]
+            counts = [int(chosen.sum()), *(int((chosen & flags).sum()) for flags in sides)]
             yield f"| {name.replace('_', ' ')} | {' | '.join(map(str, counts))} |"
         yield ""
 
