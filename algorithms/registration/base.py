@@ -207,7 +207,7 @@ class PairResult:
     targets: TargetFit | None = None
     """Survey targets in common; None: there are too few, or the method does not ask for them."""
     place: Place | None = None
-    """How probable the pose is by the evidence, beside others: information, no part of the status; None: no pose was
+    """How probable the pose is by the evidence, beside others; below one half it is not accepted. None: no pose was
     worth the question."""
 
     @staticmethod

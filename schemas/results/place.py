@@ -45,7 +45,7 @@ class EvidenceCalibration(Document):
 
 
 class Place(Document):
-    """What the evidence says of where the source stands: information beside the status, which rests on rules."""
+    """What the evidence says of where the source stands; what is less probable than one half is not accepted."""
 
     probability: float = Field(description="That the pose is the right one, never above `at_most`.")
     at_most: float = Field(description="More than this the calibration cannot carry.")

@@ -197,7 +197,7 @@ class Pair(Document):
     model: ModelTests | None = Field(default=None, description="Null: there is no pose to test.")
     place: Place | None = Field(
         default=None,
-        description="How probable the pose is by the evidence, beside others; information, no part of the status. "
+        description="How probable the pose is by the evidence, beside others; below one half it is not accepted. "
         "Null: there is no pose, or the evidence is not calibrated.",
     )
     start: StartDocument | None = Field(
