@@ -2,14 +2,17 @@
 
 ``python -m tests.calibration.frozen FOLDER FAMILY FIRST LAST`` freezes draws of a family.
 Each draw becomes one file in the folder, so that a run goes on where it stopped; `--pack FOLDER` makes one archive of
-them all, from which the model of the evidence is fitted in seconds, without scanning (`fit`).
+them all, from which the model of the evidence is fitted in seconds, without scanning (`fit`). `--real FOLDER SET`
+freezes pairs of an open set (with ``PYTHONPATH=tests/benchmark``); `--pack FOLDER real_scans.npz` packs them.
 """
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from unittest import mock
 
@@ -19,6 +22,8 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array
 from algorithms.errors import AlgorithmError
 from algorithms.evidence.pose_evidence import PairEvidence
+from algorithms.features.extraction import extract_features
+from algorithms.features.options import FeatureOptions
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.matching import coarse_registration
 from algorithms.matching.candidates import candidate_motions
@@ -38,6 +43,7 @@ from algorithms.registration import DEFAULT_METHOD, final_verdict
 from algorithms.registration import verdict as registration_verdict
 from algorithms.registration.base import FinalPose, PairStatus, RegistrationProblem
 from algorithms.scans.surface_index import SurfaceIndex
+from service.formats import read_scan
 from tests.calibration.drawn_pairs import DrawnPair, drawn_pairs
 
 ARCHIVE = Path(__file__).parent / "hypotheses.npz"
@@ -189,9 +195,31 @@ def freeze(folder: Path, family: str, number: int) -> None:
     np.savez_compressed(path, **joined)
 
 
+def freeze_real(folder: Path, name: str) -> None:
+    """Freeze a dozen pairs at most of an open set, evenly chosen by their overlap."""
+    from peer_sets import build_set
+
+    @cache
+    def features_of(path: Path) -> ScanFeatures:
+        scan = read_scan(path.with_suffix(".ply"), path.name)
+        return extract_features(scan, FeatureOptions(), progress=NoProgress(), rng=np.random.default_rng(0))
+
+    found = []
+    with TemporaryDirectory() as scans:
+        for pair in build_set(name, Path(scans), 1, 12).pairs:
+            target, source = features_of(pair.target), features_of(pair.source)
+            onto, back = (RigidTransform.from_translation(each) for each in (-target.origin_m, source.origin_m))
+            drawn = DrawnPair(f"real_{name}", pair.name, target, source, onto * pair.truth * back)
+            found += [each for each in [frozen_pair(drawn)] if each is not None]
+    joined = {key: np.concatenate([each[key] for each in found]) for key in found[0]}
+    np.savez_compressed(folder / f"real_{name}.npz", **joined)
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "--pack":
-        pack(Path(sys.argv[2]))
+        pack(Path(sys.argv[2]), ARCHIVE.with_name(sys.argv[3]) if sys.argv[3:] else ARCHIVE)
+    elif sys.argv[1] == "--real":
+        freeze_real(Path(sys.argv[2]), sys.argv[3])
     else:
         place = Path(sys.argv[1])
         place.mkdir(parents=True, exist_ok=True)

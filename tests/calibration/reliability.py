@@ -9,8 +9,11 @@ from algorithms.arrays import Array, Flags, Scalars
 from algorithms.evidence.calibration import Calibration
 from algorithms.evidence.log_odds import log_odds
 from algorithms.registration.verdict import LEAST_PROBABILITY
+from tests.calibration.frozen import ARCHIVE, Frozen
 from tests.calibration.pairs import Pairs
 
+REAL = ARCHIVE.with_name("real_scans.npz")
+"""Pairs of the open data sets, frozen likewise."""
 RISK = 0.005
 """A pose is accepted by the evidence if it is wrong with no more than this probability."""
 COMMON = ((0.3, 1.01), (0.16, 0.3), (0.1, 0.16), (0.05, 0.1), (0.0, 0.05))
@@ -54,6 +57,7 @@ def reliability(pairs: Pairs, probability: Scalars, right: Flags, calibration: C
         "## Said and true\n\n| said | pairs | mean of what was said | of them right |\n|---|---|---|---|",
         *_said(probability, right),
         "",
+        *_of_real_scans(calibration),
         *_walks(pairs, calibration),
     ]
     return "\n".join(parts).rstrip() + "\n"
@@ -92,6 +96,24 @@ def _said(probability: Scalars, right: Flags) -> Iterator[str]:
         if chosen.any():
             said, true = probability[chosen].mean(), right[chosen].mean()
             yield f"| {low} to {min(high, 1.0)} | {chosen.sum()} | {said:.4f} | {true:.4f} |"
+
+
+def _of_real_scans(calibration: Calibration) -> Iterator[str]:
+    """Weigh pairs of real scans, of which none is ever fitted."""
+    pairs = Pairs(Frozen.read(REAL).arrays)
+    poses, _, best = pairs.probabilities(calibration.weights)
+    right, status_right = pairs.frozen["right"][best], pairs.of_pairs("status_right")
+    sure, rules = poses[best] >= 1.0 - RISK, pairs.of_pairs("status") == "accepted"
+    yield "## Real scans, never fitted\n"
+    yield "| set | pairs | evidence: right | wrong | rules: right | wrong | least probability of those |"
+    yield f"|{'---|' * 7}"
+    for name in np.unique(pairs.of_pairs("family")):
+        chosen = pairs.of_pairs("family") == name
+        sides = (sure & right, sure & ~right, rules & status_right, rules & ~status_right)
+        counts = [int(chosen.sum()), *(int((chosen & flags).sum()) for flags in sides)]
+        least = f"{poses[best][chosen & rules].min():.2f}" if (chosen & rules).any() else "–"
+        yield f"| {name.removeprefix('real_')} | {' | '.join(map(str, counts))} | {least} |"
+    yield ""
 
 
 def _walks(pairs: Pairs, calibration: Calibration) -> Iterator[str]:
