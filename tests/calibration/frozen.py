@@ -120,7 +120,10 @@ def frozen_pair(pair: DrawnPair) -> dict[str, Array] | None:
 
 
 def registered(target: ScanFeatures, source: ScanFeatures, truth: RigidTransform | None) -> tuple[str, bool, bool]:
-    """Give the status in force, whether its pose is right, and whether nothing but the place would be in doubt."""
+    """Give the rules' status, whether its pose is right, and whether nothing but the place would be in doubt.
+
+    The evidence has no veto here: what it is worth is weighed beside the rules.
+    """
     precise = []
 
     def status_of_final(
@@ -130,7 +133,10 @@ def registered(target: ScanFeatures, source: ScanFeatures, truth: RigidTransform
         precise.append(final_verdict.status_of_final(problem, *sure, **more)[0] is PairStatus.ACCEPTED)
         return final_verdict.status_of_final(problem, coarse, final, verdict, **more)
 
-    with mock.patch.object(registration_verdict, "status_of_final", status_of_final):
+    with (
+        mock.patch.object(registration_verdict, "status_of_final", status_of_final),
+        mock.patch.object(registration_verdict, "LEAST_PROBABILITY", 0.0),
+    ):
         result = DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
     is_precise = bool(precise and precise[-1])
     if result.final is None or truth is None:
@@ -209,8 +215,8 @@ def freeze_real(folder: Path, name: str) -> None:
         for pair in build_set(name, Path(scans), 1, 12).pairs:
             target, source = features_of(pair.target), features_of(pair.source)
             onto, back = (RigidTransform.from_translation(each) for each in (-target.origin_m, source.origin_m))
-            drawn = DrawnPair(f"real_{name}", pair.name, target, source, onto * pair.truth * back)
-            found += [each for each in [frozen_pair(drawn)] if each is not None]
+            found.append(frozen_pair(DrawnPair(f"real_{name}", pair.name, target, source, onto * pair.truth * back)))
+    found = [each for each in found if each is not None]
     joined = {key: np.concatenate([each[key] for each in found]) for key in found[0]}
     np.savez_compressed(folder / f"real_{name}.npz", **joined)
 
