@@ -24,6 +24,8 @@ ON_STEP, LEAST_SHARE = 0.1, 0.98
 be. Of differences that know no step a fifth would be."""
 MOST_STEPS = 50.0
 """Differences of more steps are not asked: the error of the step grows with them."""
+FEW_GAPS, LEAST_SHARE_OF_FEW = 2000, 0.9
+"""So many differences tell the steps that are none at once: of these, this share is never seen by chance."""
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75)
 DIVISORS = (1.0, 2.0, 3.0, 4.0, 5.0)
 """Differences at these quantiles, and these parts of them, are tried as steps."""
@@ -131,18 +133,28 @@ def _storage_spacing(values: Scalars) -> float:
 
 def _common_step(gaps: Scalars, storage: float) -> float:
     """Give the largest step of which nearly all gaps are whole multiples; 0 where there is none."""
-    tried = np.quantile(gaps, QUANTILES, method="lower")[:, None] / np.array(DIVISORS)
-    for step in np.unique(tried)[::-1]:
-        if step < LEAST_STORAGE_STEPS * storage:
-            break
-        near = gaps < MOST_STEPS * step
-        multiples = np.rint(gaps[near] / step)
-        few = (multiples >= 1.0) & (multiples <= 3.0)
-        if not few.any():
+    tried = np.unique(np.quantile(gaps, QUANTILES, method="lower")[:, None] / np.array(DIVISORS))
+    few = gaps[:: max(1, len(gaps) // FEW_GAPS)]
+    for step in tried[tried >= LEAST_STORAGE_STEPS * storage][::-1]:
+        if _share_on(few, step)[1] < LEAST_SHARE_OF_FEW:
             continue
-        refined = float(np.median(gaps[near][few] / multiples[few]))
-        multiples = np.rint(gaps[near] / refined)
-        good = (multiples >= 1.0) & (np.abs(gaps[near] - multiples * refined) < ON_STEP * refined)
-        if np.count_nonzero(good) >= LEAST_SHARE * len(good) and len(good) >= 0.5 * len(gaps):
+        refined, share = _share_on(gaps, step)
+        if share >= LEAST_SHARE:
             return refined
     return 0.0
+
+
+def _share_on(gaps: Scalars, step: float) -> tuple[float, float]:
+    """Give a step refined by its smallest multiples, and the share of gaps that are whole multiples of it.
+
+    Gaps of many steps are not asked; no share is given where these are more than half.
+    """
+    near = gaps[gaps < MOST_STEPS * step]
+    multiples = np.rint(near / step)
+    few = (multiples >= 1.0) & (multiples <= 3.0)
+    if len(near) < 0.5 * len(gaps) or not few.any():
+        return step, 0.0
+    refined = float(np.median(near[few] / multiples[few]))
+    multiples = np.rint(near / refined)
+    good = (multiples >= 1.0) & (np.abs(near - multiples * refined) < ON_STEP * refined)
+    return refined, np.count_nonzero(good) / len(near)

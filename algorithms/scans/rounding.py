@@ -19,6 +19,8 @@ HARMONICS = np.arange(1.0, 7.0)
 SHARES = HARMONICS**-2.0 / np.sum(HARMONICS**-2.0) / 12.0
 """Variances of the harmonics of the rounding error of unit steps; they stand for the higher ones too: the sum is 1/12.
 """
+LARGEST_EXPONENT = 50.0
+"""Of a harmonic that is damped by more than exp(-50) nothing is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,11 @@ class RoundedPieces:
         return total
 
 
+def is_smoothed(step_m: float, scatter_m: float) -> bool:
+    """Say whether a scatter before the rounding leaves nothing of its error."""
+    return step_m == 0.0 or 2.0 * (np.pi * scatter_m / step_m) ** 2 >= LARGEST_EXPONENT
+
+
 def rounded_pieces(
     steps: CoordinateSteps,
     positions: Points,
@@ -107,5 +114,6 @@ def _pieces(
     slopes = np.einsum("pi,pi->p", along, normals)
     within = np.square(np.einsum("pi,pki->pk", along, extents)).sum(axis=1) / 12.0
     exponents = 2.0 * np.square(np.pi / step) * (within + np.square(scatter_m))[:, None] * HARMONICS**2
-    damping = np.where(exponents < 50.0, np.exp(-np.minimum(exponents, 50.0)), 0.0)
+    left = np.exp(-np.minimum(exponents, LARGEST_EXPONENT))
+    damping = np.where(exponents < LARGEST_EXPONENT, left, 0.0)
     return RoundedPieces(step, places / step, slopes, damping)

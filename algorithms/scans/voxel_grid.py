@@ -57,8 +57,7 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
 
 def fullest_of_voxels(points: Points, size_m: float, counts: Scalars) -> Int64[Array, "voxels"]:
     """Pick the row of the largest count, of equals the first, from every voxel: (voxels,) in ascending order."""
-    hashed = hash_into_voxels(points, size_m)
-    return np.sort(kernels.fullest(hashed.cell_of_point, counts, len(hashed.keys)))
+    return np.sort(kernels.fullest(points, _lower(points, size_m), size_m, counts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,9 @@ def _lower(points: Points, size_m: float) -> Array:
 
 def _counts(points: Points, size_m: float) -> Int64[Array, "voxels"]:
     """Count the points of every voxel, (voxels,) in any order."""
-    return np.asarray(kernels.count_points(points, _lower(points, size_m), size_m))
+    lower = _lower(points, size_m)
+    halves = over_blocks(lambda half, _: kernels.count_points(points, lower, size_m, half), kernels.HALVES, least=1)
+    return np.concatenate(halves)
 
 
 def hash_into_voxels(points: Points, size_m: float) -> HashedVoxels:

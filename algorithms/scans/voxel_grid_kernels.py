@@ -54,6 +54,9 @@ def table_of(keys: Array, count: int, capacity: int) -> Array:
     return table
 
 
+HALVES, HALF_BIT = 2, 1 << 30
+"""Voxels are counted in halves, by a bit of their keys' hashes that no table reaches: each table holds all that may come.
+"""
 BATCH = 64
 """Points whose voxels are looked up together."""
 
@@ -105,19 +108,33 @@ def hash_points(
 
 
 @njit(cache=True, nogil=True)
-def count_points(points: Array, lower: Array, size: float) -> Any:  # pragma: no cover - compiled
-    """Count the points of every voxel: (m,) int64, in the order of a hash table."""
-    n = points.shape[0]
+def _room_for(count: int) -> int:
+    """Give the capacity of a hash table of at most `count` keys: a power of two."""
     capacity = 2
-    while capacity < 2 * n:
+    while capacity < 2 * count:
         capacity *= 2
-    table = np.full((capacity, 2), EMPTY, dtype=np.int64)
+    return capacity
+
+
+@njit(cache=True, nogil=True)
+def _key(points: Array, row: int, lower: Array, inverse: float) -> np.int64:
+    """Give the key of the voxel that holds a point."""
+    ix = np.int64((points[row, 0] - lower[0]) * inverse)
+    iy = np.int64((points[row, 1] - lower[1]) * inverse)
+    iz = np.int64((points[row, 2] - lower[2]) * inverse)
+    return (ix << (2 * BITS)) | (iy << BITS) | iz
+
+
+@njit(cache=True, nogil=True)
+def count_points(points: Array, lower: Array, size: float, half: int) -> Any:  # pragma: no cover - compiled
+    """Count the points of every voxel of one half, 0 or 1, of all: (m,) int64, in the order of a hash table."""
+    n = points.shape[0]
+    table = table_of(np.empty(0, dtype=np.int64), 0, max(_room_for(n) // HALVES, 2))
     inverse = 1.0 / size
     for i in range(n):
-        ix = np.int64((points[i, 0] - lower[0]) * inverse)
-        iy = np.int64((points[i, 1] - lower[1]) * inverse)
-        iz = np.int64((points[i, 2] - lower[2]) * inverse)
-        key = (ix << (2 * BITS)) | (iy << BITS) | iz
+        key = _key(points, i, lower, inverse)
+        if _slot(key, HALF_BIT) != half * HALF_BIT:
+            continue
         slot = find(key, table)
         if table[slot, 0] == EMPTY:
             table[slot, 0], table[slot, 1] = key, 0
@@ -195,10 +212,7 @@ def unite(keys: Array, moments: Array, more_keys: Array, more_moments: Array) ->
     Returns keys and moments of all, and the number among them of each voxel of the later block.
     """
     m = len(keys)
-    capacity = 1
-    while capacity < 2 * (m + len(more_keys)):
-        capacity *= 2
-    table = table_of(keys, m, capacity)
+    table = table_of(keys, m, _room_for(m + len(more_keys)))
     numbers = np.empty(len(more_keys), dtype=np.int32)
     fresh = 0
     for i in range(len(more_keys)):
@@ -272,11 +286,16 @@ def voxel_neighbours(keys: Array, table: Array, start: int, end: int, neighbours
 
 
 @njit(cache=True, nogil=True)
-def fullest(cell_of_point: Array, counts: Array, cells: int) -> Array:
-    """Give the point of the largest count in every cell, of equals the first: (cells,) int64."""
-    out = np.full(cells, -1, dtype=np.int64)
-    for i in range(cell_of_point.shape[0]):
-        cell = cell_of_point[i]
-        if out[cell] < 0 or counts[i] > counts[out[cell]]:
-            out[cell] = i
-    return out
+def fullest(points: Array, lower: Array, size: float, counts: Array) -> Array:
+    """Give the point of the largest count in every voxel, of equals the first: (voxels,) int64, in no order."""
+    n = points.shape[0]
+    table = table_of(np.empty(0, dtype=np.int64), 0, _room_for(n))
+    inverse = 1.0 / size
+    for i in range(n):
+        key = _key(points, i, lower, inverse)
+        slot = find(key, table)
+        if table[slot, 0] == EMPTY:
+            table[slot, 0], table[slot, 1] = key, i
+        elif counts[i] > counts[table[slot, 1]]:
+            table[slot, 1] = i
+    return table[table[:, 0] != EMPTY, 1]

@@ -143,7 +143,8 @@ def cylinders_from(found: list[FittedCylinder], convex: list[bool], counts: list
 
 def _points_by_label(labels: Array, cell_of_point: Array, count: int) -> list[Array]:
     """List the points of every label."""
-    label = labels[cell_of_point]
+    # two bytes are sorted in a pass
+    label = labels.astype(np.int16 if count < np.iinfo(np.int16).max else labels.dtype)[cell_of_point]
     inside = np.flatnonzero(label >= 0)
     order = inside[np.argsort(label[inside], kind="stable")]
     bounds = np.searchsorted(label[order], np.arange(count + 1))

@@ -11,7 +11,7 @@ from algorithms.features.cylinders.cylinder_axes_kernels import adjust_cylinder
 from algorithms.features.patches.patch_covariance import NUMERICAL_STD_M, estimate_waviness, honest_covariance
 from algorithms.geometry.lines import bases_of
 from algorithms.scans.coordinate_steps import FULL_PRECISION, CoordinateSteps
-from algorithms.scans.rounding import RoundedPieces, rounded_pieces
+from algorithms.scans.rounding import RoundedPieces, is_smoothed, rounded_pieces
 
 BLOCKS = 32
 """Aimed number of blocks (length x arc)."""
@@ -152,7 +152,7 @@ def _rounded(
     the surface lies across an axis only a strip as narrow as the step is wide lies on one step.
     """
     finest = float(np.max(steps.axes_m, initial=0.0))
-    if finest == 0.0:
+    if is_smoothed(finest, scatter_m):
         return []
     strips = int(np.clip(np.ceil(STRIPS_PER_STEP * sides[1] * radius / finest), 1, MOST_STRIPS))
     offsets = ((np.arange(strips) + 0.5) / strips - 0.5) * sides[1]
