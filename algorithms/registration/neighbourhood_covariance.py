@@ -24,6 +24,8 @@ LEAST_NEIGHBOURHOODS = 16
 Larger neighbourhoods of which there are fewer are not used."""
 LEAST_SLOPE = 0.2
 """Least ratio of slopes to weights along a direction: below it the estimator would hardly hold it."""
+LEAST_PIVOT = 1e-6
+"""Matrices with a smaller pivot, relative to their diagonal, may be singular."""
 NO_DEGREES = 2.0
 """At so few degrees of freedom Student's distribution has no variance: nothing controls that motion."""
 
@@ -179,11 +181,14 @@ def _summed(
 
 def _at(normal_matrix: Array, sums: _Sums) -> tuple[_Estimate, float]:
     """Estimate with neighbourhoods of one size; give the fewest degrees of freedom of a principal axis too."""
+    from algorithms.registration import surface_kernels as kernels
+
     count, k = sums.right.shape
-    without = normal_matrix - sums.own
+    changes, solved = kernels.changes_without(normal_matrix, sums.own, sums.right, LEAST_PIVOT)
     # A neighbourhood without which a motion is open leaves a singular matrix: the pseudo-inverse says nothing of that
     # motion then, but the degrees of freedom do, because all its information lies in that neighbourhood.
-    changes = np.einsum("gij,gj->gi", np.linalg.pinv(without, rcond=1e-9, hermitian=True), sums.right)
+    without = np.linalg.pinv(normal_matrix - sums.own[~solved], rcond=1e-9, hermitian=True)
+    changes[~solved] = np.einsum("gij,gj->gi", without, sums.right[~solved])
     values, axes = np.linalg.eigh((count - 1.0) / count * changes.T @ changes)
     values, axes = np.maximum(values[::-1], 0.0), axes[:, ::-1]
     along = np.linalg.solve(normal_matrix, axes)

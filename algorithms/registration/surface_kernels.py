@@ -91,3 +91,48 @@ def sums_of_groups(
             for b in range(a):
                 own[g, b, a] = own[g, a, b]
     return own, moved, right
+
+
+@njit(cache=True, nogil=True)
+def changes_without(  # noqa: C901, PLR0912 - one compiled loop
+    matrix: Array, own: Array, right: Array, least: float
+) -> tuple[Array, Array]:
+    """Solve (N - N_c) x = u_c for every group c by factorisations of Cholesky: x (g, k), and which were solved (g,).
+
+    Left alone is what has a pivot below `least` times the largest element of its diagonal.
+    """
+    count, k = right.shape
+    out = np.zeros((count, k))
+    solved = np.ones(count, dtype=np.bool_)
+    lower = np.empty((k, k))
+    for g in range(count):
+        largest = 0.0
+        for a in range(k):
+            largest = max(largest, matrix[a, a] - own[g, a, a])
+        for a in range(k):
+            for b in range(a + 1):
+                rest = matrix[a, b] - own[g, a, b]
+                for i in range(b):
+                    rest -= lower[a, i] * lower[b, i]
+                if b < a:
+                    lower[a, b] = rest / lower[b, b]
+                elif rest > least * largest:
+                    lower[a, a] = np.sqrt(rest)
+                else:
+                    solved[g] = False
+                    break
+            if not solved[g]:
+                break
+        if not solved[g]:
+            continue
+        for a in range(k):
+            value = right[g, a]
+            for i in range(a):
+                value -= lower[a, i] * out[g, i]
+            out[g, a] = value / lower[a, a]
+        for a in range(k - 1, -1, -1):
+            value = out[g, a]
+            for i in range(a + 1, k):
+                value -= lower[i, a] * out[g, i]
+            out[g, a] = value / lower[a, a]
+    return out, solved
