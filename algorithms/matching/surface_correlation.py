@@ -31,7 +31,7 @@ MOST_PADDED, GROWTH = 8_000_000, 1.2
 narrow."""
 BORDER = 10
 """Cells of free border along each axis, of both scans together."""
-SHAPE_STEP = 16
+SHAPE_STEP = 8
 """Cells along an axis are a multiple of it."""
 MOST_PEAKS = 40
 """So many shifts go on for each rotation."""
@@ -70,18 +70,28 @@ class _Turned:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rasters:
-    """Transforms of one scan on a raster."""
+class _Raster:
+    """One scan on a raster, (nx, ny, nz) cells."""
 
     low_m: Vector3
-    size: tuple[int, ...]
-    """Cells before padding."""
     facing: Array
-    """(6, ...) surface by the axis and side it faces."""
+    """(6, nx, ny, nz) surface by the axis and side it faces."""
     free: Array
-    """Space that was looked through."""
+    """(nx, ny, nz) space that was looked through."""
     counts: Array
-    """(3,) cells of surface along each axis."""
+    """(3,) cells of surface along each axis, one at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Transforms:
+    """What all turns of the source are compared with: transforms of the target."""
+
+    raster: _Raster
+    wide: Array
+    """(6, ...) surface, and the cells beside it, by the axis and side it faces."""
+    surface: Array
+    """All of it, each cell for itself."""
+    free: Array
 
 
 def correlated_motions(votes: Sequence[OffsetVotes], target: SurfaceIndex, source: SurfaceIndex) -> Motions:
@@ -121,15 +131,18 @@ def _at_turns(
     target: _Turned, sources: Sequence[_Turned], axes: Array, cell_m: float, shape: tuple[int, ...]
 ) -> list[Motions]:
     """Give the best shifts of a scan in each of its turns, on rasters of one shape."""
-    ours = _rasters(target, axes, cell_m, shape)
+    raster = _raster(target, axes, cell_m)
     # a cell's width is all that is known of a place, so the target is one wider on every side
-    wide = _transformed(_marked(target, axes, cell_m, ours.low_m, ours.size, reach=1), shape)
+    wide = _marked(target, axes, cell_m, raster.low_m, raster.free.shape, reach=1)
+    ours = _Transforms(
+        raster,
+        _transformed(wide, shape),
+        _transformed(raster.facing.sum(axis=0)[None], shape)[0],
+        _transformed(raster.free[None], shape)[0],
+    )
 
     def work(start: int, end: int) -> list[Motions]:
-        return [
-            _correlated(ours, wide, _rasters(each, axes, cell_m, shape), each.turn, cell_m, shape)
-            for each in sources[start:end]
-        ]
+        return [_correlated(ours, _raster(each, axes, cell_m), each.turn, cell_m, shape) for each in sources[start:end]]
 
     return [motions for part in over_blocks(work, len(sources), least=1) for motions in part]
 
@@ -189,21 +202,20 @@ def _axes(votes: Sequence[OffsetVotes]) -> Array | None:
     return None
 
 
-def _rasters(scan: _Turned, axes: Array, cell_m: float, shape: tuple[int, ...]) -> _Rasters:
-    """Put a turned scan on a raster, and transform it."""
+def _raster(scan: _Turned, axes: Array, cell_m: float) -> _Raster:
+    """Put a turned scan on a raster."""
     from algorithms.matching import surface_correlation_kernels as kernels
 
     low = scan.points.min(axis=0) - 2.0 * cell_m
     size = tuple(int(extent / cell_m) + 5 for extent in np.ptp(scan.points, axis=0))
-    surface = _marked(scan, axes, cell_m, low, size, reach=0)
     free = np.zeros(size, dtype=np.float32)
     seen = scan.scan
     if seen.knows_free_space:
         kernels.mark_free(
             scan.turn, low, cell_m, seen.nearest_m, seen.sensor_m, seen.cell_rad, MARGIN_M, MARGIN_RELATIVE, free
         )
-    counts = surface.reshape(2, 3, -1).sum(axis=(0, 2))
-    return _Rasters(low, size, _transformed(surface, shape), _transformed(free[None], shape)[0], counts)
+    facing = _marked(scan, axes, cell_m, low, size, reach=0)
+    return _Raster(low, facing, free, np.maximum(facing.reshape(2, 3, -1).sum(axis=(0, 2)), 1.0))
 
 
 def _marked(scan: _Turned, axes: Array, cell_m: float, low_m: Vector3, size: tuple[int, ...], *, reach: int) -> Array:
@@ -227,31 +239,53 @@ def _transformed(fields: Array, shape: tuple[int, ...]) -> Array:
     return out
 
 
+def _transformed_back(transform: Array, shape: tuple[int, ...]) -> Array:
+    """Transform back, (n,) cells of a shape; the transform is used up."""
+    return np.asarray(fft.irfft(fft.ifft2(transform, axes=(0, 1), overwrite_x=True), shape[2], axis=2).ravel())
+
+
 def _correlated(
-    ours: _Rasters, wide: Array, theirs: _Rasters, rotation: Matrix3, cell_m: float, shape: tuple[int, ...]
+    ours: _Transforms, theirs: _Raster, rotation: Matrix3, cell_m: float, shape: tuple[int, ...]
 ) -> Motions:
-    """Score all shifts of the turned source, and give the best ones."""
+    """Score all shifts of the turned source, and give the best ones.
+
+    One axis after the other: all transforms of the source at once would take three times the memory.
+    """
     from algorithms.matching import surface_correlation_kernels as kernels
 
-    supports = np.empty((3, *shape), dtype=np.float32)
-    for a in range(3):
-        meeting = wide[a] * theirs.facing[a].conj() + wide[a + 3] * theirs.facing[a + 3].conj()
-        share = 0.5 * (1.0 / max(ours.counts[a], 1.0) + 1.0 / max(theirs.counts[a], 1.0))
-        supports[a] = fft.irfftn(meeting, shape) * share
-    against = ours.free * theirs.facing.sum(axis=0).conj() / max(theirs.counts.sum(), 1.0)
-    against += ours.facing.sum(axis=0) * theirs.free.conj() / max(ours.counts.sum(), 1.0)
+    our_counts, their_counts = ours.raster.counts, theirs.counts
+    their_surface = np.zeros_like(ours.surface)
+    supports = []
+    for a, share in enumerate(0.5 / our_counts + 0.5 / their_counts):
+        along, against = _transformed(theirs.facing[a::3], shape)
+        wide = ours.wide[a].ravel(), ours.wide[a + 3].ravel()
+        kernels.meet(*wide, along.ravel(), against.ravel(), np.float32(share), their_surface.ravel())
+        supports.append(_transformed_back(along, shape))
+    free = _transformed(theirs.free[None], shape)[0]
+    kernels.contradict(
+        ours.free.ravel(), ours.surface.ravel(), free.ravel(), their_surface.ravel(),
+        np.float32(0.5 / their_counts.sum()), np.float32(0.5 / our_counts.sum()),
+    )  # fmt: skip
+    violation = _transformed_back(free, shape)
     score = np.empty(shape, dtype=np.float32)
     kernels.weigh(
-        supports.reshape(3, -1), fft.irfftn(0.5 * against, shape).reshape(-1), FREE_SHARE, PENALTY, DIRECTION_CREDIT,
-        LEAST_SCORE, score.reshape(-1),
-    )  # fmt: skip
+        supports[0],
+        supports[1],
+        supports[2],
+        violation,
+        FREE_SHARE,
+        PENALTY,
+        DIRECTION_CREDIT,
+        LEAST_SCORE,
+        score.ravel(),
+    )
     cells, steps = kernels.peaks(score, LEAST_SCORE, ROUNDING)
     votes = score[tuple(cells.T)].astype(np.float64)
     best = np.argsort(-votes, kind="stable")[:MOST_PEAKS]
     # transforms are periodic: what is beyond the target is a shift the other way
-    steps = steps[best] - np.where(cells[best] >= np.array(ours.size), shape, 0)
+    steps = steps[best] - np.where(cells[best] >= np.array(ours.raster.free.shape), shape, 0)
     return Motions(
         np.broadcast_to(rotation, (len(best), 3, 3)).copy(),
-        np.ascontiguousarray(ours.low_m - theirs.low_m + cell_m * steps),
+        np.ascontiguousarray(ours.raster.low_m - theirs.low_m + cell_m * steps),
         votes[best],
     )

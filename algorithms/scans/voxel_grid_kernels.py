@@ -55,8 +55,7 @@ def table_of(keys: Array, count: int, capacity: int) -> Array:
 
 
 HALVES, HALF_BIT = 2, 1 << 30
-"""Voxels are counted in halves, by a bit of their keys' hashes that no table reaches: each table holds all that may come.
-"""
+"""Voxels are counted in halves, by a bit of their keys' hashes that no table reaches."""
 BATCH = 64
 """Points whose voxels are looked up together."""
 
