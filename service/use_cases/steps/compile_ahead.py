@@ -94,7 +94,7 @@ def compile_listed(module: str, name: str, types: Sequence[str]) -> None:
 
     kernel: Any = getattr(importlib.import_module(module), name, None)
     if kernel is not None:
-        with suppress(NumbaError):
+        with suppress(NumbaError, TypeError):  # the latter: another number of arguments
             kernel.compile(tuple(map(_type_of, types)))
 
 

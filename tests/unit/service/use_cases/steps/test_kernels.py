@@ -197,6 +197,7 @@ def test_several_processes_compile_what_is_listed_and_what_is_no_more_is_left_ou
     )
     (tmp_path / "ahead_kernels.py").write_text(text)
     listed = [("ahead_kernels", name, ["float64"]) for name in [*names, "gone"]]
+    listed += [("ahead_kernels", name, ["float64", "float64"]) for name in names]  # as if they had taken more before
     (tmp_path / "listed.json").write_text(json.dumps(listed))
     done = subprocess.run([sys.executable, "-c", AHEAD, tmp_path], capture_output=True, text=True, check=False)
     assert (done.stdout, done.returncode) == ("nobody is left\n", 0), done.stderr
