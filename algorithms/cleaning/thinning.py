@@ -3,9 +3,8 @@
 import numpy as np
 
 from algorithms.arrays import Flags, Points, Scalars
-from algorithms.scans import voxel_grid_kernels as kernels
 from algorithms.scans.surface_cells import cell_surfaces, pool_cells
-from algorithms.scans.voxel_grid import voxel_cells, voxel_cells_of_fitting_size
+from algorithms.scans.voxel_grid import fullest_of_voxels, voxel_cells, voxel_cells_of_fitting_size
 
 EVEN_PART = 1.0 / 3.0
 """Of the points that are kept about so many cover the surface evenly, however flat it is."""
@@ -22,7 +21,7 @@ def voxel_thinned(points: Points, voxel_m: float) -> Flags:
     off = points - cells.means[cells.cell_of_point]
     nearness = -np.einsum("ij,ij->i", off, off)
     kept = np.zeros(len(points), dtype=np.bool_)
-    kept[kernels.fullest(cells.cell_of_point, nearness, len(cells))] = True
+    kept[fullest_of_voxels(points, voxel_m, nearness)] = True
     return kept
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from algorithms.arrays import Array
+from algorithms.scans.voxel_grid_kernels import first_of_each
 
 CELL_LEVELS = 7
 """128 cells a side of a node: as many points as a picture of it needs."""
@@ -86,20 +87,23 @@ class OctreeSorter:
             depth = len(self.path)
             x, y, z = (number >> (level - depth) for number in key[1:])
             self.path.append(_Ancestor((depth, x, y, z)))
-        rest = np.arange(len(records))
+        codes = morton(cells).astype(np.int64)
         for ancestor in self.path:
             depth = ancestor.key[0]
-            cell = morton(cells[rest] >> (self.deepest - depth)).astype(np.int64)
-            unique, first = np.unique(cell, return_index=True)
-            free = np.fromiter((number not in ancestor.taken for number in unique.tolist()), bool, len(unique))
-            chosen = np.sort(first[free])
+            in_ancestor = codes >> 3 * (self.deepest - depth)
+            chosen = first_of_each(in_ancestor)
+            if ancestor.taken:
+                of_chosen = in_ancestor[chosen].tolist()
+                chosen = chosen[np.fromiter((cell not in ancestor.taken for cell in of_chosen), bool, len(of_chosen))]
             if len(chosen):
-                ancestor.records.append(records[rest[chosen]])
+                ancestor.records.append(records[chosen])
                 if level - depth > self.cell_levels:  # cells that are larger than a leaf are shared by later leaves
-                    ancestor.taken.update(unique[free].tolist())
-                rest = np.delete(rest, chosen)
-        if len(rest):
-            yield key, records[rest]
+                    ancestor.taken.update(in_ancestor[chosen].tolist())
+                rest = np.ones(len(records), dtype=np.bool_)
+                rest[chosen] = False
+                codes, records = codes[rest], records[rest]
+        if len(records):
+            yield key, records
 
     def ends(self) -> Iterator[tuple[Key, Array]]:
         """Give the nodes that are left when the last leaf has come."""

@@ -285,7 +285,7 @@ def voxel_neighbours(keys: Array, table: Array, start: int, end: int, neighbours
 
 
 @njit(cache=True, nogil=True)
-def fullest(points: Array, lower: Array, size: float, counts: Array) -> Array:
+def fullest(points: Array, lower: Array, size: float, counts: Array) -> Any:  # pragma: no cover - compiled
     """Give the point of the largest count in every voxel, of equals the first: (voxels,) int64, in no order."""
     n = points.shape[0]
     table = table_of(np.empty(0, dtype=np.int64), 0, _room_for(n))
@@ -298,3 +298,19 @@ def fullest(points: Array, lower: Array, size: float, counts: Array) -> Array:
         elif counts[i] > counts[table[slot, 1]]:
             table[slot, 1] = i
     return table[table[:, 0] != EMPTY, 1]
+
+
+@njit(cache=True, nogil=True)
+def first_of_each(keys: Array) -> Array:
+    """Give where each key, none negative, occurs first: ascending, int64."""
+    n = keys.shape[0]
+    table = table_of(keys, 0, _room_for(n))
+    out = np.empty(n, dtype=np.int64)
+    count = 0
+    for i in range(n):
+        slot = find(keys[i], table)
+        if table[slot, 0] == EMPTY:
+            table[slot, 0] = keys[i]
+            out[count] = i
+            count += 1
+    return out[:count].copy()

@@ -42,7 +42,7 @@ class RegisterPlan:
         stations = inputs["stations"]
         if len(outputs) == 0:
             options, of_photos = inputs["method"].get("features"), inputs.get("photo_lines")
-            calls = [features_call(job, station, options, of_photos) for station in stations]
+            calls = [features_call(job, station, options, of_photos, shown=True) for station in stations]
             return [*(_counted(calls, "scan") if grows(inputs) else calls), *_target_calls(job)]
         # beside the features the first stage looked for targets
         found = {output["station"]: output["targets"] for output in outputs[0][len(stations) :]}

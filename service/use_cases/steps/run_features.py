@@ -15,7 +15,7 @@ from algorithms.features.photo_lines.projection_options import (
 from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.lines import LineSource
 from algorithms.matching.options import MatchingOptions
-from algorithms.progress import ProgressSection
+from algorithms.progress import NoProgress, ProgressSection
 from algorithms.scans.scan import Scan
 from schemas.values.text_columns import checked_columns
 from service.names.content_keys import content_key
@@ -149,9 +149,14 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
     started = time.perf_counter()
     context.progress.report(0.0, "reading")
     whole, thinned = _scan_in_memory(context, arguments)
+    read = time.perf_counter() - started
+    if arguments.get("shown") and not thinned:
+        from service.use_cases.steps.run_viewer_points import store_points_of_scan
+
+        store_points_of_scan(context, arguments, whole, NoProgress())
+    begun = time.perf_counter()
     scan, far = without_far_points(whole)
     del whole
-    read = time.perf_counter()
     references = arguments.get("photos", [])
     section = ProgressSection(context.progress, 0.0, 0.5 if references else 1.0)
     features = extract_features(scan, options, progress=section, rng=np.random.default_rng(SEED))
@@ -161,7 +166,7 @@ def _extracted(context: StepContext, arguments: Json) -> tuple[ScanFeatures, dic
         farthest_m=far.farthest_m,
         warnings=(*thinned, *scale_warnings(scan.points, scan.sensor_m, np.random.default_rng(SEED))),
     )
-    timings = {"read": read - started, "features": time.perf_counter() - read}
+    timings = {"read": read, "features": time.perf_counter() - begun}
     if references:
         from service.use_cases.steps.station_photos import with_photo_lines
 

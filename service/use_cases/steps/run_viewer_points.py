@@ -15,6 +15,7 @@ from service.use_cases.limits.free_space import require_free_space
 from service.use_cases.limits.read_limits import read_limits
 
 if TYPE_CHECKING:
+    from algorithms.scans.scan import Scan
     from service.formats.writers import PointPiece, StationCloud
 
 MOST_POINTS = 2_000_000
@@ -45,6 +46,31 @@ def write_points_of_scan(context: StepContext, arguments: Json) -> Json:
     shown = every_nth(cloud, math.ceil(points / MOST_POINTS))
     store_viewer_points(context, shown, points, keys, ProgressSection(context.progress, 0.3, 1.0))
     return {}
+
+
+def store_points_of_scan(context: StepContext, arguments: Json, scan: "Scan", progress: Progress) -> None:
+    """Write the blocks of points of a scan that is in memory, unless an earlier job already did.
+
+    Parameters
+    ----------
+    context, arguments
+        Of the step.
+    scan
+        All points that its file holds under this index.
+    progress
+        Is told how far it is.
+
+    Raises
+    ------
+    InsufficientStorageError
+        The disk has no room for it.
+    """
+    from service.formats.writers.base import cloud_of, surveyed
+
+    keys = viewer_points_of_step(arguments)
+    if not context.blobs.exists(keys[1]):
+        shown = every_nth(surveyed(cloud_of(replace(scan, grid=None))), math.ceil(len(scan) / MOST_POINTS))
+        store_viewer_points(context, shown, len(scan), keys, progress)
 
 
 def store_viewer_points(

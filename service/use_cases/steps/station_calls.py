@@ -6,8 +6,13 @@ from service.use_cases.documents.scan_warnings import warnings_of_scan
 REPORT_WEIGHT, VIEWER_WEIGHT = 0.1, 0.5
 
 
-def features_call(job: Json, station: Json, options: Json | None, photo_options: Json | None) -> StepCall:
-    """Call for the features of a station's scan, with the lines that its photos show."""
+def features_call(
+    job: Json, station: Json, options: Json | None, photo_options: Json | None, *, shown: bool = False
+) -> StepCall:
+    """Call for the features of a station's scan, with the lines that its photos show.
+
+    Where its points will be shown they are put into order for the viewer while they are in memory.
+    """
     file, scan = job["files"][station["scan"]["file"]], station["scan"]
     scans = file.get("scans", [])
     found: Json = next((each for each in scans if each["index"] == scan["index"]), {})
@@ -28,6 +33,7 @@ def features_call(job: Json, station: Json, options: Json | None, photo_options:
             "photos": photos_of(job, station),
             "photo_options": photo_options or {},
             "instrument": found.get("instrument"),
+            "shown": shown,
         },
         f"features of {station['name']}",
         weight=2.0,

@@ -56,7 +56,8 @@ def needs_of(step: str, arguments: Json) -> StepNeeds:
     contents = frozenset(content_key(text) for name, text in _texts(named) if name == "sha256")
     if step == FEATURES_OF_SCAN:
         key = features_of_step(arguments)
-        return StepNeeds(contents | {key}, makes=(key,), done_before=key)
+        points = viewer_points_of_step(arguments) if arguments.get("shown") else ()
+        return StepNeeds(contents | {key, *points[1:]}, makes=(key, *points), done_before=key)
     if step == VIEWER_POINTS:
         blocks, listed = viewer_points_of_step(arguments)
         return StepNeeds(contents | {listed}, makes=(blocks, listed), done_before=listed)

@@ -18,6 +18,15 @@ def test_features_need_scan_and_photos_and_make_one_blob_which_is_all_they_read_
     assert needs_of("features", {**arguments, "owner": "stranger"}).makes != needs.makes
 
 
+def test_features_of_a_scan_that_is_shown_also_make_the_points_for_the_viewer() -> None:
+    arguments = {"sha256": SCAN, "index": 0, "options": {}, "owner": "office"}
+    alone, needs = needs_of("features", arguments), needs_of("features", {**arguments, "shown": True})
+    points = needs_of("viewer-points", arguments)
+    assert needs.makes == alone.makes + points.makes
+    assert needs.reads == alone.reads | points.reads
+    assert needs.done_before == alone.done_before
+
+
 def test_a_pair_needs_features_always_and_scans_seldom() -> None:
     needs = needs_of("register-pair", {"job_id": "j1", "target": SIDE, "source": SIDE})
     assert (needs.reads, needs.seldom_reads) == ({FEATURES}, {f"files/{SCAN}"})
