@@ -7,6 +7,7 @@ from jaxtyping import Float64, Int64
 
 from algorithms.arrays import Array, Flags
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.numbered_rows import numbered_rows
 from algorithms.scans.pose_scores import FINAL_POINTS
 
 PATCH_M = 0.5
@@ -45,12 +46,11 @@ class Patches:
         places = index.points[:n]
         cubes = np.floor((places - places.min(axis=0, initial=0.0)) / PATCH_M).astype(np.int64)
         planes = scan.surface.plane_labels[index.numbers[:n]]
-        keys, of_point = np.unique(np.column_stack([cubes, planes]), axis=0, return_inverse=True)
-        of_point = of_point.ravel()
+        keys, of_point = numbered_rows(np.column_stack([cubes, planes]))
         counts = np.bincount(of_point, minlength=len(keys)).astype(np.float64)
         on_plane = keys[:, 3] >= 0
         blocks = np.where(on_plane[:, None], 0, keys[:, :3] // BLOCK_PATCHES)
-        piece = np.unique(np.column_stack([blocks, keys[:, 3]]), axis=0, return_inverse=True)[1].ravel()
+        _, piece = numbered_rows(np.column_stack([blocks, keys[:, 3]]))
         return cls(
             of_point,
             counts,

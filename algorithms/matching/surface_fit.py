@@ -9,6 +9,7 @@ from algorithms.geometry.poses import inversion_jacobian
 from algorithms.geometry.rotations import cross_matrix
 from algorithms.matching.directions import comes_first
 from algorithms.matching.polish import LEAST_GAPS, polished, surface_gaps
+from algorithms.numbered_rows import numbered_rows
 from algorithms.scans.pose_scores import FINAL_POINTS, score_poses
 from algorithms.scans.surface_index import EvidenceLimits
 
@@ -95,9 +96,8 @@ def surface_pose_covariance(target: ScanFeatures, source: ScanFeatures, pose: Ri
     scale = np.repeat([size, 1.0], 3)
     weighted = found.design(centre) / scale * found.weights[:, None]
     values, vectors = np.linalg.eigh(weighted.T @ (found.design(centre) / scale))
-    cells = np.unique(np.floor(found.positions / NEIGHBOURHOOD_M).astype(np.int64), axis=0, return_inverse=True)[1]
-    sums = np.zeros((int(cells.max()) + 1, 6))
-    np.add.at(sums, cells.ravel(), weighted * found.gaps_m[:, None])
+    _, cells = numbered_rows(np.floor(found.positions / NEIGHBOURHOOD_M).astype(np.int64))
+    sums = np.stack([np.bincount(cells, each * found.gaps_m) for each in weighted.T], axis=1)
     known = values > LEAST_TESTIMONY * values[-1]
     parts = (sums @ vectors)[:, known] / values[known]
     scaled = vectors[:, known] @ (parts.T @ parts) @ vectors[:, known].T

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import linalg
 
 from algorithms.arrays import Array, Points, Scalars
+from algorithms.numbered_rows import numbered_rows
 
 EDGE_FACTORS = (2, 4, 8, 16, 32)
 """Edges of the larger neighbourhoods that are tried, over the smallest: a scanner out of adjustment bends whole
@@ -89,7 +90,7 @@ def neighbourhood_covariance(
     if np.isfinite(chosen.variances).all():
         inverse, largest = np.linalg.inv(chosen.matrix), float(design.shape[1])
         for times in EDGE_FACTORS:
-            coarser = sums.united(np.unique(cells // times, axis=0, return_inverse=True)[1].ravel())
+            coarser = sums.united(numbered_rows(cells // times)[1])
             found, degrees = _at(normal_matrix, coarser)
             if degrees < LEAST_DEGREES or len(coarser.own) < LEAST_NEIGHBOURHOODS:
                 break
@@ -169,14 +170,9 @@ def _summed(
     """Sum the points of every cube: its place among cubes (g, 3), and the sums."""
     from algorithms.registration import surface_kernels as kernels
 
-    # axis by axis only the cells that occur are numbered: the extent over the edge may be larger than any number holds
-    along = [np.unique(np.floor(axis / edge_m).astype(np.int64), return_inverse=True) for axis in positions.T]
-    shape = tuple(len(places) for places, _ in along)
-    # one number for each cube: rows are much slower to sort
-    keys, groups = np.unique(np.ravel_multi_index([ranks for _, ranks in along], shape), return_inverse=True)
-    sums = kernels.sums_of_groups(np.ascontiguousarray(design), weights, slopes, gaps_m, normals, groups, len(keys))
-    ranks_of_cubes = np.unravel_index(keys, shape)
-    return np.stack([along[a][0][ranks_of_cubes[a]] for a in range(3)], axis=1), _Sums(*sums)
+    cubes, groups = numbered_rows(np.floor(positions / edge_m).astype(np.int64))
+    sums = kernels.sums_of_groups(np.ascontiguousarray(design), weights, slopes, gaps_m, normals, groups, len(cubes))
+    return cubes, _Sums(*sums)
 
 
 def _at(normal_matrix: Array, sums: _Sums) -> tuple[_Estimate, float]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from algorithms.arrays import Array, Indices, Matrix6, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
+from algorithms.numbered_rows import numbered_rows
 
 LOOSE_EDGE_M = 0.5
 """Surface on no plane shares its errors within cubes of this edge [m]: small bodies lie on one step as walls do."""
@@ -116,9 +117,9 @@ def _of_planes(gain: Array, scan: ScanFeatures, covariances: Array, points: Poin
     arms = points[on] - planes.centroids[labels[on]]
     places = np.einsum("ni,nij->nj", arms, planes.bases[labels[on]])
     derivatives = np.column_stack([-places, np.ones(len(on))])
-    sums = np.zeros((len(numbers), len(gain), 3))
-    np.add.at(sums, group, gain[:, on].T[:, :, None] * derivatives[:, None, :])
-    return np.asarray(np.einsum("pki,pij,plj->kl", sums, covariances[numbers], sums))
+    sums = np.array([np.bincount(group, row * column) for row in gain[:, on] for column in derivatives.T])
+    sums = sums.reshape(len(gain), 3, len(numbers))
+    return np.asarray(np.einsum("kip,pij,ljp->kl", sums, covariances[numbers], sums, optimize=True))
 
 
 def _of_loose(gain: Array, scan: ScanFeatures, points: Points, normals: Points) -> Array:
@@ -128,7 +129,7 @@ def _of_loose(gain: Array, scan: ScanFeatures, points: Points, normals: Points) 
     if rounding is None or len(points) == 0:
         return total
     share = rounding.shared_std_m / rounding.std_m if rounding.std_m > 0.0 else 0.0
-    cubes = np.unique(np.floor(points / LOOSE_EDGE_M).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    _, cubes = numbered_rows(np.floor(points / LOOSE_EDGE_M).astype(np.int64))
     variances: Scalars = np.square(rounding.steps_m) / 12.0 * min(share, 1.0) ** 2
     for axis in np.flatnonzero(variances > 0.0).tolist():
         sums = np.stack([np.bincount(cubes, row * normals[:, axis]) for row in gain])

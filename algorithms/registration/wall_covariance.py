@@ -10,6 +10,7 @@ import numpy as np
 from scipy import linalg
 
 from algorithms.arrays import Array, Indices, Labels, Points, Scalars
+from algorithms.numbered_rows import numbered_rows
 from algorithms.registration.neighbourhood_covariance import influence_matrix
 
 WALL_PIECE_M = 8.0
@@ -30,7 +31,7 @@ def wall_pieces(labels: Labels, positions: Points) -> Indices:
         (n, 3) points [m].
     """
     cells = np.floor((positions - positions.min(axis=0)) / WALL_PIECE_M).astype(np.int64)
-    return np.asarray(np.unique(np.column_stack([labels, cells]), axis=0, return_inverse=True)[1].ravel())
+    return numbered_rows(np.column_stack([labels, cells]))[1]
 
 
 def wall_covariance(design: Array, weights: Scalars, gaps_m: Scalars, pieces: Indices, *, slopes: Scalars) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from algorithms.arrays import Array, Flags, Scalars, Vectors2
+from algorithms.numbered_rows import numbered_rows
 from algorithms.targets.damped_fit import damped_fit, error_parts, gain_of
 from algorithms.targets.options import TargetKind
 from algorithms.targets.spot_shape import SpotShape
@@ -193,5 +194,5 @@ class SquareModel:
     def _by_blocks(self, rows: Array) -> Array:
         """Add up what belongs to pixels (n, k) that lie in one block of some blurs' width."""
         cells = np.floor(self.places / (BLOCK * self.blur_m)).astype(np.int64)
-        _, block = np.unique(cells, axis=0, return_inverse=True)
-        return np.stack([np.bincount(block.ravel(), column) for column in rows.T], axis=1)
+        _, block = numbered_rows(cells)
+        return np.stack([np.bincount(block, column) for column in rows.T], axis=1)
