@@ -4,8 +4,9 @@ import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -15,7 +16,7 @@ from algorithms.geometry.poses import PoseEstimate
 from schemas.requests.report_options import ReportOptions
 from schemas.results.correspondences import Correspondence, PlaneCorrespondence
 from schemas.results.registration_result import InputFile, Pair, RegistrationDocument
-from service.names.messages.catalogue import Messages, messages_in
+from service.names.messages.catalogue import Language, Messages, messages_in
 from service.use_cases.documents.pose_documents import PARAMETERS
 from service.use_cases.reports.cloud_pictures import CloudPictures, StationCloudPart, cloud_pictures
 from service.use_cases.reports.conclusion import conclusion, ordered, tolerance_headline
@@ -37,6 +38,9 @@ from service.use_cases.reports.result_lines import (
     states_of_lines,
 )
 from service.use_cases.reports.setups_drawing import PlacedStand, setups_plan
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 PAGES = Path(__file__).parent / "pages"
 MOST_PAIRS = 40
@@ -115,6 +119,29 @@ def report_page(
     return rendered_page(document, scans, parts, frame)
 
 
+@lru_cache
+def page_template(lang: Language) -> "Template":
+    """Compile the report and all that it includes; numbers are written as one language does."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    messages = messages_in(lang)
+    environment = Environment(
+        loader=FileSystemLoader(PAGES), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters.update(
+        number=messages.number,
+        milli=messages.milli,
+        share=messages.share,
+        pair_name=pair_name,
+        methods_drawing=methods_drawing,
+        power=lambda value: f"{value:.4e}".replace(".", "," if messages.language == "de" else "."),
+        gon=lambda value: None if value is None else value * GON_PER_RAD,
+    )
+    for name in environment.list_templates(extensions=["jinja"]):
+        environment.get_template(name)
+    return environment.get_template("report.html.jinja")
+
+
 def rendered_page(
     document: RegistrationDocument, scans: Mapping[str, ScanLines], parts: PageParts, frame: ReportFrame
 ) -> str:
@@ -131,24 +158,11 @@ def rendered_page(
     frame
         Head and language.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
     messages = frame.messages
-    environment = Environment(
-        loader=FileSystemLoader(PAGES), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters.update(
-        number=messages.number,
-        milli=messages.milli,
-        share=messages.share,
-        pair_name=pair_name,
-        methods_drawing=methods_drawing,
-        power=lambda value: f"{value:.4e}".replace(".", "," if messages.language == "de" else "."),
-        gon=lambda value: None if value is None else value * GON_PER_RAD,
-    )
-    page = environment.get_template(
-        "report.html.jinja"
+    page = page_template(
+        frame.options.lang
     ).render(
         t=messages,
         document=document,

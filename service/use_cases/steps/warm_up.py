@@ -19,8 +19,12 @@ def load_for_registration() -> None:
 
 
 def load_for_reports() -> None:
-    """Load what networks and reports need."""
+    """Load what networks and reports need; the page of a report takes as long to compile as all else in it."""
     import ezdxf  # noqa: F401 - loaded for the computations
     import networkx as nx  # noqa: F401
 
+    from schemas.requests.report_options import ReportOptions
+    from service.use_cases.reports.report_page import page_template
     from service.use_cases.steps import run_network, run_network_growth, run_registration_report  # noqa: F401
+
+    page_template(ReportOptions().lang)
