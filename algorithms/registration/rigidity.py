@@ -17,6 +17,7 @@ from algorithms.features.scan_features import ScanFeatures
 from algorithms.geometry.poses import PoseEstimate, inversion_jacobian
 from algorithms.matching.directions import comes_first
 from algorithms.registration.deformed_fit import DeformationKind, DeformedFit, MotionAlone, fit_deformed
+from algorithms.scans.point_blocks import side_by_side
 
 SIGNIFICANT = 4.0
 """Standard deviations from which a deformation is significant, where it explains more surface."""
@@ -155,9 +156,9 @@ def rigidity(
     noise_m = max(target.noise_std_m, source.noise_std_m)
     try:
         alone = MotionAlone(target, source, pose)
-        scale = fit_deformed(alone, DeformationKind.SCALE)
-        strain = fit_deformed(alone, DeformationKind.STRAIN, thorough=False)
-        bend = fit_deformed(alone, DeformationKind.BEND, thorough=False, start=strain)
+        scale, (strain, bend) = side_by_side(
+            lambda: fit_deformed(alone, DeformationKind.SCALE), lambda: _strain_and_bend(alone)
+        )
         if max(strain.gain, bend.gain) > WORTH_A_LOOK:
             strain = fit_deformed(alone, DeformationKind.STRAIN)
         if explained_by_a_bend(scale, strain, bend, noise_m):
@@ -175,6 +176,12 @@ def rigidity(
     best = {DeformationKind.SCALE: scale, DeformationKind.STRAIN: strain, DeformationKind.BEND: bend}[kind]
     motions, shifts = _open_motions(best, target, source, pose)
     return Rigidity(by_scale, stretch, kind, best.gain, motions, shifts)
+
+
+def _strain_and_bend(alone: MotionAlone) -> tuple[DeformedFit, DeformedFit]:
+    """Fit both with few points, the bend from the strain on."""
+    strain = fit_deformed(alone, DeformationKind.STRAIN, thorough=False)
+    return strain, fit_deformed(alone, DeformationKind.BEND, thorough=False, start=strain)
 
 
 def explained_by_a_bend(scale: DeformedFit, strain: DeformedFit, bend: DeformedFit, noise_m: float) -> bool:

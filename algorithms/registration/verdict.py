@@ -27,6 +27,7 @@ from algorithms.registration.base import (
 from algorithms.registration.final_pose import widened
 from algorithms.registration.final_verdict import doubts_of_slivers, status_of_final
 from algorithms.registration.pair_verdict import agreement_doubts, expected_supporters, rigidity_of
+from algorithms.scans.point_blocks import side_by_side
 
 LEAST_PROBABILITY = 0.5
 """A place that is rather not the right one than the right one is not accepted, whatever the limits say."""
@@ -64,7 +65,10 @@ def judged(
         Options of the search: from when on another pose is as good.
     """
     final, fine = answer.final, answer.fine
-    verification = verify_pose(problem.target, problem.source, final.reduced.target_from_source)
+    verification, place = side_by_side(
+        lambda: verify_pose(problem.target, problem.source, final.reduced.target_from_source),
+        lambda: _place(problem, coarse, final),
+    )
     supporters = coarse.support if fine is None else max(expected_supporters(fine), coarse.support)
     verdict = judge(
         verification,
@@ -91,7 +95,6 @@ def judged(
     )
     if tested is not None:
         final = widened(problem, final, tested)
-    place = _place(problem, coarse, final)
     if status is PairStatus.ACCEPTED and (answer.targets is None or not answer.targets.is_controlled):
         status, reasons = _if_probable(place, reasons)
     shown = None if fine is None else replace(fine, pose=final.pose)

@@ -1,4 +1,4 @@
-"""Reading speed, and wall time and peak memory of a whole pair of 2 x 5 million points through the service."""
+"""Reading speed, and wall time and peak memory of whole pairs of 2 x 5 million points through the service."""
 
 import time
 from pathlib import Path
@@ -26,7 +26,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("scans")
     scene = pipe_hall_scene()
     paths = []
-    scans = simulate_stations(scene, scene.stations[:2], scanner_with_step(STEP_RAD), np.random.default_rng(1))
+    scanner, rng = scanner_with_step(STEP_RAD), np.random.default_rng(1)
+    scans = [scan for _ in range(2) for scan in simulate_stations(scene, scene.stations[:2], scanner, rng)]
     for number, scan in enumerate(scans):
         paths.append(folder / f"hall-{number}.e57")
         write_scans(paths[-1], [scan])
@@ -44,23 +45,24 @@ def test_reading_speed_is_printed(files: list[Path]) -> None:
         assert points > 4_000_000
 
 
-def test_a_pair_of_five_million_points_each_takes_under_40_s_and_3_gb(files: list[Path]) -> None:
+def test_a_pair_of_five_million_points_each_takes_five_seconds_or_one_and_a_half_with_features_known(
+    files: list[Path],
+) -> None:
+    """The first job after a start waits for libraries as well; the second has scans of its own, the third the same."""
     with MemoryWatch() as memory, embedded_service() as url, ServiceClient(url) as client:
         started = time.perf_counter()
         uploaded = [client.upload(path) for path in files]
-        upload_seconds = time.perf_counter() - started
-        for run in ("cold", "features known"):
+        print(f"\nfour uploads with inspection: {time.perf_counter() - started:.1f} s")
+        seconds = []
+        for run, pair in (("first", uploaded[:2]), ("unknown", uploaded[2:]), ("features known", uploaded[2:])):
             started = time.perf_counter()
-            stations = [{"name": f"S{k}", "scan": {"file": file["id"]}} for k, file in enumerate(uploaded)]
+            stations = [{"name": f"S{k}", "scan": {"file": file["id"]}} for k, file in enumerate(pair)]
             result = client.wait(client.execute("register", {"stations": stations}))
-            seconds = time.perf_counter() - started
-            print(
-                f"\n{run}: upload {upload_seconds:.1f} s, job {seconds:.1f} s, {result['status']}, "
-                f"{result['pairs'][0]['status']}, {result['provenance']['timings_s']}"
-            )
-            if run == "cold":
-                first = seconds
+            seconds.append(time.perf_counter() - started)
+            timings = ", ".join(f"{name} {value:.2f}" for name, value in result["provenance"]["timings_s"].items())
+            print(f"{run}: job {seconds[-1]:.2f} s, {result['pairs'][0]['status']}; seconds of its parts: {timings}")
+            assert result["status"] == "registered"
     print(f"peak memory of all processes of the service: {memory.peak / 1e9:.2f} GB")
-    assert result["status"] == "registered"
-    assert first < 40.0
+    assert seconds[1] <= 5.0
+    assert seconds[2] <= 1.5
     assert memory.peak < 3e9
