@@ -10,8 +10,10 @@ there are surfaces, an adjustment of features that does not settle is left out, 
 """
 
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
@@ -49,6 +51,7 @@ from algorithms.registration.target_registration import (
     with_targets,
 )
 from algorithms.registration.verdict import Answer, judged
+from algorithms.scans.point_blocks import side_by_side
 
 NOISES_APART = 2.0
 """Poses of features and surfaces that are less than so many standard deviations of single points apart do not
@@ -132,8 +135,11 @@ def estimated_and_judged(
         Survey targets in common, which join the rest; None: there are none.
     """
     progress.report(0.6, "adjustment")
-    surfaces = _by_surfaces(problem, coarse, surface)
-    attempts, remarks = _attempts(problem, coarse, adjustment, surfaces)
+    surfaces, first = side_by_side(
+        lambda: _by_surfaces(problem, coarse, surface),
+        lambda: _adjusted(problem, FeatureUse(), adjustment, coarse.target_from_source),
+    )
+    attempts, remarks = _attempts(problem, coarse, adjustment, surfaces, first)
     answer = _answer(problem, surfaces, attempts, remarks, surface)
     if answer is None and targets is not None:
         return judged_by_targets(problem, targets, matching, "; ".join([fit_in_words(targets), *remarks]))
@@ -182,28 +188,38 @@ def _by_surfaces(
         return None
 
 
+def _adjusted(
+    problem: RegistrationProblem, use: FeatureUse, options: AdjustmentOptions, start: RigidTransform
+) -> FineRegistration | str:
+    """Adjust features from a pose on, or say why they do not determine one."""
+    try:
+        return adjusted_features(problem, use, options, start)
+    except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
+        return str(error)
+
+
 def _attempts(
     problem: RegistrationProblem,
     coarse: CoarseRegistration,
     options: AdjustmentOptions,
     surfaces: SurfaceEstimate | None,
+    first: FineRegistration | str,
 ) -> tuple[list[_Attempt], list[str]]:
-    """Adjust features in one way after the other until one does not contradict the surfaces; say why others failed."""
-    ways = [("lines+planes", FeatureUse(), coarse.target_from_source)]
-    if surfaces is not None:
-        near = surfaces.pose.target_from_source
-        ways += [
-            ("lines+planes", FeatureUse(gates=NEAR), near),
-            ("planes", FeatureUse(lines=False, gates=NEAR), near),
-        ]
+    """Adjust features in one way after the other until one does not contradict the surfaces; say why others failed.
+
+    What came of the first way, all lines and planes from the pose of the search on, is known.
+    """
+    if surfaces is None:
+        others, start = [FeatureUse(lines=False)], coarse.target_from_source
     else:
-        ways.append(("planes", FeatureUse(lines=False), coarse.target_from_source))
+        others = [FeatureUse(gates=NEAR), FeatureUse(lines=False, gates=NEAR)]
+        start = surfaces.pose.target_from_source
+    later = ((use, _adjusted(problem, use, options, start)) for use in others)
     tried, remarks = [], []
-    for label, use, start in ways:
-        try:
-            fine = adjusted_features(problem, use, options, start)
-        except (DegenerateGeometryError, TooFewCorrespondencesError) as error:
-            remarks.append(f"{label}: {error}")
+    for use, fine in chain([(FeatureUse(), first)], later):
+        label = "lines+planes" if use.lines else "planes"
+        if isinstance(fine, str):
+            remarks.append(f"{label}: {fine}")
             continue
         if surfaces is not None and not fine.adjustment.converged:
             remarks.append(f"{label}: the adjustment does not settle")

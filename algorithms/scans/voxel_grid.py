@@ -17,6 +17,8 @@ POINTS_PER_VOXEL = 3.2
 """A voxel of 1.3 times the distance to the sixth neighbour holds that many points of a surface: 6 / pi * 1.3^2."""
 
 
+LEAST_GROWTH, MOST_GROWTH = 1.15, 1.4
+"""Voxels that are too small grow by such factors."""
 POINTS_PER_TABLE, MOST_TABLES = 1 << 19, 4
 """Fewer points are not worth a hash table of their own; all must be united, and kept until then."""
 LEAST_CELLS = 1 << 13
@@ -45,14 +47,16 @@ def voxel_cells_of_fitting_size(points: Points, *, least_size_m: float = 0.08) -
     extent = float(np.max(np.diff(_bounds(points), axis=0)))
     size = max(least_size_m, extent / (MOST_ALONG_AN_AXIS - 1))  # one to spare: a quotient of quotients is rounded
     few = len(points) < POINTS_PER_TABLE  # mostly sparse, so it takes several sizes: there counting is half the work
-    while True:
+    while True:  # where the next size is likely to be the last, it is hashed at once
         hashed = None if few else hash_into_voxels(points, size)
         counts = np.sort(_counts(points, size) if hashed is None else hashed.moments[:, 0])
         weight = np.cumsum(counts)
         at_quantile = counts[np.searchsorted(weight, 0.4 * weight[-1])]
         if at_quantile >= POINTS_PER_VOXEL or size > extent:
             return _linked(hash_into_voxels(points, size) if hashed is None else hashed)
-        size *= min(1.4, max(1.15, math.sqrt(POINTS_PER_VOXEL / at_quantile)))
+        growth = math.sqrt(POINTS_PER_VOXEL / at_quantile)
+        few = few and growth > MOST_GROWTH
+        size *= min(MOST_GROWTH, max(LEAST_GROWTH, growth))
 
 
 def fullest_of_voxels(points: Points, size_m: float, counts: Scalars) -> Int64[Array, "voxels"]:
