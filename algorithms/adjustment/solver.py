@@ -57,6 +57,9 @@ RUN_AWAY = 1e6
 """An adjustment that moves an unknown by so many times the problem's size is held by nothing: what observations say of
 something fades with its distance, so the sum of squares goes on falling."""
 
+MOST_COUPLED, COUPLED_SHARE = 2000, 0.5
+"""Up to so many unknowns normal equations are dense if one observation depends on such a share of them."""
+
 WORSE = 1e-6
 """Growth of the weighted squared residuals (share) that counts as worse."""
 
@@ -230,11 +233,10 @@ class NormalEquations:
         before
             Those of an earlier round, whose order of elimination is kept where the pattern is the same.
         """
-        few = isinstance(whitening.matrix, np.ndarray) or system.jacobian.shape[1] <= MOST_DENSE
-        jacobian: Any = whitening.matrix @ (system.dense_jacobian if few else system.jacobian)
-        self._jacobian = jacobian
-        self._right = -np.asarray(jacobian.T @ whitening.apply(system.residuals))
-        self._normal = jacobian.T @ jacobian
+        self._whitening, self._jacobian = whitening, system.jacobian
+        weighted = whitening.apply_transposed(whitening.apply(system.residuals))
+        self._right = -np.asarray(system.jacobian.T @ weighted)
+        self._normal = _normal_matrix(whitening, system)
         diagonal = np.asarray(self._normal.diagonal())
         self._scale = 1.0 / np.sqrt(np.maximum(diagonal, SMALLEST_SHARE * diagonal.max(initial=0.0)))
         border = np.linalg.qr(held * self._scale[:, None])[0] if held.shape[1] else held
@@ -305,7 +307,7 @@ class NormalEquations:
 
     def length_in_std(self, step: Array) -> float:
         """Give the length of a step in units of its standard deviation, sqrt(dxᵀ N dx)."""
-        return float(np.linalg.norm(self._jacobian @ step))
+        return float(np.linalg.norm(self._whitening.apply(self._jacobian @ step)))
 
     def inverse(self) -> Inverse:
         """Give Q, the inverse of N under the conditions."""
@@ -316,6 +318,24 @@ class NormalEquations:
 
     def _solved(self, right: Array) -> Array:
         return np.asarray(self._solver(right) * self._scale[:, None])
+
+
+def _normal_matrix(whitening: Whitening, system: LinearSystem) -> Any:
+    """Give N = Jᵀ P J, (u, u): sparse where there are many unknowns and no observation couples most of them.
+
+    One plane that all stations see makes N full; then blocks of rows are multiplied as dense matrices.
+    """
+    matrix, jacobian, u = whitening.matrix, system.jacobian, system.jacobian.shape[1]
+    if isinstance(matrix, np.ndarray) or u <= MOST_DENSE:
+        white = matrix @ system.dense_jacobian
+        return white.T @ white
+    if u > MOST_COUPLED or np.diff(jacobian.indptr).max(initial=0) < COUPLED_SHARE * u:
+        white = matrix @ jacobian
+        return white.T @ white
+    from algorithms.adjustment.hybrid.factor_kernels import normal_of_blocks  # loads compiled loops
+
+    sizes = np.concatenate([np.full(n, d, dtype=np.int64) for n, d in system.shapes])
+    return normal_of_blocks(sizes, matrix.data, jacobian.indptr, jacobian.indices, jacobian.data, u)
 
 
 def _dense_solver(matrix: Array, border: Array) -> Callable[[Array], Array] | None:

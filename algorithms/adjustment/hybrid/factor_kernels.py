@@ -324,3 +324,39 @@ def row_gains(
                 total += z * values[p] * scale[columns[p]]
             found[m, t] = total * scale[target]
     return found
+
+
+@njit(cache=True, nogil=True)
+def normal_of_blocks(
+    sizes: Array, roots: Array, starts: Array, columns: Array, values: Array, count: int
+) -> Any:  # pragma: no cover - compiled
+    """Sum (F A)ᵀ (F A) of blocks of rows, each as a dense matrix in the columns that it has: (count, count) (MATH 3.1).
+
+    Of each block the number d of its rows, `sizes`, and the d d elements of F, one block after the other, `roots`;
+    A is sparse by rows, with its `starts`, `columns` and `values`.
+    """
+    total = np.zeros((count, count))
+    place = np.full(count, -1, np.int64)
+    own = np.empty(count, np.int64)
+    first, at = 0, 0
+    for d in sizes:
+        width = 0
+        for p in range(starts[first], starts[first + d]):
+            if place[columns[p]] < 0:
+                place[columns[p]] = width
+                own[width] = columns[p]
+                width += 1
+        derivatives = np.zeros((d, width))
+        for row in range(d):
+            for p in range(starts[first + row], starts[first + row + 1]):
+                derivatives[row, place[columns[p]]] += values[p]
+        white = np.dot(roots[at : at + d * d].reshape(d, d), derivatives)
+        product = np.dot(white.T, white)
+        for i in range(width):
+            for j in range(width):
+                total[own[i], own[j]] += product[i, j]
+        for i in range(width):
+            place[own[i]] = -1
+        first += d
+        at += d * d
+    return total

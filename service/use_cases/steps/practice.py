@@ -43,7 +43,9 @@ def practise() -> None:
     from algorithms.registration import DEFAULT_METHOD
     from algorithms.registration.base import RegistrationProblem
     from algorithms.scans.range_image import visibility
+    from algorithms.scans.voxel_grid_kernels import first_of_each
 
+    first_of_each(np.zeros(2, dtype=np.int64))  # as points are ordered for the viewer
     first, second = (_features_of(tiny_room(structured=structured)) for structured in (True, False))
     DEFAULT_METHOD().register(RegistrationProblem(first, second), progress=NoProgress())
     if first.seen is not None:
@@ -131,6 +133,7 @@ def practise_on_networks() -> None:
     """Factorise and invert tiny normal equations, for the same reason."""
     from scipy import sparse
 
+    from algorithms.adjustment.hybrid.factor_kernels import normal_of_blocks
     from algorithms.adjustment.hybrid.sparse_factor import Factor, Ordering
 
     rows = np.repeat(np.arange(8, dtype=np.int32), 2)
@@ -144,6 +147,8 @@ def practise_on_networks() -> None:
     factor.row_products(jacobian, every, every)
     factor.row_products(jacobian, every, every.copy())  # of pairs of rows, not of each with itself
     factor.row_gains(jacobian, every, columns.reshape(8, 2)[:4].astype(np.int64))
+    ones = np.ones(8, dtype=np.int64)
+    normal_of_blocks(ones, np.ones(8), jacobian.indptr, jacobian.indices, jacobian.data, 4)
 
 
 def practise_on_terrain() -> None:

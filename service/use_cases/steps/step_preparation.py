@@ -6,6 +6,7 @@ from service.ports import Json, StepProgress
 from service.use_cases.limits.machine_shares import INSPECT
 from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
+ADJUST_NETWORK = "adjust-network"
 NETWORK_STEPS = {"adjust", "calibrate-camera"}
 CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", "model-planes", "model-roofs"}
 EDGE_STEPS = {EDGES, "calibrate-mount"}
@@ -52,7 +53,7 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
     elif step in EDGE_STEPS:
         yield kernels.EDGES_OF_PHOTOS
     else:
-        yield kernels.SCANS
+        yield from (kernels.SCANS, kernels.NETWORKS) if step == ADJUST_NETWORK else (kernels.SCANS,)
     if step == FEATURES_OF_SCAN and arguments.get("photos"):
         yield from (kernels.EDGES_OF_PHOTOS, kernels.LINES_OF_PHOTOS)
     if step in PAIR_STEPS and arguments["method"]["method"] in proposing_methods():

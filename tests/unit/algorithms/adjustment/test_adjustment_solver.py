@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import linalg, sparse
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment import solver
@@ -14,6 +15,7 @@ from algorithms.adjustment.datum import (
     motion_basis,
     s_transformation,
 )
+from algorithms.adjustment.hybrid.factor_kernels import normal_of_blocks
 from algorithms.adjustment.network_adjustment import adjust_network
 from algorithms.adjustment.observations.levelling import Levelling
 from algorithms.adjustment.observations.point_point import PointPoint
@@ -151,13 +153,30 @@ def test_a_network_without_datum_is_refused_and_its_common_motion_named() -> Non
         adjust_network(problem, start, None)
 
 
-def test_sparse_and_dense_normal_equations_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("coupled_share", [1.0, 0.0], ids=["sparse", "by blocks"])
+def test_normal_equations_of_many_unknowns_agree_with_dense_ones(
+    coupled_share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem, start = network(7)
     dense = free(problem, start)
     monkeypatch.setattr(solver, "MOST_DENSE", 0)
-    sparse = free(problem, start)
-    np.testing.assert_allclose(sparse.unknowns.points, dense.unknowns.points, atol=1e-10)
-    np.testing.assert_allclose(sparse.cofactors, dense.cofactors, atol=1e-14)
+    monkeypatch.setattr(solver, "COUPLED_SHARE", coupled_share)
+    other = free(problem, start)
+    np.testing.assert_allclose(other.unknowns.points, dense.unknowns.points, atol=1e-10)
+    np.testing.assert_allclose(other.cofactors, dense.cofactors, atol=1e-14)
+
+
+def test_blocks_of_any_size_are_summed_to_normal_equations() -> None:
+    rng = np.random.default_rng(1)
+    sizes = np.array([1, 3, 3, 40, 2])
+    roots = [rng.normal(size=(d, d)) for d in sizes]
+    derivatives = sparse.random_array((int(sizes.sum()), 60), density=0.2, format="csr", rng=rng)
+    found = normal_of_blocks(
+        sizes, np.concatenate([root.ravel() for root in roots]), derivatives.indptr, derivatives.indices,
+        derivatives.data, 60,
+    )  # fmt: skip
+    white = linalg.block_diag(*roots) @ derivatives.toarray()
+    np.testing.assert_allclose(found, white.T @ white, atol=1e-12)
 
 
 def test_a_step_that_would_overshoot_is_damped() -> None:

@@ -219,6 +219,7 @@ def test_several_processes_compile_what_is_listed_and_what_is_no_more_is_left_ou
         ("write-registered", {"options": {"cleaning": None}}, [SCANS]),
         ("write-registered", {"options": {"cleaning": {"comet_tails": True}}}, [SCANS, CLOUDS]),
         ("adjust", {"options": None}, [NETWORKS]),
+        ("adjust-network", {}, [SCANS, NETWORKS]),
         ("terrain", {"inputs": {}}, [TERRAIN]),
         ("model-roofs", {"plans": None}, [SCANS, TERRAIN, CLOUDS]),
         ("model-roofs", {"plans": [{}]}, [SCANS, CLOUDS]),
