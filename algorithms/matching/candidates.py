@@ -9,6 +9,7 @@ from algorithms.matching.parallel_axes import parallel_axis_motions
 from algorithms.matching.plane_triples import offset_votes, plane_motions
 from algorithms.matching.sliding import sliding_motions
 from algorithms.matching.votes import Motions, joined, vote_motions
+from algorithms.scans.point_blocks import side_by_side
 
 VOTE_RADIUS_RAD = 0.07
 MOST_ROTATIONS = 200
@@ -38,26 +39,32 @@ def candidate_motions(
     sliding
         Also look for the place along a direction of which the planes say nothing, surface by surface.
     """
-    motions = line_pair_motions(
-        target,
-        source,
-        max_angle_rad=options.max_angle_rad,
-        max_distance_m=options.max_distance_m,
-        max_lines=max_lines,
-    )
-    voted = vote_motions(
-        motions,
-        source.index.centre_m,
-        radius_rad=VOTE_RADIUS_RAD,
-        radius_m=2.0 * options.max_distance_m,
-        most_rotations=MOST_ROTATIONS,
-        most=options.max_line_hypotheses,
-    )
-    votes = offset_votes(target, source, max_angle_rad=options.max_angle_rad)
-    by_planes = plane_motions(votes)
-    if max_plane_hypotheses is not None:
-        by_planes = by_planes[np.argsort(-by_planes.votes, kind="stable")[:max_plane_hypotheses]]
-    by_surfaces = sliding_motions(votes, target.index, source.index) if sliding else Motions.empty()
+
+    def by_lines() -> Motions:
+        motions = line_pair_motions(
+            target,
+            source,
+            max_angle_rad=options.max_angle_rad,
+            max_distance_m=options.max_distance_m,
+            max_lines=max_lines,
+        )
+        return vote_motions(
+            motions,
+            source.index.centre_m,
+            radius_rad=VOTE_RADIUS_RAD,
+            radius_m=2.0 * options.max_distance_m,
+            most_rotations=MOST_ROTATIONS,
+            most=options.max_line_hypotheses,
+        )
+
+    def by_planes_and_surfaces() -> tuple[Motions, Motions]:
+        votes = offset_votes(target, source, max_angle_rad=options.max_angle_rad)
+        by_planes = plane_motions(votes)
+        if max_plane_hypotheses is not None:
+            by_planes = by_planes[np.argsort(-by_planes.votes, kind="stable")[:max_plane_hypotheses]]
+        return by_planes, sliding_motions(votes, target.index, source.index) if sliding else Motions.empty()
+
+    voted, (by_planes, by_surfaces) = side_by_side(by_lines, by_planes_and_surfaces)
     by_axes = parallel_axis_motions(
         target, source, max_angle_rad=options.max_angle_rad, max_distance_m=options.max_distance_m
     )
