@@ -13,7 +13,7 @@ from algorithms.geometry.lines import Lines
 from algorithms.geometry.planes import Planes
 from algorithms.scans.instrument_errors import Sweep
 from algorithms.scans.range_image import SphericalRangeImage
-from algorithms.scans.surface_index import SurfaceIndex, surface_index
+from algorithms.scans.surface_index import SurfaceIndex, SurfaceOwners, surface_index
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +28,8 @@ class SurfaceSample:
     """(k,) number of the plane the voxel belongs to, -1 for none."""
     voxel_size_m: float
     """Edge length of the voxels [m]."""
+    owners: SurfaceOwners | None = None
+    """Which of them is nearest where, found once for all pairs of the scan; None: each index looks for itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +146,13 @@ class ScanFeatures:
 
     @cached_property
     def index(self) -> SurfaceIndex:
-        """The thinned surface, ready to have poses of another scan laid into it; built once, O(n log n)."""
+        """The thinned surface, ready to have poses of another scan laid into it; built once."""
         surface = self.surface
-        return surface_index(surface.points, surface.normals, surface.voxel_size_m, self.sensor_m, seen=self.seen)
+        return surface_index(
+            surface.points,
+            surface.normals,
+            surface.voxel_size_m,
+            self.sensor_m,
+            seen=self.seen,
+            owners=surface.owners,
+        )

@@ -8,6 +8,7 @@ from algorithms.features.scan_features import SurfaceSample
 from algorithms.features.sparse_surface import LEAST_COUNT, is_dense, sparse_surface
 from algorithms.scans.edge_on import seen_edge_on
 from algorithms.scans.surface_cells import CellSurfaces, SurfaceCells
+from algorithms.scans.surface_index import surface_owners
 from algorithms.scans.voxel_grid import fullest_of_voxels
 
 LARGEST_SAMPLE = 60_000
@@ -63,4 +64,5 @@ def sample_surface(
             if len(kept) <= LARGEST_SAMPLE:
                 break
             size *= max(1.0, (len(kept) / LARGEST_SAMPLE) ** 0.5 / 1.25)
-    return SurfaceSample(means[kept], normals[kept], labels[kept], size)
+    means, normals = means[kept], normals[kept]
+    return SurfaceSample(means, normals, labels[kept], size, surface_owners(means, normals, size))

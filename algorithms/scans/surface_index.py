@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Int64
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Flags, Indices, Matrices3, Matrix3, Points, Scalars, Vector3
@@ -18,6 +19,30 @@ OWNER_REACH = 2.6
 """Farther away than so many cells from a cell's centre no surface point counts as the nearest."""
 MAX_CELLS = 24_000_000
 """Largest number of cells of the look-up raster; coarser cells beyond."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceOwners:
+    """Which surface point is the nearest in the cells of a raster, for those near the surface, as it is kept."""
+
+    shape: tuple[int, int, int]
+    """Numbers of cells of the raster."""
+    low_m: Vector3
+    """Lowest corner of the raster [m]."""
+    cell_m: float
+    """Edge of its cells [m]."""
+    cells: Array
+    """(k,) int32 numbers of cells, ascending."""
+    nearest: Array
+    """(k,) int32 number of the surface point nearest to the cell's centre."""
+
+    def raster(self, numbers: Indices) -> Array:
+        """Give them cell by cell, (nx, ny, nz) int32, as places in a list of the points; -1 far from all. O(cells)."""
+        places = np.zeros(numbers.max(initial=-1) + 1, dtype=np.int32)
+        places[numbers] = np.arange(len(numbers), dtype=np.int32)
+        owner = np.full(self.shape, -1, dtype=np.int32)
+        owner.ravel()[self.cells] = places[self.nearest]
+        return owner
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +130,7 @@ def surface_index(
     sensor_m: Vector3 | None,
     *,
     seen: SphericalRangeImage | None = None,
+    owners: SurfaceOwners | None = None,
 ) -> SurfaceIndex:
     """Build the index of one scan.
 
@@ -121,12 +147,12 @@ def surface_index(
     seen
         What the instrument saw, from all points of the scan: the space it knows to be empty reaches nearer to surfaces
         than the thinned surface can tell. None: the thinned surface must do.
+    owners
+        What `surface_owners` says of the same points; None: it is asked, which is most of the work.
     """
-    oriented = np.flatnonzero(np.einsum("ij,ij->i", normals, normals) > 0.5)
-    # A fixed shuffle: any prefix covers the whole surface. The generator is local and its seed belongs to the method.
-    oriented = oriented[np.random.default_rng(20).permutation(len(oriented))]
+    oriented = _evenly(normals)
     own, own_normals = points[oriented], normals[oriented]
-    cell, low, owner = _owners(own, spacing_m)
+    owners = _owners(points, oriented, spacing_m) if owners is None else owners
     if sensor_m is None:
         nearest, sensor, cell_rad = np.empty((0, 0), dtype=np.float32), np.zeros(3), CELL_RAD
     else:
@@ -137,15 +163,26 @@ def surface_index(
         points=np.ascontiguousarray(own),
         normals=np.ascontiguousarray(own_normals),
         weights=direction_weights(own_normals),
-        owner=owner,
-        low_m=low,
-        cell_m=cell,
+        owner=owners.raster(oriented),
+        low_m=owners.low_m,
+        cell_m=owners.cell_m,
         spacing_m=spacing_m,
         nearest_m=nearest,
         sensor_m=sensor,
         cell_rad=cell_rad,
-        numbers=oriented.astype(np.int64),
+        numbers=oriented,
     )
+
+
+def surface_owners(points: Points, normals: Points, spacing_m: float) -> SurfaceOwners:
+    """Say which point is the nearest around a surface, so that the index need not ask again; O(n log n + cells).
+
+    Parameters
+    ----------
+    points, normals, spacing_m
+        As `surface_index` takes them.
+    """
+    return _owners(points, _evenly(normals), spacing_m)
 
 
 def direction_weights(normals: Points) -> Scalars:
@@ -265,28 +302,37 @@ def _directional_mean(fitting_moments: Array, all_moments: Matrix3, fitting: Sca
     return np.asarray(np.cbrt(np.clip(ratio, 0.0, 1.0)))
 
 
-def _owners(points: Points, spacing_m: float) -> tuple[float, Vector3, Array]:
-    """Build the raster of nearest surface points; it reaches two cells around the surface."""
+def _evenly(normals: Points) -> Int64[Array, "m"]:
+    """List the points with a normal so that the first of them, however many, cover the whole surface."""
+    oriented = np.flatnonzero(np.einsum("ij,ij->i", normals, normals) > 0.5)
+    # a fixed shuffle: the generator is local and its seed belongs to the method
+    return oriented[np.random.default_rng(20).permutation(len(oriented))].astype(np.int64)
+
+
+def _owners(surface: Points, numbers: Int64[Array, "m"], spacing_m: float) -> SurfaceOwners:
+    """Find the nearest of some surface points, as far as two cells around them; of equally near ones the first."""
     from algorithms.scans import surface_index_kernels as kernels
 
+    points = surface[numbers]
     if len(points) == 0:
-        return max(spacing_m, 0.1), np.zeros(3), np.full((1, 1, 1), -1, dtype=np.int32)
+        nothing = np.empty(0, dtype=np.int32)
+        return SurfaceOwners((1, 1, 1), np.zeros(3), max(spacing_m, 0.1), nothing, nothing)
     low, high = points.min(axis=0), points.max(axis=0)
     cell = max(1.2 * spacing_m, 0.12)
     while np.prod(np.ceil((high - low) / cell) + 5) > MAX_CELLS:
         cell *= 1.2
     low = low - 2.0 * cell
-    shape = tuple(int(k) for k in np.ceil((high - low) / cell) + 3)
-    numbers = np.ravel_multi_index(tuple(((points - low) / cell).astype(np.int64).T), shape)
-    order = np.argsort(numbers)
-    ranked = numbers[order]
+    nx, ny, nz = (int(k) for k in np.ceil((high - low) / cell) + 3)
+    own_cells = np.ravel_multi_index(tuple(((points - low) / cell).astype(np.int64).T), (nx, ny, nz))
+    order = np.argsort(own_cells)
+    ranked = own_cells[order]
     occupied = ranked[np.append(True, ranked[1:] > ranked[:-1])]
-    owner = np.full(shape, -1, dtype=np.int32)
+    raster = np.full((nx, ny, nz), -1, dtype=np.int32)
     # the space around the surface, cell by cell: as far from occupied ones as the square root of five
-    kernels.mark_around(occupied, 2, 5, owner)
-    cells = np.flatnonzero(owner.ravel() == kernels.MARK)
-    owner.ravel()[cells] = np.arange(len(cells), dtype=np.int32)
+    kernels.mark_around(occupied, 2, 5, raster)
+    cells = np.flatnonzero(raster.ravel() == kernels.MARK).astype(np.int32)
+    raster.ravel()[cells] = np.arange(len(cells), dtype=np.int32)
     nearest = np.full(len(cells), -1, dtype=np.int32)
-    kernels.nearest_points(points, order, low, cell, OWNER_REACH, owner, nearest)
-    owner.ravel()[cells] = nearest
-    return cell, low, owner
+    kernels.nearest_points(points, order, low, cell, OWNER_REACH, raster, nearest)
+    found = nearest >= 0
+    return SurfaceOwners((nx, ny, nz), low, cell, cells[found], numbers[nearest[found]].astype(np.int32))

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 from service.ports import Json
 
-FEATURE_VERSION = 19
+FEATURE_VERSION = 20
 """Raise when extraction gives other features for the same scan and options."""
 VIEWER_POINTS_VERSION = 1
 """Raise when the viewer is given points in another form."""
-
 
 FEATURES = "features/"
 OWNER_LETTERS = 16

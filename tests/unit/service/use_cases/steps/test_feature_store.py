@@ -12,6 +12,7 @@ from algorithms.geometry.cylinders import Cylinders
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.planes import Planes
 from algorithms.scans.instrument_errors import Sweep, TimeSource
+from algorithms.scans.surface_index import surface_owners
 from service.names.feature_keys import feature_key
 from service.use_cases.steps.feature_store import load_features, load_members, save_features
 
@@ -41,7 +42,9 @@ def some_features() -> ScanFeatures:
         noise_std_m=np.ones(2),
         point_counts=np.array([10, 20]),
     )
-    surface = SurfaceSample(rng.normal(size=(4, 3)), rng.normal(size=(4, 3)), np.arange(4, dtype=np.int32), 0.1)
+    points, normals = rng.normal(size=(2, 4, 3))
+    owners = surface_owners(points, normals, 0.1)
+    surface = SurfaceSample(points, normals, np.arange(4, dtype=np.int32), 0.1, owners)
     return ScanFeatures(
         lines=Lines.empty(),
         planes=planes,
