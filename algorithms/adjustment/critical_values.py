@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
-from scipy import stats
-
 from algorithms.adjustment.testing import noncentrality
+from algorithms.probabilities import chi2_sf, ncx2_isf
 
 
 @dataclass(frozen=True)
@@ -37,5 +36,5 @@ def b_method_limit(degrees_of_freedom: int, alpha: float, power: float) -> BMeth
         Probability with which the error is found.
     """
     shift = noncentrality(alpha, power) ** 2
-    critical = float(stats.ncx2.isf(power, degrees_of_freedom, shift))
-    return BMethodLimit(degrees_of_freedom, critical, float(stats.chi2.sf(critical, degrees_of_freedom)))
+    critical = float(ncx2_isf(power, degrees_of_freedom, shift))
+    return BMethodLimit(degrees_of_freedom, critical, float(chi2_sf(critical, degrees_of_freedom)))

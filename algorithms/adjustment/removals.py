@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.gross_errors import Partner, Plane
@@ -15,6 +14,7 @@ from algorithms.adjustment.reports import offsets_in_the_middle
 from algorithms.adjustment.snooping import Change, SnoopingResult
 from algorithms.arrays import Array, Matrix, Vector
 from algorithms.geometry.angles import GON_PER_RAD
+from algorithms.probabilities import chi2_isf
 
 DIFFERENT_FEATURES_M = 0.3
 """Farther apart than this [m], and not parallel either, two features are called different ones rather than moved."""
@@ -158,7 +158,7 @@ def _misfits(problem: PairProblem, pose: RigidTransform, variance_factor: float,
         if isinstance(observation, LineLine):
             offsets, rest, _ = offsets_in_the_middle(observation, residuals, covariances, pose)
         shares = [
-            np.sqrt(_form(part, covariance) / variance_factor / stats.chi2.isf(alpha, part.shape[1]))
+            np.sqrt(_form(part, covariance) / variance_factor / chi2_isf(alpha, part.shape[1]))
             for part, covariance in ((tilts, by_tilt), (offsets, rest))
         ]
         angles = np.arctan(np.linalg.norm(tilts, axis=1)) * GON_PER_RAD

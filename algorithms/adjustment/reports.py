@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.critical_values import b_method_limit
@@ -16,6 +15,7 @@ from algorithms.adjustment.snooping import CorrespondenceState, SnoopingResult
 from algorithms.adjustment.testing import NOT_CONTROLLED, ComponentTests
 from algorithms.arrays import Array, Flags, Labels, Matrix, Points, Scalars, Vectors2
 from algorithms.geometry.line_pairs_geometry import LinePairs, pair_geometry
+from algorithms.probabilities import chi2_isf
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +234,7 @@ def _tested(
     nothing_seen = (redundancy < NOT_CONTROLLED).all(axis=1) | (degrees == 0)
     std = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
     limits = np.array([np.inf] + [b_method_limit(k, options.alpha_single, options.power).critical for k in range(1, 7)])
-    at_level = np.where(degrees > 0, stats.chi2.isf(options.alpha_single, np.maximum(degrees, 1.0)), np.inf)
+    at_level = np.where(degrees > 0, chi2_isf(options.alpha_single, np.maximum(degrees, 1.0)), np.inf)
     by_b_method = limits[degrees.astype(np.int64)]
     return {
         "states": _states(result, rows, nothing_seen),

@@ -7,7 +7,7 @@ from itertools import count
 from typing import TypeAlias
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from algorithms.adjustment.critical_values import b_method_limit
 from algorithms.adjustment.gross_errors import GrossErrorSearch, GrossErrorTests, Partner, Plane
@@ -17,6 +17,7 @@ from algorithms.adjustment.solver import LINEAR_STEP, Solution
 from algorithms.adjustment.testing import BlockTests, block_tests, predicted_block_tests
 from algorithms.adjustment.unknowns import Unknowns
 from algorithms.arrays import Array, Flags
+from algorithms.probabilities import chi2_ppf
 
 FEWEST_BLOCKS = 2
 """Correspondences that must remain."""
@@ -259,7 +260,7 @@ def robust_variance_factor(tests: BlockTests, redundancy: int) -> float:
     if not controlled.any() or redundancy <= 0:
         return 1.0
     degrees = tests.degrees[controlled]
-    factor = float(np.median(tests.statistics[controlled] / stats.chi2.median(degrees)))
+    factor = float(np.median(tests.statistics[controlled] / chi2_ppf(0.5, degrees)))
     independent = min(redundancy / float(degrees.mean()), float(controlled.sum()))
     return factor if factor > 1.0 + 2.0 * MEDIAN_SPREAD / np.sqrt(independent) else 1.0
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.problem import LinearSystem
 from algorithms.adjustment.solver import Solution
 from algorithms.arrays import Array, Flags, Matrix, Scalars
+from algorithms.probabilities import chi2_isf, chi2_ppf, chi2_sf, norm_isf, norm_ppf, t_isf
 
 NOT_CONTROLLED = 1e-5
 """Below this redundancy share an error cannot be seen at all: no test value, no detectable error."""
@@ -85,8 +85,8 @@ def global_test(omega: float, redundancy: int, alpha: float) -> GlobalTest:
     """Test Omega two-sided against chi-square with the given redundancy (MATH 4.1)."""
     if redundancy <= 0:
         return GlobalTest(omega, redundancy, alpha, 0.0, 0.0, GlobalVerdict.NOT_TESTABLE)
-    lower = float(stats.chi2.ppf(alpha / 2.0, redundancy))
-    upper = float(stats.chi2.isf(alpha / 2.0, redundancy))
+    lower = float(chi2_ppf(alpha / 2.0, redundancy))
+    upper = float(chi2_isf(alpha / 2.0, redundancy))
     verdict = GlobalVerdict.ACCEPTED
     if omega > upper:
         verdict = GlobalVerdict.TOO_LARGE
@@ -97,7 +97,7 @@ def global_test(omega: float, redundancy: int, alpha: float) -> GlobalTest:
 
 def normal_critical_value(alpha: float) -> float:
     """Give the two-sided limit of w with sigma0 known a priori: 3.291 for 0.1 % (MATH 4.2)."""
-    return float(stats.norm.isf(alpha / 2.0))
+    return float(norm_isf(alpha / 2.0))
 
 
 def tau_critical_value(alpha: float, redundancy: int) -> float | None:
@@ -107,7 +107,7 @@ def tau_critical_value(alpha: float, redundancy: int) -> float | None:
     """
     if redundancy < 2:
         return None
-    t = float(stats.t.isf(alpha / 2.0, redundancy - 1))
+    t = float(t_isf(alpha / 2.0, redundancy - 1))
     return float(t * np.sqrt(redundancy) / np.sqrt(redundancy - 1.0 + t * t))
 
 
@@ -116,7 +116,7 @@ def noncentrality(alpha: float, power: float) -> float:
 
     delta0 = z(1 - alpha/2) + z(power): 4.132 for 0.1 % and 80 %.
     """
-    return normal_critical_value(alpha) + float(stats.norm.ppf(power))
+    return normal_critical_value(alpha) + float(norm_ppf(power))
 
 
 def redundancy_numbers(solution: Solution) -> Scalars:
@@ -209,4 +209,4 @@ def _tests(system: LinearSystem, residual_covariances: list[Array]) -> BlockTest
 
 
 def _p_values(statistics: Scalars, degrees: Scalars) -> Scalars:
-    return np.where(degrees > 0, stats.chi2.sf(statistics, np.maximum(degrees, 1.0)), 1.0)
+    return np.where(degrees > 0, chi2_sf(statistics, np.maximum(degrees, 1.0)), 1.0)

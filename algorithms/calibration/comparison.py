@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.hybrid.state import State
 from algorithms.arrays import Array
@@ -12,6 +11,7 @@ from algorithms.calibration.projection import differences, expected_differences,
 from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate
 from algorithms.calibration.target_field import TargetField
 from algorithms.errors import AlgorithmError
+from algorithms.probabilities import chi2_sf
 
 LEAST_PHOTOS = 6
 """Fewer photos are not split."""
@@ -114,5 +114,5 @@ def compare_with_earlier(done: Calibration, lens: Lens, parameters: Array, stds:
     statistic = float(white @ white)
     return BeforeAfter(
         [lens.names[k] for k in free], parameters[free], done.parameters[free], scale, statistic,
-        float(stats.chi2.sf(statistic, len(free))), image, found,
+        float(chi2_sf(statistic, len(free))), image, found,
     )  # fmt: skip

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.stats import chi2
 
 from algorithms.arrays import Array, Flags, Matrix6
+from algorithms.probabilities import chi2_ppf
 
-OUTLIER = float(chi2.ppf(0.999, 2))
+OUTLIER = float(chi2_ppf(0.999, 2))
 """Pairs that fit worse show different things."""
 STEPS = 8
 """Rotations tried on each side of the stated one, about each axis."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy import linalg, optimize, stats
+from scipy import linalg, optimize
 
 from algorithms.arrays import Array, Flags, Matrix6, Scalars
 from algorithms.calibration.edge_images import (
@@ -25,6 +25,7 @@ from algorithms.calibration.edge_images import (
 from algorithms.calibration.edge_options import EdgeCalibrationOptions
 from algorithms.calibration.edge_search import OUTLIER, EdgeSearch, FoundPlace, is_best, largest_agreement
 from algorithms.errors import InvalidInputError
+from algorithms.probabilities import chi2_isf, ncx2_sf
 
 GON = np.pi / 200.0
 ALPHA = 0.001
@@ -98,7 +99,7 @@ class FoundMount:
     @property
     def critical(self) -> float:
         """Give the limit of T; 0 where nothing is determined."""
-        return float(stats.chi2.isf(ALPHA, self.degrees_of_freedom)) if self.degrees_of_freedom else 0.0
+        return float(chi2_isf(ALPHA, self.degrees_of_freedom)) if self.degrees_of_freedom else 0.0
 
     @property
     def statistic(self) -> float:
@@ -444,15 +445,15 @@ def _with_most_moved(covariance: Matrix6, moved: Float64[Array, "l 6"]) -> Matri
 
 
 def _factor(omega: float, redundancy: int) -> float:
-    if redundancy <= 0 or omega <= stats.chi2.isf(FACTOR_ALPHA, redundancy):
+    if redundancy <= 0 or omega <= chi2_isf(FACTOR_ALPHA, redundancy):
         return 1.0
     return omega / redundancy
 
 
 def _noncentrality(degrees: int) -> float:
     """Give the noncentrality at which a chi-square test at `ALPHA` has the power `POWER`."""
-    critical = stats.chi2.isf(ALPHA, degrees)
-    return float(optimize.brentq(lambda size: stats.ncx2.sf(critical, degrees, size) - POWER, 1.0, 200.0))
+    critical = chi2_isf(ALPHA, degrees)
+    return float(optimize.brentq(lambda size: ncx2_sf(critical, degrees, size) - POWER, 1.0, 200.0))
 
 
 def _some(gaps: EdgeGaps, which: Array) -> EdgeGaps:

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from algorithms.arrays import Points
 from algorithms.closest_points.motions import best_motion
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.rotations import cross_matrices
+from algorithms.probabilities import chi2_isf
 
 LEAST_PICKED = 3
 ALPHA = 0.001
@@ -76,7 +76,7 @@ def picked_pose(target: Points, source: Points, std_m: float) -> PickedPose:
     covariance = 2.0 * std_m**2 * shift @ cofactors @ shift.T
     residuals = target - moved
     statistic = float(np.sum(residuals**2)) / (2.0 * std_m**2)
-    critical = float(stats.chi2.isf(ALPHA, 3 * len(target) - 6))
+    critical = float(chi2_isf(ALPHA, 3 * len(target) - 6))
     return PickedPose(PoseEstimate(motion, 0.5 * (covariance + covariance.T)), residuals, statistic, critical)
 
 

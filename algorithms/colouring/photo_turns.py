@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from algorithms.arrays import Array, Indices, Matrix3, Points, Scalars, Vector3
 from algorithms.colouring.photo_views import PlacedPhoto
+from algorithms.probabilities import chi2_isf
 
 WORKING_PIXELS = 2_000_000
 """Photos are looked at with no more pixels than this: memory of 2 MB each."""
@@ -177,7 +177,7 @@ class Sights:
             covariance=covariance,
             shift_px=float(np.linalg.norm(turn * lever_px)),
             statistic=float(turn @ np.linalg.lstsq(covariance, turn, rcond=None)[0]),
-            critical=float(chi2.isf(LEVEL, 3)),
+            critical=float(chi2_isf(LEVEL, 3)),
         )
 
     def _round(

@@ -7,11 +7,11 @@ synchronisation error between the direction and the range measurement (Attwenger
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from algorithms.arrays import Array
 from algorithms.deviations.rasters import Grid, GridValues
 from algorithms.errors import InvalidInputError
+from algorithms.probabilities import log_erlang_sf
 
 LEAST_CELLS = 64
 """Fewer cells have no pattern."""
@@ -165,6 +165,6 @@ class _Spectrum:
         sectors = np.floor(angles / np.pi * SECTORS + 0.5).astype(np.int64) % SECTORS
         counts = np.bincount(sectors, minlength=SECTORS)
         sums = np.bincount(sectors, self.powers, minlength=SECTORS)
-        log_p = np.where(counts > 0, stats.gamma.logsf(sums, np.maximum(counts, 1)), 0.0)
+        log_p = [log_erlang_sf(float(total), int(count)) for total, count in zip(sums, counts, strict=True)]
         k = int(np.argmin(log_p))
         return _crests_gon(k * np.pi / SECTORS), float(min(1.0, SECTORS * np.exp(log_p[k])))

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Generator, Points, Scalars, Vector3
@@ -21,6 +20,7 @@ from algorithms.features.patches.patch_covariance import NUMERICAL_STD_M
 from algorithms.features.patches.patch_covariance_kernels import excess
 from algorithms.geometry.lines import bases_of
 from algorithms.geometry.rotations import velocity_design
+from algorithms.probabilities import chi2_ppf, norm_cdf, norm_ppf
 
 NEIGHBOURHOODS = 400
 """So many give the variance to some per cent."""
@@ -98,7 +98,7 @@ def scene_waviness(cores: Points, normals: Points, distances_m: Scalars, noise_v
 
 def _trimmed_median(cut: float) -> float:
     """Give the median of z² for a standard normal z with |z| ≤ cut."""
-    return float(stats.norm.ppf(0.5 + 0.25 * (2.0 * stats.norm.cdf(cut) - 1.0)) ** 2)
+    return float(norm_ppf(0.5 + 0.25 * (2.0 * norm_cdf(cut) - 1.0)) ** 2)
 
 
 def _variance_of_median(squares: Scalars, noise_variances: Scalars, median: float) -> float:
@@ -195,7 +195,7 @@ def _steadied(spreads: Scalars, counts: Scalars) -> Scalars:
 def _common_variance(systems: list[System]) -> float:
     """Find w² by bisection; zero where noise explains the median neighbourhood."""
     degrees = np.array([len(differences) - jacobian.shape[1] for jacobian, differences, _ in systems], dtype=np.float64)
-    medians = stats.chi2.median(degrees)
+    medians = chi2_ppf(0.5, degrees)
 
     def too_large(variance: float) -> bool:
         squares = np.array([excess(jacobian, d, noise + variance) for jacobian, d, noise in systems]) + degrees

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import fisher_exact
 
 from algorithms.arrays import Flags, Indices, Matrix3, Points, Scalars, Vector3
 from algorithms.features.scan_features import ScanFeatures
@@ -19,6 +18,7 @@ from algorithms.geometry.lines import Lines, LineSource, bases_of, concatenated_
 from algorithms.geometry.rotations import rotation_matrix, turn_between
 from algorithms.matching.correspondences import lines_near
 from algorithms.matching.line_pairs import described_lines
+from algorithms.probabilities import fisher_exact_greater
 from algorithms.scans.surface_index import EvidenceLimits, SurfaceIndex
 from algorithms.scans.surface_matches import fitting
 
@@ -171,8 +171,7 @@ class LineWitness:
             there = there + self.self_likeness(pose, other, alike_views=alike_views)
             if there.expected < LEAST_EXPECTED or there.rate > MOST_RATE * here.rate:
                 continue
-            table = np.array([[e.found, e.expected - e.found] for e in (here, there)])
-            if fisher_exact(table, alternative="greater").pvalue <= alpha:
+            if fisher_exact_greater(here.found, here.expected, there.found, there.expected) <= alpha:
                 return here, there
         return None
 

@@ -7,7 +7,6 @@ scans speak against.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Flags, Matrices3, Points, Scalars
@@ -15,6 +14,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.rotations import cross_matrices
 from algorithms.matching.votes import Motions, joined
+from algorithms.probabilities import chi2_isf
 
 ALPHA = 1e-5
 """Significance with which a pose contradicts the approximate poses: so low because their accuracies are guesses."""
@@ -229,4 +229,4 @@ def _tilts(rotations: Array) -> Scalars:
 
 def _critical(alpha: float = ALPHA) -> float:
     """Give the limit of the two tests together."""
-    return float(stats.chi2.isf(0.5 * alpha, 3))
+    return float(chi2_isf(0.5 * alpha, 3))

@@ -14,11 +14,11 @@ from jaxtyping import Float64
 from scipy.interpolate import BSpline
 from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
-from scipy.stats import f as fisher
 
 from algorithms.arrays import Array, Flags, OtherPoints, Points, Scalars, Vector3
 from algorithms.deviations.triangles import Mesh
 from algorithms.errors import InvalidInputError
+from algorithms.probabilities import f_sf
 
 STARTING_SPANS = 4
 """Along each side."""
@@ -309,7 +309,7 @@ def _missed(
         free = np.maximum(points_in - cells_in, 1)
         ratio = (strip_between / np.maximum(cells_in, 1)) / np.maximum(strip_within / free, np.finfo(np.float64).tiny)
         apart = np.sqrt(np.maximum(strip_between - cells_in * strip_within / free, 0.0) / np.maximum(points_in, 1))
-        significant = fisher.sf(ratio, np.maximum(cells_in, 1), free) < SIGNIFICANCE
+        significant = f_sf(ratio, np.maximum(cells_in, 1), free) < SIGNIFICANCE
         missed.append(significant & (apart > tolerance_m))
     misfit = float(np.sqrt(max(between.sum() - noise * (counts > 0).sum(), 0.0) / len(outs)))
     return missed[0], missed[1], misfit

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import linalg, stats
+from scipy import linalg
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.options import AdjustmentOptions
@@ -28,6 +28,7 @@ from algorithms.network.joint_adjustment import JointAdjustment, adjust_jointly
 from algorithms.network.open_stations import adjust_determined
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures, Tracks
+from algorithms.probabilities import chi2_isf, chi2_sf, norm_isf, norm_ppf
 from algorithms.scans.instrument_errors import DriftError, InstrumentError, Sweep
 from algorithms.targets.common_points import TargetSet
 
@@ -344,7 +345,7 @@ def _significant(whole: _Estimate, sought: Sequence[SoughtError], zeros: Array) 
 
 def _contradicted(whole: _Estimate, chosen: Array, zeros: Array) -> list[int]:
     """Find the chosen errors that are larger than their tolerance allows."""
-    system, critical = _System.of(whole, zeros), stats.chi2.isf(CONTRADICTED_ALPHA, 1)
+    system, critical = _System.of(whole, zeros), chi2_isf(CONTRADICTED_ALPHA, 1)
     found = []
     for k in np.flatnonzero(chosen).tolist():
         known, value = system.beside(k, np.flatnonzero(chosen))
@@ -398,7 +399,7 @@ def _found(final: _Estimate, sought: Sequence[SoughtError], chosen: Array, zeros
     system, critical, among = _System.of(final, zeros), _critical(len(sought)), np.flatnonzero(chosen)
     scales = np.sqrt(np.where(system.told, system.information.diagonal(), 1.0))
     alike = (np.abs(system.information / scales / scales[:, None]) > INSEPARABLE) & system.told
-    noncentral = float(stats.norm.isf(0.5 * stats.chi2.sf(critical, 1)) + stats.norm.ppf(POWER))
+    noncentral = float(norm_isf(0.5 * chi2_sf(critical, 1)) + norm_ppf(POWER))
     found = []
     for k, each in enumerate(sought):
         known, plain = system.beside(k, among)
@@ -422,7 +423,7 @@ def _found(final: _Estimate, sought: Sequence[SoughtError], chosen: Array, zeros
 
 def _critical(count: int) -> float:
     """Give the limit of the tests of so many errors together (Šidák)."""
-    return float(stats.chi2.isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / count), 1))
+    return float(chi2_isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / count), 1))
 
 
 def _covariance(final: _Estimate, chosen: Array, zeros: Array) -> Matrix:

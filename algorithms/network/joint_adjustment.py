@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.observations import Observation
@@ -25,6 +24,7 @@ from algorithms.network.pose_graph import unknowns_of
 from algorithms.network.track_observations import Track, TrackGroup, TrackKind, TrackLayout, largest_first
 from algorithms.network.track_tests import TrackTests
 from algorithms.network.tracks import Member, StationFeatures, Tracks
+from algorithms.probabilities import chi2_isf
 
 DEFAULT_OPTIONS = AdjustmentOptions()
 
@@ -227,7 +227,7 @@ class _Search:
         return self._layout.grouped([track for _, track in tracks])
 
     def _critical(self, degrees: float) -> float:
-        return float(stats.chi2.isf(self._options.alpha_single, degrees)) if degrees > 0 else np.inf
+        return float(chi2_isf(self._options.alpha_single, degrees)) if degrees > 0 else np.inf
 
     def _worst(self, solution: Solution, allowed: int) -> set[tuple[int, Member]]:
         """Find the features that fit least, at most one for each station and those that see it."""

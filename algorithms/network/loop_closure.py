@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.observations.relative_poses import RelativePoses
@@ -21,6 +20,7 @@ from algorithms.arrays import Array
 from algorithms.geometry.rotations import cross_matrices
 from algorithms.network.links import StationLink
 from algorithms.network.wrong_links import Blame, wrong_links
+from algorithms.probabilities import chi2_isf, chi2_ppf
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -86,7 +86,7 @@ def examine_loops(links: Sequence[StationLink], names: Sequence[str]) -> LoopVer
     names
         Of the stations, for the reasons.
     """
-    critical = float(stats.chi2.isf(ALPHA, CLOSURE_DEGREES))
+    critical = float(chi2_isf(ALPHA, CLOSURE_DEGREES))
     tested: dict[frozenset[int], tuple[Way, _Closing]] = {}
     rejected: dict[int, str] = {}
     alternatives: dict[int, tuple[int, ...]] = {}
@@ -157,7 +157,7 @@ def agreeing_links(
     Numbers of the links between these stations that pass the test of loops.
     """
     place = {station: k for k, station in enumerate(stations)}
-    critical = float(stats.chi2.isf(ALPHA, CLOSURE_DEGREES))
+    critical = float(chi2_isf(ALPHA, CLOSURE_DEGREES))
     found = []
     for number, link in enumerate(links):
         if link.target not in place or link.source not in place:
@@ -337,7 +337,7 @@ def _variance_factor(statistics: np.ndarray) -> float:
     """Say by how much covariances are too small: the median T over its expectation, within 1 and the limit."""
     if len(statistics) == 0:
         return 1.0
-    median = float(np.median(statistics)) / float(stats.chi2.median(CLOSURE_DEGREES))
+    median = float(np.median(statistics)) / float(chi2_ppf(0.5, CLOSURE_DEGREES))
     return float(np.clip(median, 1.0, MOST_VARIANCE_FACTOR))
 
 

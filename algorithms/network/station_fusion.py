@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import sparse, stats
+from scipy import sparse
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.inverse import Information, Inverse
@@ -23,6 +23,7 @@ from algorithms.geometry.rotations import cross_matrices
 from algorithms.network.joint_adjustment import JointAdjustment
 from algorithms.network.links import StationLink
 from algorithms.network.pose_graph import observed_links
+from algorithms.probabilities import chi2_isf
 
 CONTRADICTION_ALPHA = 0.001
 """Probability with which two good estimates are taken to contradict each other."""
@@ -148,7 +149,7 @@ def fused_stations(
     # (C1 + C2)⁻¹ = N1 (N1 + N2)⁻¹ N2
     both = known.mixed(1.0, graph.information, 1.0).inverse()
     differing, degrees = float(told @ both.times(registered)), 6 * (len(joint.stations) - 1)
-    factor = differing / degrees if differing > stats.chi2.isf(CONTRADICTION_ALPHA, degrees) else 1.0
+    factor = differing / degrees if differing > chi2_isf(CONTRADICTION_ALPHA, degrees) else 1.0
     mixture = known.mixed(share, graph.information, 1.0 - share).inverse()
     covariances = StationCovariances(mixture, len(base), factor)
     return FusedStations(_estimates(base, mixture.times(share * told)[:size], covariances), share, factor, covariances)

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from algorithms.arrays import Array
 from algorithms.geometry.pose_parameters import PARAMETERS, pose_parameters
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.probabilities import chi2_isf, chi2_sf, norm_isf
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def compare_poses(estimate: PoseEstimate, reference: PoseEstimate, alpha: float)
     differences = ours.values - theirs.values
     differences[:3] = (differences[:3] + np.pi) % (2.0 * np.pi) - np.pi
     variances = np.diag(ours.covariance) + np.diag(theirs.covariance)
-    limit = float(stats.norm.isf(alpha / 2.0))
+    limit = float(norm_isf(alpha / 2.0))
     known = ours.determined & theirs.determined & (variances > 0.0)
     parameters = []
     for k, name in enumerate(PARAMETERS):
@@ -130,8 +131,8 @@ def _joint_test(difference: Array, estimate: PoseEstimate, reference: PoseEstima
     reduced = (testable.T @ difference) / scale
     statistic = float(reduced @ linalg.cho_solve(factor, reduced))
     degrees = len(scale)
-    critical = float(stats.chi2.isf(alpha, degrees))
-    return JointTest(statistic, degrees, critical, float(stats.chi2.sf(statistic, degrees)), statistic > critical)
+    critical = float(chi2_isf(alpha, degrees))
+    return JointTest(statistic, degrees, critical, float(chi2_sf(statistic, degrees)), statistic > critical)
 
 
 def _complement(directions: Array) -> Array:

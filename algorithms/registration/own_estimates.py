@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.line_adjustment import LineAdjustment
 from algorithms.adjustment.line_estimate import LineEstimate, closeness
@@ -11,6 +10,7 @@ from algorithms.arrays import IndexPairs
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
+from algorithms.probabilities import chi2_isf
 from algorithms.progress import Progress
 from algorithms.registration.base import FineRegistration, OwnFigures, PairResult, PairStatus, RegistrationProblem
 from algorithms.registration.final_pose import of_features
@@ -161,10 +161,10 @@ def _doubts(problem: RegistrationProblem, outcome: _Outcome, pose: PoseEstimate)
         doubts.append("the method's own estimate did not settle")
     difference = pose_difference(pose.target_from_source, outcome.adjustment.pose.target_from_source)
     statistic = float(difference @ np.linalg.pinv(pose.covariance, hermitian=True) @ difference)
-    if statistic > stats.chi2.isf(CONTRADICTION_LEVEL, 6):
+    if statistic > chi2_isf(CONTRADICTION_LEVEL, 6):
         doubts.append(
             f"the method's own pose contradicts the rigorous adjustment of the same lines (test value {statistic:.0f}, "
-            f"limit {stats.chi2.isf(CONTRADICTION_LEVEL, 6):.1f})"
+            f"limit {chi2_isf(CONTRADICTION_LEVEL, 6):.1f})"
         )
     points = problem.target.lines.anchors[outcome.used[:, 0]]
     worst = max(float(pose.error_ellipsoid(point).semi_axes_m[0]) for point in points)

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.rank import CentredFrame
 from algorithms.arrays import Array, Matrix6
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.probabilities import chi2_isf
 
 OPEN_STD_M = 10.0
 """Motions with a larger standard deviation are open."""
@@ -154,7 +155,7 @@ def consistency(first: Information, second: Information, alpha: float) -> Consis
         return Consistency(0.0, 0, np.inf)
     difference = first.motion_m - second.motion_m
     statistic = float(difference @ information_of_difference(first, second) @ difference)
-    return Consistency(max(statistic, 0.0), degrees, float(stats.chi2.isf(alpha, degrees)))
+    return Consistency(max(statistic, 0.0), degrees, float(chi2_isf(alpha, degrees)))
 
 
 def information_of_difference(first: Information, second: Information) -> Matrix6:

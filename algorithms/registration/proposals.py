@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.line_estimate import EstimatorStep
@@ -19,6 +18,7 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.matching.options import MatchingOptions
 from algorithms.matching.polish import polished
+from algorithms.probabilities import chi2_isf
 from algorithms.progress import Progress
 from algorithms.registration.auto_registration import estimated_and_judged
 from algorithms.registration.base import ConvergenceStep, OwnFigures, PairResult, PairStatus, RegistrationProblem
@@ -170,7 +170,7 @@ def _comparison(problem: RegistrationProblem, own: PoseEstimate, final: PoseEsti
     difference = np.concatenate([turn, np.asarray(b.translation) - np.asarray(a.translation)])
     covariance = own.covariance + final.covariance
     statistic = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
-    limit = float(stats.chi2.isf(SIGNIFICANT, 6))
+    limit = float(chi2_isf(SIGNIFICANT, 6))
     centre = problem.source.surface.points.mean(axis=0)
     shift_mm = 1e3 * float(np.linalg.norm(b.apply(centre) - a.apply(centre)))
     return (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy import linalg, stats
+from scipy import linalg
 
 from algorithms.adjustment.robust_weights import LAST_HALF_WIDTHS, weight_factor
 from algorithms.adjustment.snooping import robust_variance_factor
@@ -22,6 +22,7 @@ from algorithms.adjustment.testing import (
 )
 from algorithms.arrays import Array, Flags, Matrices3, Matrix, Points, Scalars
 from algorithms.errors import NotConvergedError, TooFewCorrespondencesError
+from algorithms.probabilities import chi2_isf
 from algorithms.progress import Progress
 from algorithms.strips.block import Block, Equations, Reduced, State, positive_solution
 from algorithms.strips.mixing import Mixing
@@ -390,7 +391,7 @@ def lifts_of(cofactors: Matrices3, residuals: Points, *, used: Flags) -> Array:
 
 def tie_limit(alpha: float) -> float:
     """Give the limit of T of a tie, which a good one exceeds with the probability alpha: of its three observations."""
-    return float(stats.chi2.isf(alpha, 3))
+    return float(chi2_isf(alpha, 3))
 
 
 def _first_of(patches: Array, flags: Flags) -> Flags:

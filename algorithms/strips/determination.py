@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import stats
 
 from algorithms.arrays import Array, Matrix6, Points, Vector3
+from algorithms.probabilities import chi2_isf
 from algorithms.strips.adjustment import Adjusted
 from algorithms.strips.block import positive_solution
 from algorithms.strips.corrections import BORESIGHT
@@ -157,7 +157,7 @@ def coefficients_of(adjusted: Adjusted) -> tuple[Coefficient, ...]:
     block = adjusted.block
     values, variances = block.vector(adjusted.state), np.diag(adjusted.cofactors)
     count = len(values)
-    critical = float(stats.chi2.isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / max(count, 1)), 1))
+    critical = float(chi2_isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / max(count, 1)), 1))
     names: list[tuple[int | None, str, int]] = [
         (strip, name, power) for strip in range(len(block.paths)) for name, power in block.degrees.names()
     ]

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage
 
 from algorithms.arrays import Array, Matrix3, Scalars, Vector3, Vectors2
+from algorithms.probabilities import f_sf
 from algorithms.targets.damped_fit import damped_fit, residual_covariance
 from algorithms.targets.options import TargetKind
 from algorithms.targets.seen_cloud import SeenCloud
@@ -287,7 +288,7 @@ def _best(
             if (
                 0.0 < other[0][-2] < MOST_TAIL
                 and other[1] < TAIL_WORTH * omega
-                and stats.f.sf(gain, 2, freedom) < TAIL_SIGNIFICANCE
+                and f_sf(gain, 2, freedom) < TAIL_SIGNIFICANCE
             ):
                 solution, omega, covariance = other
                 tail = float(other[0][-2])

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from algorithms.arrays import Array, Matrix6, Scalars
+from algorithms.probabilities import chi2_isf
 
 OUTSIDE_SIGNIFICANCE = 1e-4
 """A place that the covariances of scan, mount and photo make less likely is another thing."""
@@ -146,7 +146,7 @@ class _Candidates:
 
     def grown(self, start: int, mount_covariance: Matrix6) -> list[int]:
         """Grow a set from one candidate; empty where that one is impossible itself."""
-        limit = float(stats.chi2.isf(OUTSIDE_SIGNIFICANCE, 2))
+        limit = float(chi2_isf(OUTSIDE_SIGNIFICANCE, 2))
         error, covariance = np.zeros(6), mount_covariance
         chosen: list[int] = []
         open_ones = np.ones(len(self.targets), dtype=bool)

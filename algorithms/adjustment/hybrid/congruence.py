@@ -6,9 +6,10 @@ Pelzer, Zur Analyse geodätischer Deformationsmessungen (1971); Niemeier, Ausgle
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from algorithms.arrays import Array, Flags, Points, Scalars
+from algorithms.probabilities import chi2_sf
 
 SINGULAR_SHARE = 1e-10
 
@@ -56,7 +57,7 @@ def congruence(differences: Points, covariance: Array, basis: Array, alpha: floa
     first = _congruent(differences, covariance, basis, stable)
     now = first
     d = basis.shape[1]
-    while now[1] > 0 and stats.chi2.sf(*now) < alpha and 3 * (int(stable.sum()) - 1) > d:
+    while now[1] > 0 and chi2_sf(*now) < alpha and 3 * (int(stable.sum()) - 1) > d:
         left = []
         for k in np.flatnonzero(stable):
             stable[k] = False
@@ -71,7 +72,7 @@ def congruence(differences: Points, covariance: Array, basis: Array, alpha: floa
         _quadratic(difference, block)[0] for difference, block in zip(moved_differences, blocks, strict=True)
     ])  # fmt: skip
     return Congruence(
-        first[0], first[1], float(stats.chi2.sf(*first)) if first[1] else 1.0, ~stable, tuple(order), now[0], now[1],
+        first[0], first[1], float(chi2_sf(*first)) if first[1] else 1.0, ~stable, tuple(order), now[0], now[1],
         moved_differences, blocks, statistics,
     )  # fmt: skip
 

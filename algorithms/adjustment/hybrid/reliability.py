@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.hybrid.estimation import Estimate
 from algorithms.adjustment.hybrid.network import Network
 from algorithms.adjustment.testing import NOT_CONTROLLED, noncentrality
 from algorithms.arrays import Array, Flags, Indices
+from algorithms.probabilities import chi2_sf
 
 SINGULAR_SHARE = 1e-6
 MOST_ROWS = 600
@@ -101,7 +101,7 @@ def observation_tests(network: Network, found: Estimate, scales: Array, alpha: f
         detectable[numbers] = np.where(seen_here, delta0 / root, np.inf)
         shares = np.einsum("nij,nji->ni", np.linalg.solve(white, spread), white)
         redundancy[numbers] = np.where(used[numbers], shares, 0.0)
-    p_values = np.where(degrees > 0, stats.chi2.sf(statistics, np.maximum(degrees, 1)), 1.0)
+    p_values = np.where(degrees > 0, chi2_sf(statistics, np.maximum(degrees, 1)), 1.0)
     return ObservationTests(w, redundancy, controlled, detectable, statistics, degrees, p_values)
 
 
@@ -143,4 +143,4 @@ def object_test(found: Estimate, rows: Indices, scales: Array) -> ObjectTest | N
     turned = vectors[:, seen].T @ (found.linearised.residuals[rows] / scales[rows])
     statistic = float((turned**2 / values[seen]).sum())
     degrees = int(seen.sum())
-    return ObjectTest(statistic, degrees, float(stats.chi2.sf(statistic, degrees)))
+    return ObjectTest(statistic, degrees, float(chi2_sf(statistic, degrees)))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.adjustment.hybrid.estimation import Estimate, estimate
@@ -19,6 +18,7 @@ from algorithms.adjustment.hybrid.state import SIZES, Kind, Layout, State
 from algorithms.adjustment.hybrid.tied_results import PointTest, ScaleTest, ScansTest, TiedAdjustment
 from algorithms.arrays import Array, Flags, Indices, Matrices3, Points
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.probabilities import chi2_sf, norm_isf
 
 ALPHA, POWER = 0.001, 0.80
 MOST_REMOVED = 0.4
@@ -172,7 +172,7 @@ def _used_with_scale(
         cleaned = _cleaned(network, state, options)
         found, used = cleaned.estimate, cleaned.used
     last = scale_of_control(network, found, control, options.alpha)
-    if last is None or abs(scale + last.scale) / last.std < stats.norm.isf(0.5 * options.alpha):
+    if last is None or abs(scale + last.scale) / last.std < norm_isf(0.5 * options.alpha):
         return None
     return used
 
@@ -207,7 +207,7 @@ def scale_of_control(network: Network, found: Estimate, control: KnownPoints, al
         return None
     scale = -float(column @ (found.weights * found.linearised.residuals)) / left
     std = 1.0 / float(np.sqrt(left))
-    p_value = float(stats.chi2.sf((scale / std) ** 2, 1))
+    p_value = float(chi2_sf((scale / std) ** 2, 1))
     return ScaleTest(scale, std, p_value, p_value < alpha)
 
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
 from algorithms.arrays import Array, Labels, Matrices4, Matrix6, Points
 from algorithms.features.photo_lines.projected_edges import ProjectedEdges
@@ -29,6 +28,7 @@ from algorithms.features.photo_lines.projection_options import MergeOptions
 from algorithms.features.photo_lines.same_lines import middles, near_pairs, rounding_covariances, without_shared
 from algorithms.geometry.line_differences import line_differences, lines_moved
 from algorithms.geometry.lines import Lines, LineSource, lines_from_arrays
+from algorithms.probabilities import chi2_ppf
 
 GON = np.pi / 200.0
 PHOTOS_PER_LINE = 2
@@ -216,7 +216,7 @@ def _partners(
     joint = of_first + of_second + rounding_covariances(lengths, near.places, options.rounding_std_m)
     solved = np.linalg.solve(joint, near.differences[:, :, None])[:, :, 0]
     statistics = np.einsum("ni,ni->n", near.differences, solved)
-    same = np.flatnonzero(statistics <= float(chi2.ppf(1.0 - options.alpha, 4)))
+    same = np.flatnonzero(statistics <= float(chi2_ppf(1.0 - options.alpha, 4)))
     partner = np.full(len(new.lines), -1, dtype=np.int64)
     # the best fitting record is written last
     order = same[np.argsort(-statistics[same], kind="stable")]

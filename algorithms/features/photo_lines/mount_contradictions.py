@@ -23,7 +23,6 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
 from algorithms.arrays import Array, Matrix6
 from algorithms.features.mount_test import MountTest
@@ -31,13 +30,14 @@ from algorithms.features.photo_lines.projected_edges import ProjectedEdges
 from algorithms.features.photo_lines.projection_options import MergeOptions
 from algorithms.features.photo_lines.same_lines import across_surfaces, near_pairs, rounding_covariances
 from algorithms.geometry.lines import Lines
+from algorithms.probabilities import chi2_ppf
 
 GON = np.pi / 200.0
 LOOSE_STD = np.array([0.2 * GON] * 3 + [0.02] * 3)
 """Errors of mounts that are looked for [rad, m]: larger ones would have to be found by other means."""
 ALPHA = 0.001
 """Probability that good mounts are called wrong."""
-OUTLIER = float(chi2.ppf(0.999, 2))
+OUTLIER = float(chi2_ppf(0.999, 2))
 """Pairs that fit the mount worse show different lines."""
 SEEDS = 16
 """Mounts are tried from pairs among so many of the most certain ones."""
@@ -140,7 +140,7 @@ def check_mounts(
 
 
 def _limit(degrees: int) -> float:
-    return float(chi2.ppf(1.0 - ALPHA, degrees)) if degrees else 0.0
+    return float(chi2_ppf(1.0 - ALPHA, degrees)) if degrees else 0.0
 
 
 def _near(cloud: Lines, edges: Int64[Array, "e"], part: ProjectedEdges, options: MergeOptions) -> _Pairs:
@@ -267,7 +267,7 @@ def _estimate(found: Sequence[_Pairs], scan: _Scan, mounts: Sequence[Matrix6]) -
     omega = float(values @ solved[:, 0] - values_of @ estimate**2)
     redundancy = len(values) - len(estimate)
     factor = 1.0
-    if redundancy > 0 and omega > chi2.ppf(0.99, redundancy):
+    if redundancy > 0 and omega > chi2_ppf(0.99, redundancy):
         factor = omega / redundancy
     stated = block_diag(*mounts) / np.outer(loose, loose)
     spread = np.diag(factor / values_of) + axes.T @ stated @ axes

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.stats import chi2
 
 from algorithms.arrays import Array, Vector3
 from algorithms.features.patches.patch_covariance import NUMERICAL_STD_M
@@ -14,6 +13,7 @@ from algorithms.features.photo_lines.side_planes_kernels import ZONE, fit_sides,
 from algorithms.features.planes.plane_fitting import LEAST_COSINE, LEAST_WIDTH
 from algorithms.features.planes.plane_segmentation import thickness
 from algorithms.photos.line_fit_kernels import group_medians
+from algorithms.probabilities import chi2_ppf
 
 STEADY = 10.0
 """The scatter of a side counts as so many points, besides its own, in that which the other sides let expect."""
@@ -98,7 +98,7 @@ class SidePlanes:
         Their points scatter far more than expected (see `UNEVEN`), and certainly so (0.1 %), or form few rows only.
         """
         squares, freedoms, expected = self._scatter(centre, fallback_m2)
-        limits = np.maximum(UNEVEN**2, chi2.ppf(0.999, np.maximum(freedoms, 1.0)) / np.maximum(freedoms, 1.0))
+        limits = np.maximum(UNEVEN**2, chi2_ppf(0.999, np.maximum(freedoms, 1.0)) / np.maximum(freedoms, 1.0))
         rough = squares > limits * np.maximum(freedoms, 1.0) * (expected + UNEVENNESS_M**2)
         return np.asarray(rough | self.narrow)
 

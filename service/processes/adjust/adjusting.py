@@ -257,7 +257,7 @@ def _congruence(answer: Answer, inputs: Json, remarks: list[str]) -> CongruenceD
         coordinates[1] = _carried(coordinates[1], coordinates[0], scale=free[6].any())
     test = congruence(coordinates[1] - coordinates[0], covariance, basis, inputs["alpha"])
     order = [*test.order, *(k for k in range(len(names)) if k not in test.order)]
-    from scipy import stats
+    from algorithms.probabilities import chi2_sf
 
     return CongruenceDocument(
         points=len(names), statistic=test.statistic, degrees_of_freedom=test.degrees_of_freedom, p_value=test.p_value,
@@ -267,7 +267,7 @@ def _congruence(answer: Answer, inputs: Json, remarks: list[str]) -> CongruenceD
             MovedPoint(
                 id=names[k], displacement_m=_three(test.displacements[k]),
                 std_m=_three(np.sqrt(np.maximum(np.diag(test.covariances[k]), 0.0))),
-                statistic=float(test.statistics[k]), p_value=float(stats.chi2.sf(test.statistics[k], 3)),
+                statistic=float(test.statistics[k]), p_value=float(chi2_sf(test.statistics[k], 3)),
                 moved=bool(test.moved[k]),
             )
             for k in order

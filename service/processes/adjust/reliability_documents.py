@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.hybrid.forms import effects_on_points, high_correlations, weakest_forms
 from algorithms.adjustment.hybrid.reliability import object_test
 from algorithms.adjustment.hybrid.state import Kind
 from algorithms.adjustment.testing import noncentrality
 from algorithms.arrays import Array
+from algorithms.probabilities import chi2_sf
 from schemas.results.adjust_result import (
     CheckDocument,
     CorrelationDocument,
@@ -253,6 +253,6 @@ def check_documents(answer: Answer) -> list[CheckDocument]:
         if answer.determined(columns[k : k + 1])[0] and (columns[k] >= 0).all():
             covariance = answer.covariances(columns[k : k + 1])[0]
             statistic = float(miss @ np.linalg.lstsq(covariance, miss, rcond=None)[0])
-            p_value = float(stats.chi2.sf(statistic, 3))
+            p_value = float(chi2_sf(statistic, 3))
         found.append(CheckDocument(id=name, miss_m=vector_of(miss), statistic=statistic, p_value=p_value))
     return found

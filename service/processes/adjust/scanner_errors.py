@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.hybrid.state import SCANNER_PARAMETERS, Kind
+from algorithms.probabilities import chi2_isf
 from schemas.results.adjust_result import ScannerErrorDocument, ScannersDocument, ScannerStationDocument
 from service.ports import Json
 from service.processes.adjust.answers import Answer
@@ -150,7 +150,7 @@ def _documents(answer: Answer, looked_for: LookedFor, alpha: float) -> list[Scan
 
     With value x, variance s² and tolerance t the rest of the network gives I p = x/s², I = 1/s² - 1/t², T = I p².
     """
-    critical = float(stats.chi2.isf(alpha, 1))
+    critical = float(chi2_isf(alpha, 1))
     named, layout = answer.named, answer.named.network.layout
     found = []
     for k, scanner in enumerate(named.names[Kind.SCANNER]):

@@ -3,7 +3,6 @@
 from typing import cast
 
 import numpy as np
-from scipy import stats
 
 from algorithms.adjustment.hybrid.state import Kind
 from algorithms.arrays import Array
@@ -13,6 +12,7 @@ from algorithms.calibration.lenses import LENSES
 from algorithms.calibration.projection import format_grid, projection_map
 from algorithms.calibration.solution import Calibration
 from algorithms.geometry.rotations import cross_matrix
+from algorithms.probabilities import chi2_isf, chi2_sf, norm_sf
 from schemas.results.calibration_result import (
     BeforeAfterDocument,
     CalibratedCamera,
@@ -55,7 +55,7 @@ def parameter_documents(done: Calibration, alpha: float) -> list[CalibratedParam
         if columns[k] >= 0:
             at = done.names.index(name)
             std = float(np.sqrt(done.covariance[at, at]))
-            p_value = float(2.0 * stats.norm.sf(abs(value) / std))
+            p_value = float(2.0 * norm_sf(abs(value) / std))
             significant = bool(k < 3 or p_value < alpha)
         found.append(CalibratedParameter(name=name, value=value, std=std, significant=significant, p_value=p_value))
     return found
@@ -175,7 +175,7 @@ def coverage_document(done: Calibration, alpha: float) -> CoverageDocument:
     size = np.array([field.width, field.height]) / [COLUMNS, ROWS]
     cell = np.clip(((field.images + 0.5) // size).astype(int), 0, [COLUMNS - 1, ROWS - 1])
     number = cell[:, 1] * COLUMNS + cell[:, 0]
-    limit = stats.chi2.isf(alpha / (COLUMNS * ROWS), 2)
+    limit = chi2_isf(alpha / (COLUMNS * ROWS), 2)
     cells = []
     for k in range(COLUMNS * ROWS):
         rows = np.flatnonzero(used & (number == k))
@@ -221,7 +221,7 @@ def worst_documents(done: Calibration, statistics: Array) -> list[WorstPoint]:
         WorstPoint(
             photo=field.photo_names[field.photos[k]], target=field.target_names[field.points[k]],
             residual_px=_pixel(done.residuals[k]), statistic=float(statistics[k]),
-            p_value=float(stats.chi2.sf(statistics[k], 2)), used=bool(done.used[k]),
+            p_value=float(chi2_sf(statistics[k], 2)), used=bool(done.used[k]),
         )
         for k in order
     ]  # fmt: skip

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.adjustment.hybrid.tied_results import ScaleTest
@@ -15,6 +14,7 @@ from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.rotations import cross_matrix
 from algorithms.geometry.topocentric import TopocentricFrame
 from algorithms.network.tied_network import TiedNetwork
+from algorithms.probabilities import chi2_isf, chi2_sf
 from schemas.results.control_result import (
     ControlPointResult,
     ControlScale,
@@ -140,8 +140,8 @@ def _point(
         statistic = float(difference @ np.linalg.solve(total, difference))
         return ControlPointResult(
             **common, state="check", difference_m=_vector(difference), w=_vector(difference / np.sqrt(np.diag(total))),
-            statistic=statistic, degrees_of_freedom=3, critical=float(stats.chi2.isf(ALPHA, 3)),
-            p_value=float(stats.chi2.sf(statistic, 3)), redundancy=None, detectable_m=None,
+            statistic=statistic, degrees_of_freedom=3, critical=float(chi2_isf(ALPHA, 3)),
+            p_value=float(chi2_sf(statistic, 3)), redundancy=None, detectable_m=None,
         )  # fmt: skip
     tests = found.control
     degrees = int(tests.degrees[k])
@@ -153,7 +153,7 @@ def _point(
         w=_vector(tests.w[k]) if degrees else None,
         statistic=float(tests.statistics[k]) if degrees else None,
         degrees_of_freedom=degrees,
-        critical=float(stats.chi2.isf(ALPHA, degrees)) if degrees else None,
+        critical=float(chi2_isf(ALPHA, degrees)) if degrees else None,
         p_value=float(tests.p_values[k]) if degrees else None,
         redundancy=_vector(tests.redundancy[k]),
         detectable_m=(detectable[0], detectable[1], detectable[2]),
