@@ -24,7 +24,7 @@ from service.adapters.files.handed_files import HandedFiles
 from service.adapters.outgoing.remote_sources import RemoteSources
 from service.adapters.processes.confinement import confine
 from service.adapters.processes.handing import WantedError
-from service.adapters.processes.nursery import Nursery
+from service.adapters.processes.nursery import Kernels, Nursery
 from service.adapters.processes.process_limits import (
     DEFAULT_STEPS,
     die_with_parent,
@@ -123,7 +123,9 @@ def main() -> None:
     parser.add_argument("--channel", type=int, help="descriptor of the socket over which a nursery takes orders")
     parser.add_argument("--warm-up", default="", help="module:function by which a nursery loads libraries")
     parser.add_argument("--later", default="", help="module:function by which it loads more while the first step runs")
-    parser.add_argument("--practice", default="", help="module:function by which it loads compiled kernels in the end")
+    parser.add_argument("--practice", default="", help="module:function by which a copy of it compiles kernels")
+    parser.add_argument("--kernels", default="", help="module:function by which it loads them in the end")
+    parser.add_argument("--rest", default="", help="module:function by which another copy compiles what few need")
     parser.add_argument("--niceness", type=int, default=0, help="how far a nursery steps back while it compiles")
     options = parser.parse_args()
     die_with_parent(options.parent)
@@ -143,13 +145,15 @@ def _be_a_nursery(options: argparse.Namespace) -> NoReturn:
     steps = cast("Steps", load(options.steps))
     if options.warm_up:
         load(options.warm_up)()
-    later, practice = (load(name) if name else None for name in (options.later, options.practice))
+    later = load(options.later) if options.later else None
+    names = options.practice, options.kernels, options.rest
+    kernels = Kernels(*(load(name) if name else None for name in names))
 
     def compute(request: Json, reports: int) -> bool:
         return run_step(steps, request, ReportPipe(reports))
 
     with socket.socket(fileno=options.channel) as channel:
-        Nursery(channel, compute, later, practice, options.niceness).serve()
+        Nursery(channel, compute, later, kernels, options.niceness).serve()
     os._exit(0)
 
 

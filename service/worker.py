@@ -46,7 +46,9 @@ STOP_WITHIN_S = 6.0
 WARM_UP = WarmUp(
     "service.use_cases.steps.warm_up:load_for_registration",
     "service.use_cases.steps.warm_up:load_for_reports",
-    "service.use_cases.steps.kernels:practise_once",
+    "service.use_cases.steps.kernels:compile_common_kernels",
+    "service.use_cases.steps.kernels:load_common_kernels",
+    "service.use_cases.steps.kernels:compile_other_kernels",
 )
 
 

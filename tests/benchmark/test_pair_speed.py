@@ -14,7 +14,7 @@ from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.formats import read_scan
 from service.formats.writers import write_scans
-from service.use_cases.steps.kernels import practise_once
+from service.use_cases.steps.kernels import compile_kernels
 from tests.measures.memory_watch import MemoryWatch
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(900)]
@@ -25,7 +25,7 @@ STEP_RAD = float(np.deg2rad(0.1))
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    practise_once()  # as in the image: else the service compiles kernels of other methods meanwhile
+    compile_kernels()  # as in the image: else the service compiles kernels of other methods meanwhile
     folder = tmp_path_factory.mktemp("scans")
     scene = pipe_hall_scene()
     paths = []

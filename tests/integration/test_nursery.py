@@ -160,18 +160,21 @@ class Practice:
 @pytest.fixture
 def practice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Practice]:
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # of the variables that the steps get
-    warm_up = WarmUp(kernels="engine_steps:practise")
+    warm_up = WarmUp(practice="engine_steps:practise", kernels="engine_steps:practise", rest="engine_steps:practise")
     made = Practice(ChildProcesses(not_confined(tmp_path), blob_store, STEPS, warm_up), tmp_path / "practised")
     yield made
     made.runner.close()
 
 
-def test_in_an_idle_moment_a_copy_practises_and_when_it_succeeds_the_nursery(practice: Practice) -> None:
+def test_in_an_idle_moment_a_copy_compiles_then_the_nursery_loads_then_another_copy_compiles_the_rest(
+    practice: Practice,
+) -> None:
     practice.runner.warm_up()
-    wait_until(lambda: len(practice.practised()) == 2)
-    (_, parent_of_scout, scout), (nursery, _, name) = practice.practised()
-    assert (parent_of_scout, scout) == (nursery, SCOUT)
+    wait_until(lambda: len(practice.practised()) == 3)
+    (first, parent_of_scout, scout), (nursery, _, name), (second, *rest) = practice.practised()
+    assert (parent_of_scout, scout) == (nursery, SCOUT) == tuple(rest)
     assert name != SCOUT
+    assert len({first, nursery, second}) == 3
 
 
 def test_what_cannot_be_practised_is_left_and_computations_run(practice: Practice, tmp_path: Path) -> None:
@@ -198,12 +201,12 @@ def test_orders_are_followed_while_a_scout_compiles_and_it_ends_with_the_nursery
     wait_until(lambda: not alive(scout), 1.0)
 
 
-def test_loading_and_practising_leaves_one_thread(tmp_path: Path) -> None:
+def test_loading_leaves_one_thread(tmp_path: Path) -> None:
     """Copies of a process with several threads are not whole."""
     program = (
         "import os; from service.use_cases.steps.warm_up import load_for_registration, load_for_reports; "
-        "from service.use_cases.steps.practice import practise; "
-        "load_for_registration(); load_for_reports(); practise(); print(len(os.listdir('/proc/self/task')))"
+        "from service.use_cases.steps.kernels import load_common_kernels; "
+        "load_for_registration(); load_for_reports(); load_common_kernels(); print(len(os.listdir('/proc/self/task')))"
     )
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
     done = subprocess.run(

@@ -8,8 +8,8 @@ when a computation has ended.
 
 What only the last steps of a job need is loaded while the first ones run, and not before there are any. Compiled
 kernels are loaded too, for a copy would load them anew each time; but where they are not compiled yet that takes
-minutes, in which no order would be followed. So a copy, the scout, tries it first, in an idle moment or after the first
-pair of scans.
+minutes, in which no order would be followed. So a copy, the scout, compiles them first, in an idle moment or after the
+first pair of scans; then another one those that few computations need, which are loaded by these alone.
 
 `multiprocessing`'s fork server starts copies quickly enough, and there would be less to read here. But it inherits the
 worker's environment, whose secrets then stay in the memory of every copy; it reaps a copy at once, after which nobody
@@ -41,6 +41,8 @@ SCOUT = "tieline-scout"
 """Name of the copy that practises first."""
 PRACTISED_STEP = "register-pair"
 """When it has succeeded once, nearly all kernels are compiled."""
+LAST_NICENESS = 10
+"""Who compiles what few need steps back as far as this."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,18 @@ class _Computation:
 
     number: int
     step: str
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """How compiled kernels come into a process; None: there is nothing to do."""
+
+    practise: Callable[[], None] | None = None
+    """Compiles those that most computations need, and loads them."""
+    load: Callable[[], None] | None = None
+    """Loads them, when that has succeeded."""
+    compile_rest: Callable[[], None] | None = None
+    """Compiles the others."""
 
 
 class Nursery:
@@ -62,10 +76,10 @@ class Nursery:
         Does what a request asks for, reports to a descriptor, and says whether it succeeded.
     later
         Loads what the first computations do not need; None: nothing to load.
-    practice
-        Loads the compiled kernels, or compiles them; None: nothing to load.
+    kernels
+        Compiles and loads kernels.
     niceness
-        How far it steps back meanwhile.
+        How far a copy that compiles steps back.
     """
 
     def __init__(
@@ -73,16 +87,21 @@ class Nursery:
         channel: socket.socket,
         compute: Callable[[Json, int], bool],
         later: Callable[[], None] | None = None,
-        practice: Callable[[], None] | None = None,
+        kernels: Kernels = Kernels(),
         niceness: int = 0,
     ) -> None:
         self._channel = channel
         self._compute = compute
         self._later = later
-        self._practice = practice
-        self._niceness = niceness
+        self._load_kernels = kernels.load
+        self._practices = [
+            (practice, least)
+            # the first does not step back more: the first job waits for it rather than compile as well
+            for practice, least in ((kernels.practise, niceness), (kernels.compile_rest, max(niceness, LAST_NICENESS)))
+            if practice is not None
+        ]
         self._scout: int | None = None
-        self._paired = self._may_practise = False
+        self._paired = self._may_load = False
         self._running: dict[int, _Computation] = {}
         self._woken, self._waking = os.pipe()
         for descriptor in (self._woken, self._waking):
@@ -174,20 +193,21 @@ class Nursery:
         os.close(self._woken)
         os.close(self._waking)
 
-    def _send_scout(self, practice: Callable[[], None]) -> None:
-        """Let a copy practise: when it has succeeded, everything is compiled, and practising takes a second."""
+    def _send_scout(self) -> None:
+        """Let a copy practise what comes next: when it has succeeded, that is compiled, and loading it takes little."""
+        practice, niceness = self._practices.pop(0)
         parent = os.getpid()
         try:
             self._scout = os.fork()
         except OSError:  # no memory or no process left: it can be done without
-            self._practice = None
+            self._give_up_practice()
             return
         if self._scout == 0:
             done = False
             try:
                 self._leave(parent)
                 be_called(SCOUT)
-                let_others_first(self._niceness)  # not more: the first job waits for it rather than compile as well
+                let_others_first(niceness)
                 practice()
                 done = True
             finally:
@@ -214,16 +234,19 @@ class Nursery:
                 self._tell(computation.number, code)
             elif ended.si_pid == self._scout:
                 self._scout = None
-                self._may_practise = status == 0
+                self._may_load = True
                 if status != 0:
-                    self._practice = None
+                    self._give_up_practice()
+
+    def _give_up_practice(self) -> None:
+        self._practices, self._load_kernels = [], None
 
     @property
     def _patience_s(self) -> float | None:
         """How long to wait for an order before loading more; None: there is nothing to load now."""
-        if (self._later is not None and self._running) or (self._practice is not None and self._may_practise):
+        if (self._later is not None and self._running) or (self._load_kernels is not None and self._may_load):
             return SHORT_PAUSE_S
-        if self._practice is None or self._scout is not None:
+        if not self._practices or self._scout is not None:
             return None
         if self._paired:
             return SHORT_PAUSE_S
@@ -233,11 +256,11 @@ class Nursery:
         """Load more, once, for all computations to come."""
         if self._later is not None and self._running:
             load, self._later = self._later, None
-        elif self._practice is not None and self._may_practise:
-            load, self._practice = self._practice, None
+        elif self._load_kernels is not None and self._may_load:
+            load, self._load_kernels = self._load_kernels, None
         else:
-            if self._practice is not None and self._scout is None:
-                self._send_scout(self._practice)
+            if self._practices and self._scout is None:
+                self._send_scout()
             return
         load()
         _freeze()

@@ -34,8 +34,12 @@ class WarmUp:
     """Loads the libraries before the first computation."""
     later: str = ""
     """Loads libraries that the first computation does not need, while it runs."""
+    practice: str = ""
+    """Compiles kernels, in a copy of the process, in an idle moment."""
     kernels: str = ""
-    """Loads compiled kernels in an idle moment."""
+    """Loads them when that has succeeded."""
+    rest: str = ""
+    """Compiles those that few computations need, in another copy that lets everything else go first."""
 
 
 class WarmProcess:
@@ -146,7 +150,8 @@ class NurseryClient:
                 [
                     *(sys.executable, "-m", "service.child", "--steps", self._steps),
                     *("--warm-up", self._warm_up.libraries, "--later", self._warm_up.later),
-                    *("--practice", self._warm_up.kernels),
+                    *("--practice", self._warm_up.practice, "--kernels", self._warm_up.kernels),
+                    *("--rest", self._warm_up.rest),
                     *("--niceness", str(self._niceness)),
                     *("--parent", str(os.getpid()), "--channel", str(theirs.fileno())),
                 ],

@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 LISTED = Path(__file__).with_name("kernel_signatures.json")
 MOST_PROCESSES = 4
@@ -30,7 +30,7 @@ def compile_ahead() -> None:
     helpers = min(MOST_PROCESSES, len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1) - 1
     if helpers < 1 or not is_alone():
         return
-    listed = json.loads(LISTED.read_text())
+    listed = _listed()
     # a pipe is a queue from which several processes may take
     waiting, entry = os.pipe()
     os.write(entry, b"".join(map(NUMBER.pack, range(len(listed)))))
@@ -50,6 +50,16 @@ def compile_ahead() -> None:
         os.close(waiting)
         for process in processes:
             os.waitpid(process, 0)
+
+
+def load_listed() -> None:
+    """Load what is listed, or compile what is not there."""
+    for each in _listed():
+        compile_listed(*each)
+
+
+def _listed() -> Sequence[Listed]:
+    return cast("Sequence[Listed]", json.loads(LISTED.read_text()))
 
 
 def is_alone() -> bool:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from service.ports import StepProgress
-from service.use_cases.steps.compile_ahead import compile_ahead
+from service.use_cases.steps.compile_ahead import compile_ahead, load_listed
 from service.use_cases.steps.practice import (
     practise,
     practise_on_clouds,
@@ -62,11 +62,27 @@ def _compile_part(part: str) -> None:
     PRACTICES[part]()
 
 
-def practise_once() -> None:
-    """Compile the kernels unless they are; load those that most computations need."""
+def compile_kernels() -> None:
+    """Compile all kernels unless they are."""
+    compile_common_kernels()
+    compile_other_kernels()
+
+
+def compile_common_kernels() -> None:
+    """Compile the kernels that most computations need, unless they are, and see whether they can be loaded."""
+    ensure_compiled(_Silence())
+    load_common_kernels()
+
+
+def compile_other_kernels() -> None:
+    """Compile the kernels of all other parts unless they are."""
     for part in PRACTICES:
         ensure_compiled(_Silence(), part)
-    practise()
+
+
+def load_common_kernels() -> None:
+    """Load the kernels that most computations need; to practise would take three times as long."""
+    load_listed()
 
 
 def import_kernels() -> None:
