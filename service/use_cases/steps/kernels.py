@@ -104,7 +104,7 @@ def keep_kernels_as_they_are() -> None:
 def compile_once(
     folder: Path,
     compile_all: Callable[[], None],
-    counted: Callable[[Callable[[int], None]], Any],
+    counted: Callable[[Callable[[], None]], Any],
     progress: StepProgress,
     part: str = SCANS,
 ) -> None:
@@ -117,7 +117,7 @@ def compile_once(
     compile_all
         Compiles.
     counted
-        Makes the context in which kernels are counted as they are compiled.
+        Makes the context in which it is told of each kernel that is compiled, by several processes at once.
     progress
         Hears that, and how far, something is compiled.
     part
@@ -129,18 +129,18 @@ def compile_once(
     with told.with_suffix(".lock").open("w") as lock:
         while not _locked(lock.fileno()):
             with suppress(OSError):
-                progress.report(0.0, f"{COMPILING}: {told.read_text()}")
+                progress.report(0.0, _so_far(told))
             time.sleep(LOOK_S)
         if mark.exists():
             return
 
-        def tell(number: int) -> None:
-            written = told.with_suffix(".part")
-            written.write_text(f"{number} done")
-            written.replace(told)
-            progress.report(0.0, f"{COMPILING}: {number} done")
+        def tell() -> None:
+            with told.open("ab") as file:  # several processes add to it, and it is as long as what they have compiled
+                file.write(b".")
+            progress.report(0.0, _so_far(told))
 
-        tell(0)
+        told.write_bytes(b"")
+        progress.report(0.0, _so_far(told))
         with counted(tell):
             compile_all()
         told.unlink(missing_ok=True)
@@ -162,23 +162,24 @@ def kept_in() -> Path | None:
 
 
 @contextmanager
-def counted_kernels(tell: Callable[[int], None]) -> Iterator[None]:
-    """Tell how many kernels were compiled, one after the other."""
+def counted_kernels(tell: Callable[[], None]) -> Iterator[None]:
+    """Tell of each kernel when it has been compiled."""
     from numba.core import event
 
     class Count(event.Listener):
-        number = 0
-
         def on_start(self, event: Any) -> None:
             """Take no notice."""
 
         def on_end(self, event: Any) -> None:  # noqa: ARG002 - the library's signature
-            """Count."""
-            self.number += 1
-            tell(self.number)
+            """Tell."""
+            tell()
 
     with event.install_listener("numba:compile", Count()):
         yield
+
+
+def _so_far(told: Path) -> str:
+    return f"{COMPILING}: {told.stat().st_size} done"
 
 
 def _locked(descriptor: int) -> bool:

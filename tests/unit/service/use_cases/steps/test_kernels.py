@@ -85,8 +85,8 @@ class Hearer:
 
 
 @contextmanager
-def counted_once(tell: Callable[[int], None]) -> Iterator[None]:
-    tell(1)
+def counted_once(tell: Callable[[], None]) -> Iterator[None]:
+    tell()
     yield
 
 
@@ -112,6 +112,36 @@ def test_of_several_that_need_them_one_compiles_and_the_others_tell_how_far_it_i
         thread.join(WITHIN_S)
     assert compiled == [1]
     assert all(words.startswith(f"{COMPILING}: ") for hearer in hearers for words in hearer.heard)
+
+
+def test_all_that_compile_at_once_are_counted(tmp_path: Path) -> None:
+    tellers, each = 4, 300
+    failed: list[BaseException] = []
+    told: list[Callable[[], None]] = []
+
+    @contextmanager
+    def counted(tell: Callable[[], None]) -> Iterator[None]:
+        told.append(tell)
+        yield
+
+    def tell_often() -> None:
+        try:
+            for _ in range(each):
+                told[0]()
+        except BaseException as error:  # noqa: BLE001 - whatever it is
+            failed.append(error)
+
+    def compile_all() -> None:
+        threads = [threading.Thread(target=tell_often) for _ in range(tellers)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(WITHIN_S)
+
+    hearer = Hearer()
+    compile_once(tmp_path, compile_all, counted, hearer)
+    assert failed == []
+    assert f"{COMPILING}: {tellers * each} done" in hearer.heard
 
 
 def test_what_is_compiled_is_not_compiled_again_and_nothing_is_said(tmp_path: Path) -> None:
@@ -149,9 +179,9 @@ def test_kernels_are_counted_as_they_are_compiled() -> None:
         return 2.0 * value
 
     told: list[int] = []
-    with counted_kernels(told.append):
+    with counted_kernels(lambda: told.append(1)):
         assert np.isclose(twice(1.5), 3.0)
-    assert told[-1] >= 1
+    assert told
 
 
 def test_a_computation_that_reads_strangers_files_leaves_no_kernels_to_others(
