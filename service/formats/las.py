@@ -12,7 +12,7 @@ from service.formats.base import LargeScan, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
 from service.formats.las_units import las_unit
-from service.formats.laz_chunks import check_chunk_table, check_layers
+from service.formats.laz_chunks import check_chunk_table, check_compression
 from service.formats.units import DeclaredUnit, UnknownUnit, can_be_degrees, no_degrees, not_understood, way_out
 
 POINTS_AT_ONCE = 1_000_000
@@ -94,47 +94,42 @@ class OpenedLas:
         _check_header(file)
         place = "header"
         try:
-            # one thread, no extended records: the parallel reader and the records trust counts that may be damaged
+            # no extended records: they trust counts that may be damaged
             with laspy.open(file.path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
-                self._look_at(reader.header)
+                if self._look_at(reader.header):
+                    reader.laz_backend = laspy.LazBackend.LazrsParallel
                 found = 0
                 for chunk in reader.chunk_iterator(POINTS_AT_ONCE) if self.count else ():
                     found += len(chunk)
                     place = f"point {found}"
                     yield chunk
-        except (laspy.LaspyException, struct.error) as fault:
-            raise file.unreadable(f"damaged LAS: {fault}", place) from fault
-        except (
-            RuntimeError,
-            ValueError,
-            KeyError,
-            TypeError,
-            IndexError,
-            OverflowError,
-            OSError,
-            MemoryError,
-        ) as fault:
-            # lazrs' own error is a RuntimeError
+        except BaseException as fault:
+            if not _is_damage(fault):
+                raise
             raise file.unreadable(f"damaged LAS: {fault}", place) from fault
         if found != self.count:
             raise file.unreadable(f"the points end after {found} of {self.count}", f"point {found}")
 
-    def _look_at(self, header: Any) -> None:
+    def _look_at(self, header: Any) -> bool:
+        """Take note of a header; tell whether its points can be decompressed by several threads."""
         file, self.count, self.header = self._file, int(header.point_count), header
         if self.count == 0:
-            return
+            return False
         self.scales, self.offsets = np.array(header.scales, dtype=float), np.array(header.offsets, dtype=float)
         finite = np.isfinite(self.scales).all() and np.isfinite(self.offsets).all()
         if not (finite and (self.scales != 0).all()):
             raise file.unreadable("scale or offset is zero or not finite", "header")
+        parallel = False
         if header.are_points_compressed:
-            check_layers(file, header.offset_to_point_data, _laszip_record(file, header))
+            where, record_bytes = header.offset_to_point_data, header.point_format.size
+            parallel = check_compression(file, where, record_bytes, self.count, _laszip_record(file, header))
         smallest = 0.0 if header.are_points_compressed else float(header.point_format.size)
         check_count(file, self.count, smallest, self._limits, "header")
         check_packing(file, self.count, "header")
         self.unit = las_unit(file, header.vlrs)
         stated = Instrument(model=system_of_las(header.system_identifier), file_date=day_of(header.creation_date))
         self.instrument = stated_instrument(stated)
+        return parallel
 
 
 def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | UnknownUnit | None) -> ScanRecords:
@@ -227,6 +222,24 @@ def _check_header(file: ScanFile) -> None:
         raise file.unreadable(f"{records} variable-length records do not fit before the points", "byte 100, header")
     if head[104] & LAZ_BIT:
         check_chunk_table(file, data_offset)
+
+
+def _is_damage(fault: BaseException) -> bool:
+    """Tell what laspy and lazrs raise where a file is not as it should be."""
+    import laspy
+
+    # lazrs' own error is a RuntimeError; where it checks nothing it panics, which is no exception like others
+    kinds = (
+        laspy.LaspyException,
+        struct.error,
+        RuntimeError,
+        ValueError,
+        LookupError,
+        TypeError,
+        ArithmeticError,
+        OSError,
+    )
+    return isinstance(fault, (*kinds, MemoryError)) or type(fault).__name__ == "PanicException"
 
 
 def _largest_color(channels: Array) -> float:

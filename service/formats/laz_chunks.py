@@ -1,15 +1,23 @@
 """Chunks of LAZ files: what is declared is compared with the file's length before the library allocates for it."""
 
 import struct
-from itertools import accumulate
+from collections.abc import Sequence
 from typing import BinaryIO
 
 from service.formats.base import ScanFile
 
 SMALLEST_CHUNK_BYTES = 20
 """A chunk begins with one whole point, and the shortest point has 20 bytes."""
-LAYERED = 3
-"""Compressor of the point formats 6 and later, which stores each attribute apart."""
+CHUNKED, LAYERED = 2, 3
+"""Compressors of the point formats up to 5, and of those from 6 on, which stores each attribute apart."""
+VARIABLE = 0xFFFFFFFF
+"""Stands for the number of points in a chunk where each has its own, which the table tells."""
+LARGEST_CHUNK = 1_000_000
+"""Chunks of more points are not read side by side; 50 000 are usual."""
+RECORD = struct.Struct("<H10xI16xH")
+"""Of the LASzip record compressor, points in a chunk and number of items."""
+ITEM = struct.Struct("<HHH")
+"""Type, bytes and version of an item."""
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 """Layers of an item by its type: POINT14, RGB14, RGBNIR14, WAVEPACKET14."""
 EXTRA_BYTES = 14
@@ -39,40 +47,71 @@ def check_chunk_table(file: ScanFile, data_offset: int) -> None:
         raise file.unreadable(f"{chunks} LAZ chunks do not fit a file of {file.size} bytes", f"byte {offset}")
 
 
-def check_layers(file: ScanFile, data_offset: int, record: bytes) -> None:
-    """Refuse layers that are longer than their chunk: lazrs would allocate up to 4 GB for each.
+def check_compression(file: ScanFile, data_offset: int, point_bytes: int, count: int, record: bytes) -> bool:
+    """Refuse what the LASzip record and the table of chunks declare and the file cannot hold.
+
+    lazrs would allocate for it, up to gigabytes, and abort the process where memory does not suffice. Its parallel
+    reader allocates for whole chunks, so that these must be small.
 
     Parameters
     ----------
     data_offset
         Where the points begin [byte].
+    point_bytes, count
+        Length of a point's record by the header, and how many there are.
     record
         Content of the LASzip record of the header.
+
+    Returns
+    -------
+    Whether the chunks can be read side by side.
 
     Raises
     ------
     UnreadableFileError
-        A layer or a chunk is longer than what it is in.
+        The compressor is not known; the parts of a point are not as long as its record; there are not as many chunks as
+        the points take; a chunk is longer than the file, or a layer than its chunk.
     """
     import lazrs  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
-    if len(record) < 34:
+    if len(record) < RECORD.size:
         raise file.unreadable("the LASzip record is cut off", "header")
-    compressor, number = struct.unpack_from("<H", record)[0], struct.unpack_from("<H", record, 32)[0]
-    if compressor != LAYERED:
-        return
-    items = [struct.unpack_from("<HHH", record, 34 + 6 * k) for k in range(number) if len(record) >= 40 + 6 * k]
-    layers = sum(size if kind == EXTRA_BYTES else LAYERS.get(kind, 0) for kind, size, _ in items)
-    head_bytes = sum(size for _, size, _ in items) + 4
+    compressor, chunk_points, number = RECORD.unpack_from(record)
+    items = [ITEM.unpack_from(record, RECORD.size + ITEM.size * k) for k in range(number) if _holds(record, k)]
+    if compressor not in {CHUNKED, LAYERED}:
+        raise file.unreadable(f"LAZ compressor {compressor} is not supported, {CHUNKED} and {LAYERED} are", "header")
+    head_bytes = sum(size for _, size, _ in items)
+    if head_bytes != point_bytes:
+        raise file.unreadable(f"the items of a point have {head_bytes} bytes and its record {point_bytes}", "header")
+    if chunk_points == 0:
+        raise file.unreadable("LAZ chunks of no points", "header")
     with file.path.open("rb") as stream:
         stream.seek(data_offset)
-        lengths = [length for _, length in lazrs.read_chunk_table(stream, lazrs.LazVlr(record))]
-        starts = accumulate(lengths, initial=data_offset + 8)
-        for place, length in zip(starts, lengths, strict=False):
-            if place + length > file.size or head_bytes + 4 * layers > length:
+        table = lazrs.read_chunk_table(stream, lazrs.LazVlr(record))
+        held = sum(points for points, _ in table)
+        if count > held:
+            raise file.unreadable(f"LAZ chunks of {held} points in all cannot hold {count}", "header")
+        layers = _layers_of(items) if compressor == LAYERED else 0
+        place, left = data_offset + 8, count
+        for points, length in table:
+            if left <= 0 and length == 0:
+                continue  # some writers end with an empty chunk
+            left -= points
+            if place + length > file.size or head_bytes + (4 + 4 * layers if layers else 0) > length:
                 raise file.unreadable(f"a LAZ chunk of {length} bytes does not fit", f"byte {place}")
-            if head_bytes + _layer_bytes(stream, place + head_bytes, layers) > length:
+            if layers and head_bytes + 4 + _layer_bytes(stream, place + head_bytes + 4, layers) > length:
                 raise file.unreadable("the layers of a LAZ chunk are longer than the chunk", f"byte {place}")
+            place += length
+    exact = held - count < (1 if chunk_points == VARIABLE else chunk_points)
+    return exact and len(table) > 1 and max(points for points, _ in table) <= LARGEST_CHUNK
+
+
+def _holds(record: bytes, item: int) -> bool:
+    return len(record) >= RECORD.size + ITEM.size * (item + 1)
+
+
+def _layers_of(items: Sequence[tuple[int, int, int]]) -> int:
+    return sum(size if kind == EXTRA_BYTES else LAYERS.get(kind, 0) for kind, size, _ in items)
 
 
 def _layer_bytes(stream: BinaryIO, place: int, layers: int) -> int:
