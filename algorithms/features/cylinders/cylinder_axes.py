@@ -1,6 +1,7 @@
 """Cylinders (pipes, columns, tanks) among the points that lie on no plane, and their axes as lines."""
 
-from itertools import chain
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,6 +51,22 @@ LEAST_FILL = 0.5
 """Least share of the cylinder's seen surface that must hold points: bushes are full of circles, but porous."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A cylinder of one or several pieces."""
+
+    pieces: tuple[int, ...]
+    """Numbers of the candidates that were put together, in this order."""
+    cylinder: FittedCylinder
+    own: Array
+    """Numbers of its points."""
+
+    @property
+    def row(self) -> tuple[Vector3, Vector3, float]:
+        """Anchor, direction and radius [m]."""
+        return self.cylinder.anchor, self.cylinder.direction, self.cylinder.radius_m
+
+
 def find_cylinders(
     points: Points,
     sensor_m: Vector3 | None,
@@ -95,26 +112,36 @@ def find_cylinders(
     )
     members = _points_by_label(labels, cells.cell_of_point, len(rows))
     order = sorted(range(len(rows)), key=lambda k: -len(members[k]))
-    alone = over_blocks(
-        lambda start, end: [_refine(points, members[k], rows[k], noise_std_m, steps) for k in order[start:end]],
-        len(order), least=1,
-    )  # fmt: skip
-    found: list[FittedCylinder] = []
-    held: list[Array] = []
-    for k, by_itself in zip(order, chain.from_iterable(alone), strict=True):
-        near = next((i for i, other in enumerate(found) if _continues(rows[k], other)), None)
-        cylinder = by_itself
-        if near is not None:
-            cylinder = _refine(points, np.concatenate([held[near], members[k]]), rows[k], noise_std_m, steps)
-        if cylinder is None or not _is_sound(cylinder[0], noise_std_m, options):
-            continue
-        if near is None:
-            found.append(cylinder[0])
-            held.append(cylinder[1])
-        else:
-            found[near], held[near] = cylinder
-    convex = [_is_convex(cylinder, sensor_m) for cylinder in found]
-    return cylinders_from(found, convex, [len(own) for own in held])
+    fits: dict[tuple[int, ...], tuple[FittedCylinder, Array] | None] = {}
+
+    def fitted(pieces: tuple[int, ...], held: list[Array]) -> tuple[FittedCylinder, Array] | None:
+        if pieces not in fits:
+            last = pieces[-1]
+            fit = _refine(points, np.concatenate([*held, members[last]]), rows[last], noise_std_m, steps)
+            fits[pieces] = fit if fit is not None and _is_sound(fit[0], noise_std_m, options) else None
+        return fits[pieces]
+
+    def cylinders_of(numbers: Sequence[int]) -> list[_Found]:
+        """Fit a cylinder to each piece, or to it and to what it continues, the largest first."""
+        found: list[_Found] = []
+        for k in numbers:
+            near = next((i for i, other in enumerate(found) if _continues(rows[k], *other.row)), None)
+            pieces, held = ((k,), []) if near is None else ((*found[near].pieces, k), [found[near].own])
+            fit = fitted(pieces, held)
+            if fit is None:
+                continue
+            if near is None:
+                found.append(_Found(pieces, *fit))
+            else:
+                found[near] = _Found(pieces, *fit)
+        return found
+
+    # pieces that seem to belong together are fitted side by side; what comes of it is looked up then, piece by piece
+    groups = _groups(rows, order)
+    over_blocks(lambda start, end: [cylinders_of(each) for each in groups[start:end]], len(groups), least=1)
+    found = cylinders_of(order)
+    convex = [_is_convex(each.cylinder, sensor_m) for each in found]
+    return cylinders_from([each.cylinder for each in found], convex, [len(each.own) for each in found])
 
 
 def cylinders_from(found: list[FittedCylinder], convex: list[bool], counts: list[int]) -> Cylinders:
@@ -151,13 +178,26 @@ def _points_by_label(labels: Array, cell_of_point: Array, count: int) -> list[Ar
     return [order[bounds[k] : bounds[k + 1]] for k in range(count)]
 
 
-def _continues(row: Array, other: FittedCylinder) -> bool:
-    """Tell whether a candidate (point, direction, radius) lies on an already found cylinder."""
-    if abs(row[3:6] @ other.direction) < np.cos(np.deg2rad(5.0)) or abs(row[6] / other.radius_m - 1.0) > 0.2:
+def _groups(rows: Array, order: Sequence[int]) -> list[list[int]]:
+    """Put candidates together that seem to continue the same one, in their order."""
+    groups: list[list[int]] = []
+    for k in order:
+        first = (rows[each[0]] for each in groups)
+        near = next((i for i, row in enumerate(first) if _continues(rows[k], row[:3], row[3:6], row[6])), None)
+        if near is None:
+            groups.append([k])
+        else:
+            groups[near].append(k)
+    return groups
+
+
+def _continues(row: Array, anchor: Vector3, direction: Vector3, radius_m: float) -> bool:
+    """Tell whether a candidate (point, direction, radius) lies on a cylinder."""
+    if abs(row[3:6] @ direction) < np.cos(np.deg2rad(5.0)) or abs(row[6] / radius_m - 1.0) > 0.2:
         return False
-    offset = row[:3] - other.anchor
-    across = offset - (offset @ other.direction) * other.direction
-    return float(np.linalg.norm(across)) < 0.25 * other.radius_m
+    offset = row[:3] - anchor
+    across = offset - (offset @ direction) * direction
+    return bool(np.linalg.norm(across) < 0.25 * radius_m)
 
 
 def _refine(
