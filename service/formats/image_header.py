@@ -7,6 +7,8 @@ from itertools import starmap
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8\xff"
+PNG_CHUNK_FRAME = 12
+"""Bytes of length, name and checksum around the content of a chunk."""
 TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers that begin a frame and tell its size; the three left out are tables and an extension."""
@@ -87,6 +89,12 @@ def _png(data: bytes) -> ImageHeader:
     length, name, width, height, bits = struct.unpack_from(">I4sIIB", data, len(PNG_SIGNATURE))
     if name != b"IHDR" or length != 13:
         raise ImageHeaderError("damaged PNG: the first chunk is not the header")
+    place = len(PNG_SIGNATURE)
+    while name != b"IEND" and place < len(data):
+        length, name = struct.unpack_from(">I4s", data, place)
+        if place + PNG_CHUNK_FRAME + length > len(data):  # OpenCV allocates for it before it reads
+            raise ImageHeaderError(f"the PNG image is damaged or cut off: a chunk of {length} bytes at byte {place}")
+        place += PNG_CHUNK_FRAME + length
     return _header("PNG", width, height, bits)
 
 

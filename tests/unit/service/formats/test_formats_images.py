@@ -138,6 +138,17 @@ def test_a_cut_image_is_refused(tmp_path: Path, ending: str, share: float) -> No
         inspect_upload(stored(tmp_path, content[: int(len(content) * share)]), "a" + ending)
 
 
+def test_a_png_whose_chunk_claims_more_than_the_file_has_is_not_decoded(tmp_path: Path) -> None:
+    content = bytearray(encoded(".png"))
+    content[33] = 0xFF  # first byte of the length of the chunk after the header: 4 GB, for which OpenCV would allocate
+    with pytest.raises(UnreadableFileError, match=r"a chunk of 4[0-9]{9} bytes at byte 33"):
+        inspect_upload(stored(tmp_path, bytes(content)), "a.png")
+
+
+def test_what_follows_the_end_of_a_png_does_not_matter(tmp_path: Path) -> None:
+    assert len(inspect_upload(stored(tmp_path, encoded(".png") + b"appended"), "a.png").photos) == 1
+
+
 def test_a_png_with_a_wrong_byte_is_refused(tmp_path: Path) -> None:
     content = bytearray(encoded(".png"))
     content[len(content) // 2] ^= 0xFF
