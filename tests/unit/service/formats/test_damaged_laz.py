@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import struct
 import subprocess
 import sys
@@ -73,6 +74,7 @@ def test_what_the_laszip_record_cannot_say_is_refused(
         read_scan(path, "a.laz")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is told otherwise there")
 def test_chunks_said_to_be_huge_take_no_memory(tmp_path: Path) -> None:
     """They say no more than how many points there may be at most; only what has several is read side by side."""
     path = laz(tmp_path / "a.laz")
@@ -83,6 +85,7 @@ def test_chunks_said_to_be_huge_take_no_memory(tmp_path: Path) -> None:
     assert told["bytes"] < MOST_BYTES
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is told otherwise there")
 @pytest.mark.parametrize("point_format", FORMATS)
 def test_whatever_is_damaged_the_file_is_read_or_refused(tmp_path: Path, point_format: int) -> None:
     told = run([str(laz(tmp_path / "a.laz", point_format)), str(DAMAGED)])
@@ -114,8 +117,6 @@ def damaged(content: bytes, draw: random.Random) -> bytes:
 
 
 def main(path: Path, number: int) -> None:
-    import resource
-
     content, draw, told = path.read_bytes(), random.Random(1), {"read": 0, "refused": 0}
     for _ in range(number):
         path.write_bytes(damaged(content, draw) if number > 1 else content)
@@ -124,7 +125,9 @@ def main(path: Path, number: int) -> None:
             told["read"] += 1
         except ServiceError:
             told["refused"] += 1
-    print(json.dumps({**told, "bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}))
+    # not `ru_maxrss`: a child inherits the maximum of its parent there
+    (peak_kb,) = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())
+    print(json.dumps({**told, "bytes": int(peak_kb) * 1024}))
 
 
 if __name__ == "__main__":
