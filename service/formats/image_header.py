@@ -66,6 +66,22 @@ def image_header(data: bytes) -> ImageHeader:
     raise ImageHeaderError("this is no JPEG, PNG or TIFF image")
 
 
+def check_chunks(data: bytes) -> None:
+    """Refuse a PNG image with a chunk that is longer than the file: OpenCV allocates for it before it reads.
+
+    Raises
+    ------
+    ImageHeaderError
+        The image is damaged or cut off.
+    """
+    place, name = len(PNG_SIGNATURE), b""
+    while name != b"IEND" and place + PNG_CHUNK_FRAME <= len(data):
+        length, name = struct.unpack_from(">I4s", data, place)
+        if place + PNG_CHUNK_FRAME + length > len(data):
+            raise ImageHeaderError(f"the PNG image is damaged or cut off: a chunk of {length} bytes at byte {place}")
+        place += PNG_CHUNK_FRAME + length
+
+
 def _jpeg(data: bytes) -> ImageHeader:
     place = 2
     while True:
@@ -89,12 +105,6 @@ def _png(data: bytes) -> ImageHeader:
     length, name, width, height, bits = struct.unpack_from(">I4sIIB", data, len(PNG_SIGNATURE))
     if name != b"IHDR" or length != 13:
         raise ImageHeaderError("damaged PNG: the first chunk is not the header")
-    place = len(PNG_SIGNATURE)
-    while name != b"IEND" and place < len(data):
-        length, name = struct.unpack_from(">I4s", data, place)
-        if place + PNG_CHUNK_FRAME + length > len(data):  # OpenCV allocates for it before it reads
-            raise ImageHeaderError(f"the PNG image is damaged or cut off: a chunk of {length} bytes at byte {place}")
-        place += PNG_CHUNK_FRAME + length
     return _header("PNG", width, height, bits)
 
 

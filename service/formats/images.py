@@ -10,7 +10,13 @@ from jaxtyping import UInt8
 from algorithms.arrays import Array
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, ScanFile
-from service.formats.image_header import ImageHeader, ImageHeaderError, image_format, image_header
+from service.formats.image_header import (
+    ImageHeader,
+    ImageHeaderError,
+    check_chunks,
+    image_format,
+    image_header,
+)
 from service.formats.photo import Photo, PhotoInfo
 
 LEAST_SIDE_PX = 8
@@ -103,4 +109,9 @@ def _checked_header(data: bytes, name: str, limits: ReadLimits) -> ImageHeader:
         raise ImageError(f"{size}; at most {MAX_SIDE_PX} a side are read")
     if header.decoded_pixels > FREE_PIXELS + MOST_PIXELS_PER_BYTE * len(data):
         raise ImageError(f"{size} in {len(data)} bytes: no photo is packed so well")
+    if header.format == "PNG":
+        try:
+            check_chunks(data)
+        except ImageHeaderError as fault:
+            raise ImageError(str(fault)) from None
     return header
