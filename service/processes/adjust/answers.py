@@ -18,10 +18,16 @@ from algorithms.adjustment.hybrid.gross_errors import Cleaned
 from algorithms.adjustment.hybrid.reliability import ObservationTests
 from algorithms.adjustment.hybrid.state import Kind, Layout, State
 from algorithms.arrays import Array
+from algorithms.errors import InvalidInputError
 from service.ports import Json
 from service.processes.adjust.named_network import NamedNetwork
 
-ALIGNING_ROUNDS = 10
+ALIGNING_ROUNDS = 50
+"""Two or three suffice where approximate values are about right."""
+LARGEST_TURN_RAD = 1.0
+"""Turns of a round; larger ones are cut, for they come from equations that are linear."""
+SETTLED = 1e-6
+"""Of turns [rad] and scale in the last round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +191,13 @@ def aligned(
         (p,) stations whose angles are α, ζ, κ.
     combinations
         (7, d) free motions.
+
+    Raises
+    ------
+    InvalidInputError
+        They are so far from the network that it cannot be moved onto them.
     """
+    step = np.full(7, np.inf)
     for _ in range(ALIGNING_ROUNDS):
         motions = common_motions(layout, state) @ combinations
         conditions = free_conditions(layout, state, chosen, photos, motions)
@@ -197,7 +209,16 @@ def aligned(
         differences[layout.columns[Kind.POSE][:, :3]] = vectors
         crossing = conditions.T @ motions
         step = -combinations @ np.linalg.lstsq(crossing, conditions.T @ differences[:-1], rcond=None)[0]
-        state = state.moved_together(step[:3], step[3:6], float(np.exp(step[6])))
+        step *= min(1.0, LARGEST_TURN_RAD / max(float(np.linalg.norm(step[3:6])), LARGEST_TURN_RAD))
+        # the motion of a scale is the coordinates themselves: the step is by how much it changes, not its logarithm
+        scale = 1.0 + step[6] if step[6] > -0.5 else np.exp(step[6])
+        state = state.moved_together(step[:3], step[3:6], float(scale))
         if np.abs(step).max() < 1e-13:
             break
+    if not np.abs(step[3:]).max() < SETTLED:
+        raise InvalidInputError(
+            "approximate values",
+            "the network cannot be laid onto them: some are far from where its observations place them",
+            "correct them, leave them out, or choose another datum",
+        )
     return state

@@ -69,6 +69,33 @@ def test_a_camera_with_a_wrong_principal_distance_is_calibrated() -> None:
     assert largest_miss(document, TRUTH) < 0.002
 
 
+@pytest.mark.parametrize("approximate_m", [1497.4, 1_497_402.0, -1.0e6])
+def test_one_approximate_value_in_another_unit_changes_no_angle(approximate_m: float) -> None:
+    """Of directions alone they give the scale as well: with a wrong one that is wrong too, and the shape is not."""
+    places = {"A": (1000.0, 1000.0), "B": (1432.5, 1588.8), "C": (1497.4, 1000.0), "D": (1439.8, 640.3)}
+    approximate = {name: [*place, 0.0] for name, place in places.items()}
+    approximate["C"][0] = approximate_m
+    polar = [
+        {"station": f"S{at}", "point": to, "horizontal": _direction(places, at, to), "sigma_horizontal": 0.001}
+        for at in places for to in places if to != at
+    ]  # fmt: skip
+    network = {
+        "format": "hybrid-network/1", "units": {"length": "m", "angle": "gon", "image": "px"},
+        "stations": [{"id": f"S{at}", "type": "scanner", "point": at, "levelled": True} for at in places],
+        "points_approx": approximate, "observations": {"polar": polar},
+    }  # fmt: skip
+    document = adjusted(network)
+    found = {point.id: point.xyz_m[:2] for point in document.points}
+    for at in places:
+        seen = [_direction(found, at, to) - _direction(places, at, to) for to in places if to != at]
+        assert np.abs(np.remainder(np.array(seen) - seen[0] + 200.0, 400.0) - 200.0).max() < 1e-3
+
+
+def _direction(places: Any, at: str, to: str) -> float:
+    dx, dy = np.subtract(places[to], places[at])
+    return float(np.arctan2(dy, dx) * GON)
+
+
 @pytest.mark.parametrize("state", ["constant", "observed", "unknown"])
 @pytest.mark.parametrize("approximate", [True, False])
 def test_photos_on_scanners_share_their_poses_and_tell_the_mount(state: str, approximate: bool) -> None:
