@@ -32,8 +32,8 @@ from service.use_cases.steps.step_needs import FETCH, StepNeeds, needs_of
 NOTHING_WARM = WarmUp()
 LAST_WORDS_LINES = 12
 LINE_BYTES = 1 << 26
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Loops over points: as many threads as the step may use."""
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS")
+"""Loops over points, and chunks of LAZ files (lazrs): as many threads as the step may use."""
 LIBRARY_VARIABLES = {
     **dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
     "MALLOC_MMAP_THRESHOLD_": str(64 << 20),
