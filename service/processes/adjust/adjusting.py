@@ -53,6 +53,8 @@ from service.processes.adjust.scanner_errors import scanners_document, significa
 from service.processes.adjust.tables import observations_csv, points_csv, stations_csv
 from service.use_cases.steps.run_lines_report import software
 
+FAR = 0.1
+"""Of the extent of a network: approximate values are expected to be nearer than this."""
 MOST_COMPARED = 1000
 """Common points of two epochs."""
 STEPS: dict[str, Json] = {
@@ -97,7 +99,7 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
         other = OtherDatumDocument(
             datum=datum_document(carried), points=point_documents(carried), stations=station_documents(carried)
         )
-    compared, remarks = None, _remarks(answer, how)
+    compared, remarks = None, _remarks(answer, how, reference)
     if inputs["epoch"] is not None:
         progress.report(0.92, "second epoch")
         compared = _congruence(answer, inputs, remarks)
@@ -200,8 +202,24 @@ def _cleaned(named: NamedNetwork, inputs: Json, progress: Any) -> tuple[Cleaned,
     return cleaned, named.start if everything else None, started.how
 
 
-def _remarks(answer: Answer, how: str) -> list[str]:
+def _far_from_approximate(answer: Answer, reference: State) -> str:
+    """Name what lies farthest from its approximate value in the frame of these; empty where nothing is far."""
+    named, state = answer.named, answer.state
+    found = np.concatenate([state.points, state.positions])
+    gaps = np.linalg.norm(found - np.concatenate([reference.points, reference.positions]), axis=1)
+    k = int(np.argmax(gaps))
+    if gaps[k] <= FAR * float(np.ptp(found, axis=0).max()):
+        return ""
+    return (
+        f"{[*named.points, *named.stations][k]} lies {gaps[k]:.3g} m from its approximate value, though the free "
+        "network is laid onto these: correct those that are wrong, for they tell its frame, and its scale if it is free"
+    )
+
+
+def _remarks(answer: Answer, how: str, reference: State | None) -> list[str]:
     remarks = []
+    if answer.defect.count and reference is not None and (far := _far_from_approximate(answer, reference)):
+        remarks.append(far)
     found, datum = answer.estimate, answer.datum["type"]
     if not found.converged:
         remarks.append("the adjustment did not settle: its figures are those of the last round")

@@ -89,6 +89,8 @@ def test_one_approximate_value_in_another_unit_changes_no_angle(approximate_m: f
     for at in places:
         seen = [_direction(found, at, to) - _direction(places, at, to) for to in places if to != at]
         assert np.abs(np.remainder(np.array(seen) - seen[0] + 200.0, 400.0) - 200.0).max() < 1e-3
+    wrong = approximate_m != places["C"][0]
+    assert any("from its approximate value" in remark for remark in document.remarks) == wrong
 
 
 def _direction(places: Any, at: str, to: str) -> float:
