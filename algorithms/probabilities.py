@@ -1,7 +1,7 @@
 """Tails and quantiles of the distributions that tests of hypotheses use.
 
 They are those of `scipy.special`. `scipy.stats` gives the same figures, but loads hundreds of distributions: half a
-second and 40 MB of each process, and a hundred times as long a call.
+second and 40 MB of each process, and takes ten times as long a call.
 """
 
 from math import comb
