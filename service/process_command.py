@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from rich.console import Console
 from rich.markup import escape
 
-from schemas.requests.posed_stations import PosedStation, StationsOfJob
+from schemas.requests.posed_stations import PosedInputs, PosedStation, StationsOfJob
 from schemas.requests.register_inputs import ScanReference, Station
 from schemas.values.file_references import FileReference
 from service.client import ServiceClient
@@ -34,6 +34,8 @@ from service.use_cases.inputs.validate_request import parse_json
 Document: TypeAlias = dict[str, Any]
 Way: TypeAlias = tuple[str, ...]
 PLAIN = (bool, int, float, str)
+POSES_OF_FILES = ("file", "ignore")
+"""What `--poses` may say in place of a file."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,10 @@ def _put_files(inputs: Document, files: _Files, given: Document, client: Service
         made = [{**(scan if issubclass(files.kind, ScanReference) else {}), "file": each["id"]} for each in uploaded]
     else:
         made = [{**station, "scan": {**station["scan"], **scan}} for station in stations_of(uploaded)]
-        poses = {} if given.get("poses") is None else object_in(given["poses"])
+        said_poses = given.get("poses")
+        if said_poses in POSES_OF_FILES:
+            inputs["poses"] = said_poses
+        poses = {} if said_poses is None or said_poses in POSES_OF_FILES else object_in(Path(said_poses))
         for station in made:
             if station["name"] in poses:
                 station["world_from_scan"] = poses[station["name"]]
@@ -155,7 +160,7 @@ def _put_files(inputs: Document, files: _Files, given: Document, client: Service
 def _inputs(model: type[BaseModel], *, without: Sequence[str] = ()) -> Iterator[_Files | _Option]:
     """Find what can be said on the command line of the inputs of a process, all but some."""
     for name, field in model.model_fields.items():
-        if name in without:
+        if name in without or (name == "poses" and issubclass(model, PosedInputs)):  # has an option of its own
             continue
         members, text = list(_members(field.annotation)), field.description or ""
         lists = [(get_args(each) or (None,))[0] for each in members if get_origin(each) is list]
@@ -243,8 +248,11 @@ def _common_parameters(files: Sequence[_Files]) -> Iterator[inspect.Parameter]:
         yield _parameter("columns", str | None, typer.Option(help=columns), None)
         yield _parameter("unit", str | None, typer.Option(help=unit), None)
     if any(issubclass(each.kind, PosedStation) for each in files):
-        poses = "JSON file with the pose of each station by name: 4x4 matrices, or objects with `matrix`."
-        yield _parameter("poses", Path | None, typer.Option(help=poses, exists=True, dir_okay=False), None)
+        poses = (
+            "JSON file with the pose of each station by name: 4x4 matrices, or objects with `matrix`. Or `ignore`: "
+            "poses that E57 and PTX files state are not taken (`file`, the default, takes them)."
+        )
+        yield _parameter("poses", str | None, typer.Option(help=poses), None)
     options = "JSON file with any inputs of the request; options given here come first."
     yield _parameter("options", Path | None, typer.Option(help=options, exists=True, dir_okay=False), None)
     url = "Address of a running service; without one a service is started for this job."

@@ -7,11 +7,10 @@ from pydantic import Field
 from algorithms.cleaning.options import CleaningOptions
 from schemas.requests.cleaning_steps import CleaningSteps
 from schemas.requests.execution import FileOutputRequest
-from schemas.requests.posed_stations import PosedStations
-from schemas.values.base import RequestModel
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 
 
-class CleanInputs(RequestModel):
+class CleanInputs(PosedInputs):
     """Registered scans, and what is to be cleaned."""
 
     stations: PosedStations

@@ -6,11 +6,10 @@ from pydantic import Field
 
 from algorithms.colouring.options import ColouringOptions
 from schemas.requests.execution import FileOutputRequest
-from schemas.requests.posed_stations import PosedStations
-from schemas.values.base import RequestModel
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 
 
-class ColourInputs(RequestModel):
+class ColourInputs(PosedInputs):
     """Registered scans with photos, and how they are blended."""
 
     stations: PosedStations

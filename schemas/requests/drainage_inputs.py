@@ -2,12 +2,11 @@
 
 from pydantic import Field
 
-from schemas.requests.posed_stations import PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 from schemas.requests.terrain_inputs import FilterRequest
-from schemas.values.base import RequestModel
 
 
-class DrainageInputs(RequestModel):
+class DrainageInputs(PosedInputs):
     """A registered cloud, z upwards, on whose terrain it rains."""
 
     stations: PosedStations

@@ -12,7 +12,7 @@ from schemas.requests.cleaning_steps import CleaningSteps
 from schemas.requests.execution import FileOutputRequest
 from schemas.requests.mesh_patches import Coordinate, MeshPatch, Position
 from schemas.requests.method_options import options_model
-from schemas.requests.posed_stations import PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 from schemas.values.base import RequestModel
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class MeshContour(RequestModel):
     """Points farther from the outline of the mesh in the photo are not laid on it [px]."""
 
 
-class MeshInputs(RequestModel):
+class MeshInputs(PosedInputs):
     """Registered scans, and the mesh that is laid through them."""
 
     stations: PosedStations

@@ -8,7 +8,7 @@ from pydantic_core import PydanticCustomError
 from algorithms.cleaning.options import CleaningOptions
 from algorithms.meshing.options import PlaneRelation
 from schemas.requests.cleaning_steps import CleaningSteps
-from schemas.requests.posed_stations import PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 from schemas.values.base import RequestModel
 from schemas.values.station_names import StationName
 
@@ -42,7 +42,7 @@ class RelationOfPlanes(RequestModel):
         return self
 
 
-class ModelPlanesInputs(RequestModel):
+class ModelPlanesInputs(PosedInputs):
     """Registered scans, the planes of an object in them, and what they must keep."""
 
     stations: PosedStations

@@ -2,7 +2,8 @@
 
 from pydantic import Field
 
-from schemas.requests.posed_stations import PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
 from schemas.values.base import RequestModel
 from schemas.values.poses import Document, Row4
@@ -23,7 +24,7 @@ class TiePoints(RequestModel):
     """So many pairs of surface points count as much as one of these."""
 
 
-class OrientInputs(RequestModel):
+class OrientInputs(PosedInputs):
     """Scans with approximate poses, to be laid on each other all at once."""
 
     stations: PosedStations = Field(title="Stations")
@@ -84,7 +85,7 @@ class OrientedTies(Document):
     """How far each point and its partner are apart; a large one was mixed up [m]."""
 
 
-class OrientDocument(Document):
+class OrientDocument(PosedDocument):
     """Answer of `orient`."""
 
     stations: list[OrientedStation]
@@ -95,6 +96,5 @@ class OrientDocument(Document):
     ties: list[OrientedTies] = Field(default=[], description="What became of the tie points, in their order.")
     converged: bool
     """Whether the clouds came to rest."""
-    left_out: dict[str, str] = Field(description="Stations without a pose, with the reason.")
     artifacts: list[Artifact]
     """`poses.json` with all poses by name."""

@@ -1,6 +1,6 @@
 """Scans with poses as inputs: one by one, or all stations of a job that has registered them."""
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
@@ -47,7 +47,7 @@ class PosedStation(RequestModel):
     photos: list[StationPhoto] = Field(default=[], max_length=MAX_PHOTOS)
     """Photos taken from the same set-up, with the camera on the scanner."""
     world_from_scan: GivenPose | None = None
-    """Its pose; null: the coordinates of the file are those of the world."""
+    """Its pose; null: the pose that the file states, or none: the coordinates of the file are those of the world."""
 
 
 class StationsOfJob(RequestModel):
@@ -64,3 +64,11 @@ PosedStations: TypeAlias = Annotated[
     Discriminator(lambda value: "stations" if isinstance(value, list) else "job"),
 ]
 """Stations one by one, or those of a job."""
+
+
+class PosedInputs(RequestModel):
+    """What all processes ask of scans with poses."""
+
+    poses: Literal["file", "ignore"] = Field(default="file", title="Poses of files")
+    """For stations whose pose the request does not state: `file` takes the pose that an E57 or PTX file states for the
+    set-up; `ignore` takes the coordinates of the file for those of the world."""

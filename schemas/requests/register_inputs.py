@@ -81,6 +81,9 @@ class RegisterInputs(RequestModel):
     """Two stations or more."""
     pairs: PairChoice = Field(default="auto", title="Pairs")
     """`auto`, or the list of [target, source] names to try."""
+    approximate_poses: Literal["stated", "file"] = Field(default="stated", title="Approximate poses")
+    """`file`: the poses that E57 and PTX files state count as approximate poses (20 gon, 5 m) of stations that have no
+    `approximate_pose`. `stated`: poses of files are not looked at."""
     method: MethodRequest = Field(default_factory=DefaultMethod, title="Method")
     """Method of registration with its options."""
     compare_methods: list[ComparedMethod] = Field(default=[], max_length=MAX_METHODS, title="Methods to compare")

@@ -2,13 +2,14 @@
 
 from pydantic import Field
 
-from schemas.requests.posed_stations import PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 from schemas.requests.registered_output import RegisteredOptions
+from schemas.results.posed_result import PoseSource
 from schemas.results.registration_result import Artifact, InputFile, RegisteredFile
 from schemas.values.poses import Document
 
 
-class TransformInputs(RegisteredOptions):
+class TransformInputs(PosedInputs, RegisteredOptions):
     """Scans with their poses, and which files they become."""
 
     stations: PosedStations = Field(title="Stations")
@@ -40,6 +41,9 @@ class TransformDocument(Document):
     """The files that were written."""
     left_out: list[LeftOutStation]
     """Stations without a pose."""
+    poses_from: dict[str, PoseSource] = Field(default={})
+    """Where the pose of each station is from, by name: the `request`, a `job`, the `file`; `none`: the coordinates of
+    the file are those of the world."""
     artifacts: list[Artifact]
     """Files that can be downloaded."""
     provenance: TransformProvenance

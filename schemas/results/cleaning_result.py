@@ -3,11 +3,11 @@
 from pydantic import Field
 
 from schemas.results.cleaning_figures import CleaningStep, SmoothingPassFigures
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
-from schemas.values.poses import Document
 
 
-class CleaningDocument(Document):
+class CleaningDocument(PosedDocument):
     """What was taken away, step by step, and the points that are left."""
 
     points_before: int
@@ -18,8 +18,6 @@ class CleaningDocument(Document):
     """In the order in which they were taken."""
     smoothing: list[SmoothingPassFigures]
     """The passes of the smoothing; empty without it."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What could not be done, and why."""
     cleaned: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)

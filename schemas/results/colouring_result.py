@@ -2,6 +2,7 @@
 
 from pydantic import Field
 
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -44,7 +45,7 @@ class PhotoTurnFigures(Document):
     """Limit of the test, chi-square with 3 degrees of freedom."""
 
 
-class ColouringDocument(Document):
+class ColouringDocument(PosedDocument):
     """How the points got their colours."""
 
     points: int
@@ -57,8 +58,6 @@ class ColouringDocument(Document):
     """Brightness in the corners of the photos over that in the middle: red, green, blue."""
     turned: list[PhotoTurnFigures]
     """Photos and mounts that the others contradict; the colours are blended with the poses as they were stated."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What could not be done, and why."""
     coloured_cloud: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)

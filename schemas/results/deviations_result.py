@@ -1,9 +1,10 @@
 """Result document of the process `compare`."""
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
+from schemas.results.posed_result import PoseSource
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -154,6 +155,10 @@ class CompareProvenance(Document):
 
 class CompareDocument(Document):
     """Answer of `compare`."""
+
+    poses_from: dict[Literal["cloud", "reference"], dict[str, PoseSource]] = Field(default={})
+    """Where the pose of each station is from, by name: the `request`, a `job`, the `file`; `none`: the coordinates of
+    the file are those of the world."""
 
     method: str
     """m3c2 or nearest."""

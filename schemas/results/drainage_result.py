@@ -1,5 +1,6 @@
 """Result document of the process `drainage`."""
 
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -36,7 +37,7 @@ class HollowFigures(Document):
     """Of the water then [m³]."""
 
 
-class DrainageDocument(Document):
+class DrainageDocument(PosedDocument):
     """Where water runs on a terrain, and the lines that follow from it."""
 
     points: int
@@ -59,8 +60,6 @@ class DrainageDocument(Document):
     """Hollows of the terrain."""
     hollows: list[HollowFigures]
     """The largest of them by volume, at most 1000."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What a reader should know."""
     artifacts: list[Artifact]

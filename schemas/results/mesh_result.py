@@ -4,6 +4,7 @@ from pydantic import Field
 
 from schemas.results.cleaning_figures import CleaningStep
 from schemas.results.deviations_result import DeviationFigures
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -93,7 +94,7 @@ class ContourFigures(Document):
     """Mean of these distances across the rays, positive where the mesh is too small [m]; null: there are none."""
 
 
-class MeshingDocument(Document):
+class MeshingDocument(PosedDocument):
     """A mesh in figures, with its faults."""
 
     points: int
@@ -126,8 +127,6 @@ class MeshingDocument(Document):
     """What the photos gave, where they were wanted."""
     contours: list[ContourFigures] | None = Field(default=None, exclude_if=lambda value: value is None)
     """Contours of photos on the mesh, where they were wanted."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What a reader of the figures must know."""
     mesh: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)

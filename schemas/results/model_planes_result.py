@@ -1,5 +1,6 @@
 """Result of the process `model-planes`."""
 
+from schemas.results.posed_result import PosedDocument
 from schemas.values.poses import Document
 
 
@@ -33,7 +34,7 @@ class ModelledCorner(Document):
     """3×3 [m²]."""
 
 
-class ModelPlanesDocument(Document):
+class ModelPlanesDocument(PosedDocument):
     """Planes that keep their constraints, and their corners."""
 
     planes: list[ModelledPlane]
@@ -46,7 +47,5 @@ class ModelPlanesDocument(Document):
     """Points and independent constraints, less unknowns."""
     iterations: int
     """Until the adjustment settled."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What a reader of the figures must know."""

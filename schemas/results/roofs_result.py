@@ -2,6 +2,7 @@
 
 from pydantic import Field
 
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -46,12 +47,10 @@ class ModelledBuilding(Document):
     """Why it could not be modelled; null: it could."""
 
 
-class RoofsDocument(Document):
+class RoofsDocument(PosedDocument):
     """Buildings with their roofs."""
 
     buildings: list[ModelledBuilding]
     """In the order of the plans."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     building_models: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)
     """The file, where it was wanted."""

@@ -4,6 +4,7 @@ from typing import Any
 
 from pydantic import Field
 
+from schemas.results.posed_result import PosedDocument
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -53,7 +54,7 @@ class GroundResiduals(Document):
     """Share of the cells in which too few ground points are near for an expected standard deviation, 0..1."""
 
 
-class TerrainDocument(Document):
+class TerrainDocument(PosedDocument):
     """Which points lie on the ground, and the models made of them."""
 
     points: int
@@ -78,8 +79,6 @@ class TerrainDocument(Document):
     """How near the ground points are to the terrain."""
     compared: list[ComparedFilter]
     """Other filters beside the chosen one."""
-    left_out: dict[str, str]
-    """Stations without a pose, by name, and why they have none."""
     remarks: list[str]
     """What a reader should know."""
     artifacts: list[Artifact]

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from service.ports.documents import Json
 
-OF_READING = ("warnings", "text_columns")
+OF_READING = ("warnings", "text_columns", "scan_pose", "unit")
 """What a plan sees of scans, besides which of them cannot be used."""
 
 

@@ -8,7 +8,7 @@ from schemas.results.mounts_result import MountsDocument
 from service.errors import InvalidRequestError
 from service.names.content_keys import content_key
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.inputs.check_stations import posed_station_faults
+from service.use_cases.inputs.check_stations import station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
 from service.use_cases.steps.station_calls import features_call, photos_of
 from service.use_cases.steps.step_needs import READS
@@ -46,7 +46,7 @@ class CalibrateMountPlan:
 
 
 def _check(inputs: CalibrateMountInputs, stored: Stored) -> None:
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(station_faults(inputs.stations, stored.files, "stations"))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from schemas.requests.clean_inputs import CleanedOutput, CleanInputs
-from schemas.requests.posed_stations import StationsOfJob
 from schemas.results.cleaning_result import CleaningDocument
 from service.errors import InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
 
 
@@ -33,7 +32,7 @@ class CleanPlan:
                 for station in job["inputs"]["stations"]
             ],
             "options": job["inputs"]["cleaning"],
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
             "wanted": (job.get("wanted") or {}).get("cleaned"),
         }
         return [StepCall("clean-stations", arguments, "cleaning")]
@@ -44,9 +43,7 @@ class CleanPlan:
 
 
 def _check(inputs: CleanInputs, stored: Stored) -> None:
-    if isinstance(inputs.stations, StationsOfJob):
-        return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(posed_station_faults(inputs, stored.files))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -40,6 +40,7 @@ def clean(context: StepContext, arguments: Json) -> Json:
             for number, each in enumerate(cleaned.cleaned.smoothing, start=1)
         ],
         left_out=arguments["left_out"],
+        poses_from=arguments["poses_from"],
         remarks=[*cleaned.cleaned.remarks, *notes],
         cleaned=files,
     )

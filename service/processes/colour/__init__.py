@@ -10,7 +10,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import photos_of, scan_of
 
 
@@ -34,7 +34,7 @@ class ColourPlan:
                 for station in job["inputs"]["stations"]
             ],
             "options": job["inputs"]["blending"],
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
             "wanted": (job.get("wanted") or {}).get("coloured_cloud"),
         }
         return [StepCall("colour-stations", arguments, "colouring")]
@@ -47,7 +47,7 @@ class ColourPlan:
 def _check(inputs: ColourInputs, stored: Stored) -> None:
     if isinstance(inputs.stations, StationsOfJob):
         return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(posed_station_faults(inputs, stored.files))
     if not faults and not any(station.photos or _has_images(station.scan.file, stored) for station in inputs.stations):
         faults.append(FieldFault("/inputs/stations", "no station has a photo with camera and pose"))
     if faults:

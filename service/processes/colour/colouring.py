@@ -52,6 +52,7 @@ def colour(context: StepContext, arguments: Json) -> Json:
         fall_off=_three(np.exp(result.balance.log_fall_off)),
         turned=_turned(photos, result),
         left_out=arguments["left_out"],
+        poses_from=arguments["poses_from"],
         remarks=[*_remarks(stations, photos), *_contradictions(photos, result), *notes],
         coloured_cloud=files,
     )

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from schemas.requests.compare_inputs import CompareInputs, DeviationsOutput
 from schemas.results.deviations_result import CompareDocument
@@ -34,6 +33,7 @@ class ComparePlan:
             "mesh": None if mesh is None else _file(job, mesh["file"]),
             "wanted": job.get("wanted") or {},
             "left_out": job.get("left_out") or {},
+            "poses_from": job.get("poses_from") or {},
             "reads": sorted(_results_of_jobs(inputs)),
         }
         return [StepCall("compare", arguments, "comparing", weight=4.0)]
@@ -63,7 +63,7 @@ def _results_of_jobs(inputs: Json) -> set[str]:
 
 
 def _check(inputs: CompareInputs, stored: Stored) -> None:
-    faults = [*_cloud_faults(inputs.cloud, stored, "cloud"), *_cloud_faults(inputs.reference, stored, "reference")]
+    faults = [fault for name in ("cloud", "reference") for fault in posed_station_faults(inputs, stored.files, name)]
     if inputs.mesh is not None:
         file = stored.files.get(inputs.mesh.file)
         if file is None:
@@ -81,11 +81,6 @@ def _check(inputs: CompareInputs, stored: Stored) -> None:
     ]
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
-
-
-def _cloud_faults(stations: Any, stored: Stored, name: str) -> Iterator[FieldFault]:
-    if isinstance(stations, list):  # those of a job are in its place by now
-        yield from posed_station_faults(stations, stored.files, name)
 
 
 def _covariance_faults(inputs: CompareInputs) -> Iterator[FieldFault]:

@@ -114,6 +114,7 @@ def compare(context: StepContext, arguments: Json) -> Json:
     elif inputs.get("raster") is not None:
         compared.remarks.append("rasters are made of two clouds; there is no reference cloud")
     document = CompareDocument(
+        poses_from=arguments["poses_from"],
         method=compared.method,
         points=len(cloud.points),
         without_deviation=int((~np.isfinite(compared.deviations_m)).sum()),

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from schemas.requests.drainage_inputs import DrainageInputs
-from schemas.requests.posed_stations import StationsOfJob
 from schemas.results.drainage_result import DrainageDocument
 from service.errors import InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
 
 
@@ -34,7 +33,7 @@ class DrainagePlan:
                 for station in inputs["stations"]
             ],
             "inputs": {name: value for name, value in inputs.items() if name != "stations"},
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
         }
         return [StepCall("drainage", arguments, "raining")]
 
@@ -44,9 +43,7 @@ class DrainagePlan:
 
 
 def _check(inputs: DrainageInputs, stored: Stored) -> None:
-    if isinstance(inputs.stations, StationsOfJob):
-        return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(posed_station_faults(inputs, stored.files))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 from schemas.requests.mesh_inputs import MeshInputs, MeshOutput
 from schemas.requests.mesh_patches import PatchesOutput
-from schemas.requests.posed_stations import StationsOfJob
 from schemas.results.mesh_result import MeshingDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import photos_of, scan_of
 
 PASSED = ("cleaning", "surface", "lines", "cuts", "plinth", "patches", "texture", "contours", "tolerance_m")
@@ -39,7 +38,7 @@ class MeshPlan:
                 for station in inputs["stations"]
             ],
             **{name: inputs[name] for name in PASSED},
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
             **{f"wanted_{name}": (job.get("wanted") or {}).get(name) for name in ("mesh", "patch_file")},
         }
         return [StepCall("mesh-stations", arguments, "laying the mesh", weight=self.total_weight(job))]
@@ -51,8 +50,7 @@ class MeshPlan:
 
 def _check(inputs: MeshInputs, stored: Stored) -> None:
     faults = list(_name_faults(inputs))
-    if not isinstance(inputs.stations, StationsOfJob):
-        faults += posed_station_faults(inputs.stations, stored.files, "stations")
+    faults += posed_station_faults(inputs, stored.files)
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

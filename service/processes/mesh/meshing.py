@@ -93,6 +93,7 @@ def mesh(context: StepContext, arguments: Json) -> Json:
         texture=None if texture is None else texture_figures(body.mesh, photos, texture),
         contours=contours_on(body.mesh, photos, arguments["contours"], origin),
         left_out=arguments["left_out"],
+        poses_from=arguments["poses_from"],
         remarks=[*cleaned.cleaned.remarks, *_remarks(cleaned), *_untextured(arguments)],
         **files,
     )

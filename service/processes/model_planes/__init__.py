@@ -4,13 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from schemas.requests.model_planes_inputs import ModelPlanesInputs
-from schemas.requests.posed_stations import StationsOfJob
 from schemas.results.model_planes_result import ModelPlanesDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
 
 
@@ -34,7 +33,7 @@ class ModelPlanesPlan:
                 for station in inputs["stations"]
             ],
             **{name: inputs[name] for name in ("cleaning", "planes", "constraints", "corners", "tolerance_m")},
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
         }
         return [StepCall("model-planes", arguments, "modelling planes", weight=self.total_weight(job))]
 
@@ -45,8 +44,7 @@ class ModelPlanesPlan:
 
 def _check(inputs: ModelPlanesInputs, stored: Stored) -> None:
     faults = list(_name_faults(inputs))
-    if not isinstance(inputs.stations, StationsOfJob):
-        faults += posed_station_faults(inputs.stations, stored.files, "stations")
+    faults += posed_station_faults(inputs, stored.files)
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -46,6 +46,7 @@ def model_planes(context: StepContext, arguments: Json) -> Json:
         redundancy=model.redundancy,
         iterations=model.iterations,
         left_out=arguments["left_out"],
+        poses_from=arguments["poses_from"],
         remarks=list(cleaned.cleaned.remarks),
     )
     key = f"jobs/{arguments['job_id']}/result.json"

@@ -8,7 +8,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
 
 
@@ -32,7 +32,7 @@ class OrientPlan:
                 for station in inputs["stations"]
             ],
             "options": {name: value for name, value in inputs.items() if name != "stations"},
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
         }
         return [StepCall("orient-clouds", arguments, "laying the clouds on each other")]
 
@@ -44,7 +44,7 @@ class OrientPlan:
 def _check(inputs: OrientInputs, stored: Stored) -> None:
     if not isinstance(inputs.stations, list):  # stations of a job are listed before
         return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(posed_station_faults(inputs, stored.files))
     names = {station.name for station in inputs.stations}
     named = [(pointer_to("inputs", "fixed", number), name) for number, name in enumerate(inputs.fixed or ())]
     for number, tie in enumerate(inputs.ties):

@@ -10,6 +10,7 @@ from itertools import combinations
 from algorithms.network.options import ALL_PAIRS_UP_TO
 from service.names.content_keys import content_key
 from service.ports import Json, StepCall
+from service.use_cases.inputs.file_poses import scans_by_number, with_file_poses
 from service.use_cases.steps.registered_calls import WRITING_WEIGHT, registered_calls
 from service.use_cases.steps.station_calls import (
     REPORT_WEIGHT,
@@ -38,6 +39,7 @@ class RegisterPlan:
 
     def next_stage(self, job: Json, outputs: Sequence[Sequence[Json]]) -> Sequence[StepCall] | None:
         """Give the next stage of `register`."""
+        job = {**job, "inputs": _with_approximate_poses(job)}
         inputs = job["inputs"]
         stations = inputs["stations"]
         if len(outputs) == 0:
@@ -175,6 +177,21 @@ def known_of_stations(inputs: Json) -> Json:
         for station in inputs["stations"]
     }
     return {name: known for name, known in said.items() if known}
+
+
+def _with_approximate_poses(job: Json) -> Json:
+    """Return the inputs with the poses that files state as approximate poses, where the request wants that."""
+    inputs: Json = job["inputs"]
+    if inputs.get("approximate_poses") != "file":
+        return inputs
+    placed = with_file_poses(inputs["stations"], scans_by_number(job["files"]))
+    stations = [
+        {**station, "approximate_pose": pose["matrix"]}
+        if station.get("approximate_pose") is None and (pose := posed.get("world_from_scan")) is not None
+        else station
+        for station, posed in zip(inputs["stations"], placed, strict=True)
+    ]
+    return {**inputs, "stations": stations}
 
 
 @dataclass(frozen=True)

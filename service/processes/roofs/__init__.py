@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from schemas.requests.posed_stations import StationsOfJob
 from schemas.requests.roofs_inputs import BuildingsOutput, RoofsInputs
 from schemas.results.roofs_result import RoofsDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
 
 
@@ -36,7 +35,7 @@ class RoofsPlan:
             "plans": inputs["plans"],
             "roof": inputs["roof"],
             "least_plan_m2": inputs["least_plan_m2"],
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
             "wanted": (job.get("wanted") or {}).get("building_models"),
         }
         return [StepCall("model-roofs", arguments, "modelling roofs", weight=self.total_weight(job))]
@@ -53,8 +52,7 @@ def _check(inputs: RoofsInputs, stored: Stored) -> None:
         for k, name in enumerate(names)
         if name in names[:k]
     ]
-    if not isinstance(inputs.stations, StationsOfJob):
-        faults += posed_station_faults(inputs.stations, stored.files, "stations")
+    faults += posed_station_faults(inputs, stored.files)
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

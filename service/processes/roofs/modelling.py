@@ -59,7 +59,9 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
         with output_file(context, job_id, filename) as path:
             writer.write(path, buildings, frame.origin_m)
         files = [artifact(context, job_id, filename, writer.media_type)]
-    document = RoofsDocument(buildings=documents, left_out=arguments["left_out"], building_models=files)
+    document = RoofsDocument(
+        buildings=documents, left_out=arguments["left_out"], poses_from=arguments["poses_from"], building_models=files
+    )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"buildings": len(buildings)}
 

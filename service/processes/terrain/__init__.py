@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from algorithms.terrain.options import SlopeFilter
-from schemas.requests.posed_stations import StationsOfJob
 from schemas.requests.terrain_inputs import ClassifiedOutput, TerrainInputs
 from schemas.results.terrain_result import TerrainDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults, scan_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
 
 
@@ -36,7 +35,7 @@ class TerrainPlan:
             ],
             "inputs": {name: value for name, value in inputs.items() if name not in {"stations", "training"}},
             "training": {name: scan_of(job, {"scan": scan}) for name, scan in (inputs.get("training") or {}).items()},
-            "left_out": job.get("left_out", {}),
+            **about_poses(job),
             "wanted": (job.get("wanted") or {}).get("classified"),
         }
         return [StepCall("terrain", arguments, "finding the ground")]
@@ -47,9 +46,7 @@ class TerrainPlan:
 
 
 def _check(inputs: TerrainInputs, stored: Stored) -> None:
-    faults = [] if isinstance(inputs.stations, StationsOfJob) else [
-        *posed_station_faults(inputs.stations, stored.files, "stations")
-    ]  # fmt: skip
+    faults = list(posed_station_faults(inputs, stored.files))
     if inputs.training is not None:
         for name in ("ground", "objects"):
             faults += scan_faults(getattr(inputs.training, name), stored.files, pointer_to("inputs", "training", name))

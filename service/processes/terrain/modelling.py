@@ -74,6 +74,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         residuals=_residuals(points, ground, models),
         compared=compared,
         left_out=arguments["left_out"],
+        poses_from=arguments["poses_from"],
         remarks=_remarks(ground, models),
         artifacts=_artifacts(job_id, files),
         classified=_classified(context, arguments, frame, points, ground, models),

@@ -8,7 +8,7 @@ from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
 from service.use_cases.inputs.check_stations import posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
-from service.use_cases.steps.posed_plan import PosesFirst
+from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.registered_calls import registered_calls
 
 REPORT_WEIGHT = 0.1
@@ -29,7 +29,7 @@ class TransformPlan:
                 "inputs": inputs,
                 "files": job["files"],
                 "written": outputs[0],
-                "left_out": job.get("left_out", {}),
+                **about_poses(job),
             }
             return [StepCall("report-transform", arguments, "writing the result", weight=REPORT_WEIGHT)]
         return None
@@ -42,7 +42,7 @@ class TransformPlan:
 def _check(inputs: TransformInputs, stored: Stored) -> None:
     if not isinstance(inputs.stations, list):  # stations of a job are listed before
         return
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))
+    faults = list(posed_station_faults(inputs, stored.files))
     for number, station in enumerate(inputs.stations):
         pose = station.world_from_scan
         if inputs.per_point_std and (pose is None or isinstance(pose, list)):

@@ -13,6 +13,7 @@ def report_transform(context: StepContext, arguments: Json) -> Json:
     document = TransformDocument(
         files=written,
         left_out=[LeftOutStation(name=name, reason=reason) for name, reason in arguments["left_out"].items()],
+        poses_from=arguments["poses_from"],
         artifacts=[Artifact(**{name: getattr(file, name) for name in Artifact.model_fields}) for file in written],
         provenance=TransformProvenance(
             software=software(),

@@ -1,10 +1,11 @@
 """Check what the schema of a request cannot know: names, files and scans that must exist."""
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 from algorithms.network.options import MOST_TIED
 from algorithms.scans.content import ROUNDED_M, ScanContent, same_content
-from schemas.requests.posed_stations import PosedStation
+from schemas.requests.posed_stations import PosedInputs, PosedStation
 from schemas.requests.register_inputs import RegisterInputs, ScanReference, Station
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
@@ -14,6 +15,7 @@ from service.use_cases.documents.scan_warnings import is_usable
 from service.use_cases.inputs.check_control import control_faults
 from service.use_cases.inputs.check_photos import station_photo_faults
 from service.use_cases.inputs.check_starts import start_faults
+from service.use_cases.inputs.file_poses import file_pose_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
 
 MOST_COMPARED = 100
@@ -76,10 +78,19 @@ def check_station(station: Station, files: FileStore) -> None:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 
 
-def posed_station_faults(
-    stations: Sequence[Station | PosedStation], files: FileStore, name: str
-) -> Iterable[FieldFault]:
-    """Name what is wrong with names and files of stations with poses; `name` is that of the input."""
+def posed_station_faults(inputs: PosedInputs, files: FileStore, name: str = "stations") -> Iterable[FieldFault]:
+    """Name what is wrong with names, files and poses of stations with poses; `name` is that of the input."""
+    stations = getattr(inputs, name)
+    if not isinstance(stations, list):  # those of a job are in its place by now
+        return
+    yield from station_faults(stations, files, name)
+    if inputs.poses == "file":
+        stated = [station.model_dump(mode="json", by_alias=True) for station in stations]
+        yield from file_pose_faults(stated, partial(_scan_document, files), pointer_to("inputs", name))
+
+
+def station_faults(stations: Sequence[Station | PosedStation], files: FileStore, name: str) -> Iterable[FieldFault]:
+    """Name what is wrong with names and files of stations; `name` is that of the input."""
     yield from _name_faults(stations, name)
     for number, station in enumerate(stations):
         yield from _file_faults(station, files, pointer_to("inputs", name, number))
@@ -229,6 +240,12 @@ def _found_scan(scan: ScanReference, files: FileStore) -> tuple[str, Json] | Non
     if file is None:
         return None
     return next(((file.sha256, found) for found in file.scans if found["index"] == scan.index), None)
+
+
+def _scan_document(files: FileStore, file_id: str, index: int) -> Json | None:
+    """Return the document of a scan; None where there is none."""
+    found = _found_scan(ScanReference(file=file_id, index=index), files)
+    return None if found is None else found[1]
 
 
 def _file_faults(station: Station | PosedStation, files: FileStore, where: str) -> Iterable[FieldFault]:

@@ -1,21 +1,23 @@
-"""The stage before those of a process that takes stations with poses: poses of finished jobs are read."""
+"""The stage before those of a process that takes stations with poses: those of finished jobs and of files are read."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from service.ports import Json, Plan, StepCall
+from service.use_cases.inputs.file_poses import pose_source, scans_by_number, with_file_poses
 
 READING_WEIGHT = 0.01
 
 
 @dataclass(frozen=True)
 class PosesFirst:
-    """Read the poses that jobs gave the stations of a request, and go on as if it had stated them.
+    """Read the poses that jobs gave the stations of a request, or that files state, and go on as if it had stated them.
 
     The plan then sees with every station ``world_from_scan``: ``{"matrix", "covariance" or None, ...}``, or None where
     the file's coordinates are those of the world. Stations that their job gave no pose are not there any more; they
-    stand in ``job["left_out"]``, with the reason by name.
+    stand in ``job["left_out"]``, with the reason by name. ``job["poses_from"]`` tells by input and name of the station
+    where the poses are from.
     """
 
     plan: Plan
@@ -40,6 +42,17 @@ class PosesFirst:
         return self.plan.total_weight(_with_poses(job, {})) + weight
 
 
+def about_poses(job: Json) -> Json:
+    """Return what the step of a process with one list of stations is told of them.
+
+    Parameters
+    ----------
+    job
+        As its plan sees it.
+    """
+    return {"left_out": job.get("left_out", {}), "poses_from": job.get("poses_from", {}).get("stations", {})}
+
+
 def _with_poses(job: Json, poses: Mapping[str, Mapping[str, Json]]) -> Json:
     """Put poses in the place of jobs; before they are known, the stations stay as they are."""
     left_out: dict[str, str] = {}
@@ -56,11 +69,21 @@ def _with_poses(job: Json, poses: Mapping[str, Mapping[str, Json]]) -> Json:
             return None
         return {**station, "world_from_scan": {**found, "jobID": pose["jobID"], "station": _name_in_job(station)}}
 
-    inputs = {
-        name: [each for each in map(posed, given) if each is not None] if _are_stations(given) else given
-        for name, given in job["inputs"].items()
-    }
-    return {**job, "inputs": inputs, "left_out": left_out}
+    find, from_files = scans_by_number(job.get("files", {})), job["inputs"].get("poses") != "ignore"
+    inputs: Json = {}
+    poses_from: dict[str, dict[str, str]] = {}
+    for name, given in job["inputs"].items():
+        inputs[name] = given
+        if not _are_stations(given):
+            continue
+        stations = with_file_poses(given, find) if from_files else given
+        used = [(stated, found) for stated, each in zip(given, stations, strict=True) if (found := posed(each))]
+        inputs[name] = [each for _, each in used]
+        poses_from[name] = {
+            each["name"]: pose_source(stated.get("world_from_scan"), each.get("world_from_scan"))
+            for stated, each in used
+        }
+    return {**job, "inputs": inputs, "left_out": left_out, "poses_from": poses_from}
 
 
 def _stations_of_jobs(inputs: Json) -> Iterator[Json]:

@@ -9,8 +9,7 @@ from typing import Any, Literal
 import pytest
 
 from schemas.requests.execution import FileOutputRequest
-from schemas.requests.posed_stations import PosedStations
-from schemas.values.base import RequestModel
+from schemas.requests.posed_stations import PosedInputs, PosedStations
 from schemas.values.poses import Document
 from service.errors import InvalidRequestError
 from service.ports import Job, JobStatus, Json, Process, StepCall, StepContext, Stored, StoredFile
@@ -33,7 +32,7 @@ RESULT = {
 }
 
 
-class Inputs(RequestModel):
+class Inputs(PosedInputs):
     stations: PosedStations
 
 
@@ -64,7 +63,7 @@ class Progress:
 
 
 def check(inputs: Inputs, stored: Stored) -> None:
-    faults = list(posed_station_faults(inputs.stations, stored.files, "stations"))  # type: ignore[arg-type]
+    faults = list(posed_station_faults(inputs, stored.files))
     if faults:
         raise InvalidRequestError("wrong", faults)
 
