@@ -22,6 +22,14 @@ class InvalidInputError(AlgorithmError):
         super().__init__(f"{what}: {why}" + (f" ({advice})" if advice else ""))
 
 
+class MissingLibraryError(AlgorithmError):
+    """Say that the machine lacks a library, and which package brings it."""
+
+    def __init__(self, library: str, advice: str) -> None:
+        self.library = library
+        super().__init__(f"this machine lacks {library}, without which open3d computes nothing: {advice}")
+
+
 class DegenerateGeometryError(AlgorithmError):
     """Say that the geometry leaves part of the answer free.
 

@@ -9,6 +9,7 @@ from algorithms.errors import (
     CancelledError,
     DegenerateGeometryError,
     InvalidInputError,
+    MissingLibraryError,
     NotConvergedError,
     TooFewCorrespondencesError,
     TooFewFeaturesError,
@@ -322,6 +323,7 @@ STATUS_BY_ALGORITHM_ERROR: Mapping[type[AlgorithmError], tuple[int, str]] = {
     TooFewFeaturesError: (400, "Too few features"),
     NotConvergedError: (400, "Not converged"),
     CancelledError: (410, "Cancelled"),
+    MissingLibraryError: (501, "Cannot be computed here"),
 }
 
 

@@ -17,6 +17,7 @@ import structlog
 import uvicorn
 from sqlalchemy.exc import OperationalError
 
+from algorithms.scans.open3d_loading import missing_for_open3d
 from service.adapters.database.callbacks import seal_old_secrets
 from service.adapters.database.files import DatabaseFileStore
 from service.adapters.database.jobs import let_shrink, migrate
@@ -33,6 +34,7 @@ from service.refusals import OpenToAllError
 from service.settings import Settings
 from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.access.service_proof import LOCK, new_secret
+from service.use_cases.limits.check_readiness import NEEDING_OPEN3D
 from service.use_cases.uploads.adopt_files import adopt_files
 
 DEFAULT_PLANS = "service.processes:PLANS"
@@ -97,6 +99,8 @@ def serve(
     keep_private(settings)
     with _only_one(settings) as lock, _listening_in_safety(settings) as listener:
         _remove_partial(settings)
+        if (missing := missing_for_open3d()) is not None:
+            log.warning("some processes cannot run here", why=str(missing), processes=NEEDING_OPEN3D)
         processes = _processes(settings, listener, steps, plans, app)
         place = ("--host", settings.host, "--port", str(listener.getsockname()[1]))
         told = (word for each in processes for word in ("--process", json.dumps(each)))

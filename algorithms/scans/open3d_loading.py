@@ -4,10 +4,42 @@ import ctypes
 import sys
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
+
+from algorithms.errors import MissingLibraryError
 
 NOTEBOOK_VIEWER = "open3d.visualization.draw_plotly"
 NAMES_OF_VIEWER = ("get_plotly_fig", "draw_plotly", "draw_plotly_server")
+PACKAGES = {
+    "libEGL.so.1": ("libegl1", "libglvnd-egl"),
+    "libGL.so.1": ("libgl1", "libglvnd-glx"),
+    "libX11.so.6": ("libx11-6", "libX11"),
+    "libudev.so.1": ("libudev1", "systemd-libs"),
+    "libidn2.so.0": ("libidn2-0", "libidn2"),
+    "libstdc++.so.6": ("libstdc++6", "libstdc++"),
+}
+"""Libraries that the wheel of open3d 0.20 needs and does not bring, with the packages of Debian and of RHEL."""
+NOT_INSTALLED = "it has no wheel for this system; `uv run` and `pip install` bring it where there is one"
+
+
+@cache
+def missing_for_open3d() -> MissingLibraryError | None:
+    """Return what keeps open3d from being loaded; None: nothing that can be told without loading it.
+
+    The libraries are looked up by the system's own linker, in some milliseconds; open3d itself is not imported.
+    """
+    if find_spec("open3d") is None:
+        return MissingLibraryError("the package open3d", NOT_INSTALLED)
+    if sys.platform != "linux":
+        return None
+    for name, (debian, rhel) in PACKAGES.items():
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            advice = f"install the package {debian} (Debian, Ubuntu) or {rhel} (RHEL, Fedora) and start anew"
+            return MissingLibraryError(name, advice)
+    return None
 
 
 @cache
@@ -27,9 +59,12 @@ def import_open3d() -> ModuleType:
 
     Raises
     ------
-    ImportError
-        When open3d is not installed.
+    MissingLibraryError
+        open3d is not installed, or a library of the system that it needs is missing.
     """
+    missing = missing_for_open3d()
+    if missing is not None:
+        raise missing
     if sys.platform == "linux":
         path = import_module("libusb_package").get_library_path()
         if path is not None:
@@ -38,4 +73,7 @@ def import_open3d() -> ModuleType:
         viewer = ModuleType(NOTEBOOK_VIEWER, "Left out.")
         viewer.__dict__.update(dict.fromkeys(NAMES_OF_VIEWER))
         sys.modules[NOTEBOOK_VIEWER] = viewer
-    return import_module("open3d")
+    try:
+        return import_module("open3d")
+    except ImportError as error:
+        raise MissingLibraryError(f"a library ({error})", "install what it names and start the service anew") from error

@@ -1,13 +1,12 @@
 """First hits of rays with a scene."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from algorithms.arrays import Array, Flags, Indices, Points, Scalars, Vector3
-from algorithms.scans.open3d_loading import import_open3d
 from algorithms.simulation.scene import Scene
+from algorithms.simulation.triangle_rays import NOTHING_MET, triangle_rays
 
 MIN_COSINE = 1e-4
 """Rays flatter than this against a face do not come back."""
@@ -40,15 +39,10 @@ class RayCaster:
 
     def __init__(self, scene: Scene, which: Indices | None = None) -> None:
         """Prepare the search tree; `which` selects triangles, by default all."""
-        open3d = import_open3d()
-        self._core: Any = open3d.core
         self._which = np.arange(len(scene.triangles), dtype=np.int64) if which is None else which
         self._scene = scene
         self._centre = 0.5 * (scene.vertices.min(axis=0) + scene.vertices.max(axis=0))
-        vertices = (scene.vertices - self._centre).astype(np.float32)
-        triangles = scene.triangles[self._which].astype(np.uint32)
-        self._tree: Any = open3d.t.geometry.RaycastingScene()
-        self._tree.add_triangles(self._core.Tensor(vertices), self._core.Tensor(triangles))
+        self._tree = triangle_rays(scene.vertices - self._centre, scene.triangles[self._which])
 
     def cast(self, origins: Points | Vector3, directions: Points) -> Hits:
         """Find the first hits.
@@ -60,11 +54,8 @@ class RayCaster:
         directions
             (n, 3) unit vectors in the scene's frame.
         """
-        rays = np.empty((len(directions), 6), dtype=np.float32)
-        rays[:, :3] = origins - self._centre
-        rays[:, 3:] = directions
-        local = self._tree.cast_rays(self._core.Tensor(rays))["primitive_ids"].numpy()
-        found = np.flatnonzero(local != np.iinfo(np.uint32).max)
+        local = self._tree.first_met(*self._rays(origins, directions))
+        found = np.flatnonzero(local != NOTHING_MET)
         triangles = self._which[local[found]]
         origin = np.broadcast_to(origins, directions.shape)[found]
         normals = self._scene.normals[triangles]
@@ -81,11 +72,12 @@ class RayCaster:
 
         What is nearer than `nearest_m` or farther than `farthest_m` does not count.
         """
-        rays = np.empty((len(origins), 6), dtype=np.float32)
-        rays[:, :3] = origins - self._centre
-        rays[:, 3:] = directions
-        met = self._tree.test_occlusions(self._core.Tensor(rays), tnear=nearest_m, tfar=farthest_m)
-        return np.asarray(met.numpy(), dtype=bool)
+        return self._tree.any_met(*self._rays(origins, directions), nearest_m, farthest_m)
+
+    def _rays(self, origins: Array, directions: Array) -> tuple[Array, Array]:
+        """Return origins and directions (n, 3) about the middle of the scene, in single precision."""
+        starts, ways = np.broadcast_arrays(origins - self._centre, directions)
+        return np.ascontiguousarray(starts, dtype=np.float32), np.ascontiguousarray(ways, dtype=np.float32)
 
 
 def _hits(count: int, found: Array, triangles: Indices, ranges: Scalars, cosines: Scalars) -> Hits:

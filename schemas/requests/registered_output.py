@@ -38,6 +38,11 @@ class RegisteredOptions(RequestModel):
     between surfaces. All stations are read at once then. Not for `ptx`, whose rows and columns want every point, nor
     for `poses`."""
 
+    @property
+    def smooths(self) -> bool:
+        """Whether points are moved by smoothing."""
+        return self.cleaning is not None and self.cleaning.smoothing is not None
+
     @model_validator(mode="after")
     def _can_clean(self) -> Self:
         """Refuse to clean what has to keep every point."""

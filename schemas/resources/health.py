@@ -27,4 +27,4 @@ class Readiness(ResponseModel):
     status: Literal["ready", "not-ready"]
     """Whether it is ready."""
     checks: dict[str, Check]
-    """database, storage and workers."""
+    """database, storage and workers; `open3d` where a library is missing without which some processes cannot run."""

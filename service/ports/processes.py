@@ -35,6 +35,11 @@ def _accept_files(_inputs: RequestModel, _wanted: Mapping[str, FileOutputRequest
     """Find nothing wrong likewise."""
 
 
+def _without_open3d(_inputs: RequestModel, _wanted: Mapping[str, FileOutputRequest]) -> bool:
+    """Compute everything without open3d."""
+    return False
+
+
 @dataclass(frozen=True)
 class Process(Generic[InputsT]):
     """One process. All that the service does with processes follows from it; `service.processes` lists them."""
@@ -61,6 +66,8 @@ class Process(Generic[InputsT]):
     """Inputs that are documents of their own: on the command line they are JSON files, the first as the argument."""
     check_files: Callable[[InputsT, Mapping[str, FileOutputRequest]], None] = _accept_files
     """Raises InvalidRequestError likewise, for files that are wanted by name and do not go with the inputs."""
+    needs_open3d: Callable[[InputsT, Mapping[str, FileOutputRequest]], bool] = _without_open3d
+    """Tells whether a request, with the files that it wants, needs open3d, and so libraries of the system."""
     answer: Callable[[Json], Awaitable[Json]] | None = None
     """Gives all outputs at once, from the inputs; None: it is computed by a worker."""
     version: str = "1.0.0"

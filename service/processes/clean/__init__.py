@@ -59,5 +59,6 @@ CLEAN = Process(
     plan=PosesFirst(CleanPlan()),
     steps={"clean-stations": "service.processes.clean.cleaning:clean"},
     check=_check,
+    needs_open3d=lambda inputs, _wanted: inputs.cleaning.smoothing is not None,
     file_outputs={"cleaned": CleanedOutput},
 )

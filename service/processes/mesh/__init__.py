@@ -74,5 +74,6 @@ MESH = Process(
     plan=PosesFirst(MeshPlan()),
     steps={"mesh-stations": "service.processes.mesh.meshing:mesh"},
     check=_check,
+    needs_open3d=lambda _inputs, _wanted: True,
     file_outputs={"mesh": MeshOutput, "patch_file": PatchesOutput},
 )

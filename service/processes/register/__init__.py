@@ -44,5 +44,6 @@ REGISTER = Process(
     },
     check=_check,
     check_files=_check_files,
+    needs_open3d=lambda _inputs, wanted: any(getattr(each, "smooths", False) for each in wanted.values()),
     file_outputs={REGISTERED: RegisteredOutput},
 )

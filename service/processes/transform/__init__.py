@@ -63,4 +63,5 @@ TRANSFORM = Process(
     plan=PosesFirst(TransformPlan()),
     steps={"report-transform": "service.processes.transform.report:report_transform"},
     check=_check,
+    needs_open3d=lambda inputs, _wanted: inputs.smooths,
 )

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from algorithms.scans.open3d_loading import missing_for_open3d
 from schemas.requests.subscriber import Subscriber
 from schemas.values.file_references import FileReference
 from service.errors import FieldFault, InvalidRequestError
@@ -56,6 +57,8 @@ def check_execution(process: Process[Any], body: Any, stored: Stored, fetches: t
     ------
     InvalidRequestError
         With a pointer to every bad field.
+    MissingLibraryError
+        This machine lacks a library without which it cannot be computed.
     """
     request = validated(process.request_model, body)
     wanted = request.wanted()
@@ -66,6 +69,8 @@ def check_execution(process: Process[Any], body: Any, stored: Stored, fetches: t
             [FieldFault(pointer_to("outputs", name), f"'{process.id}' has no such output") for name in unknown],
         )
     inputs = with_stations_of_jobs(request.inputs, stored)
+    if process.needs_open3d(inputs, request.wanted_files()) and (missing := missing_for_open3d()) is not None:
+        raise missing
     try:
         process.check(inputs, stored)
         process.check_files(inputs, request.wanted_files())

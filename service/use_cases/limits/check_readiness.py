@@ -4,11 +4,13 @@ import asyncio
 import time
 from collections.abc import Callable
 
+from algorithms.scans.open3d_loading import missing_for_open3d
 from schemas.resources.health import Check, Readiness
 from service.errors import ServiceError
 from service.names.identifiers import new_identifier
 from service.ports import BlobStore, JobFilter, JobStore, Queue
 
+NEEDING_OPEN3D = "meshes, distances to a mesh and smoothed clouds"
 PROBES = "probes/"
 """Where it is tried whether the storage can be written to."""
 
@@ -44,7 +46,10 @@ class ReadinessWatch:
 
 
 def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement: str = "") -> Readiness:
-    """Try the database and the storage, and count the workers; tell how computations are confined."""
+    """Try the database and the storage, and count the workers; tell how computations are confined.
+
+    A library without which some processes cannot run is named; all others run, so the service is ready all the same.
+    """
     checks = {
         "database": _checked(lambda: _database(jobs)),
         "storage": _checked(lambda: _storage(blobs)),
@@ -53,6 +58,8 @@ def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement:
     if confinement:
         checks["confinement"] = Check(ok=True, detail=confinement)
     ready = all(check.ok for check in checks.values())
+    if (missing := missing_for_open3d()) is not None:
+        checks["open3d"] = Check(ok=False, detail=f"{missing} ({NEEDING_OPEN3D} cannot be computed until then)")
     return Readiness(status="ready" if ready else "not-ready", checks=checks)
 
 
