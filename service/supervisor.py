@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
+from service.adapters.processes.signal_pipe import SignalPipe
+
 CHECK_INTERVAL_S = 0.2
 STOP_WITHIN_S = 8.0
 LONGEST_BACK_OFF_S = 30.0
@@ -67,17 +69,18 @@ class Supervised:
 
 def supervise(supervised: Sequence[Supervised], host: str, port: int) -> None:
     """Run them until SIGTERM or SIGINT; then stop all within 10 s."""
+    signals = SignalPipe(signal.SIGTERM, signal.SIGINT)
     stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
     announcer = threading.Thread(target=_announce_when_ready, args=(host, port, stop), daemon=True)
     announcer.start()
     try:
-        while not stop.is_set():
+        told: frozenset[int] = frozenset()
+        while not told:
             for each in supervised:
                 each.keep_running()
-            stop.wait(CHECK_INTERVAL_S)
+            told = signals.wait(CHECK_INTERVAL_S)
     finally:
+        stop.set()
         _stop_all([each.process for each in supervised if each.process is not None])
     note("service stopped")
 

@@ -26,6 +26,7 @@ from service.adapters.processes.child_process import NOTHING_WARM, ChildProcesse
 from service.adapters.processes.log_output import configure_log
 from service.adapters.processes.nursery_client import WarmUp
 from service.adapters.processes.process_limits import DEFAULT_STEPS, die_with_parent
+from service.adapters.processes.signal_pipe import SignalPipe
 from service.adapters.uploads.shared_uploads import upload_store_of
 from service.engine import Engine, Tools
 from service.engine.patience import patiently
@@ -43,6 +44,7 @@ log = structlog.get_logger()
 DEFAULT_PLANS = "service.processes:PLANS"
 STOP_WITHIN_S = 6.0
 """Less than the launcher waits. Longer than it takes, but when the database is away."""
+STOPPING = frozenset((signal.SIGTERM, signal.SIGINT))
 WARM_UP = WarmUp(
     "service.use_cases.steps.warm_up:load_for_registration",
     "service.use_cases.steps.warm_up:load_for_reports",
@@ -64,9 +66,7 @@ def main(
 
     The database must have been prepared (`service.launcher.prepare`).
     """
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    signals = SignalPipe(*STOPPING, signal.SIGCONT)
     configure_log()
     remove_left_scratch(settings)
     database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
@@ -102,10 +102,11 @@ def main(
             holder=engine.executor_id,
         )
     )
-    signal.signal(signal.SIGCONT, lambda *_: engine.wake())
     engine.start()
     callbacks.start()
-    stop.wait()
+    while not (told := signals.wait()) & STOPPING:
+        if signal.SIGCONT in told:
+            engine.wake()
     last_resort = threading.Timer(STOP_WITHIN_S, _leave)
     last_resort.daemon = True
     last_resort.start()

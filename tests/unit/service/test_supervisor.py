@@ -1,9 +1,11 @@
 """What keeps the processes of the service running: it starts them again, stops them in time, and is small."""
 
 import json
+import random
 import signal
 import subprocess
 import sys
+import time
 
 import psutil
 import pytest
@@ -19,7 +21,11 @@ STAYS = [sys.executable, "-S", "-c", "import os, time; print(os.environ['SAID'],
 def test_it_loads_nothing_of_the_service_and_of_its_libraries() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
-    assert {name for name in loaded if name.startswith("service")} == {"service", "service.supervisor"}
+    ours = {name for name in loaded if name.startswith("service")}
+    assert ours - {"service", "service.adapters", "service.adapters.processes"} == {
+        "service.supervisor",
+        "service.adapters.processes.signal_pipe",
+    }
     assert not {"structlog", "sqlalchemy", "pydantic", "asyncio", "numpy"} & set(loaded)
 
 
@@ -66,3 +72,28 @@ def test_told_to_stop_it_stops_all_that_it_started() -> None:
     assert [line["event"] for line in told] == ["process started", "service stopped"]
     assert told[0].keys() >= {"timestamp", "level", "logger", "name", "pid"}
     assert not psutil.pid_exists(told[0]["pid"])
+
+
+@pytest.mark.slow
+def test_two_hundred_starts_end_in_time_whenever_the_signal_comes() -> None:
+    process = {"name": "one", "command": STAYS, "environment": {"SAID": "here"}}
+    command = [sys.executable, "-m", "service.supervisor", "--host", "127.0.0.1", "--port", "1"]
+    chance = random.Random(7)
+    for _ in range(20):
+        running = [
+            subprocess.Popen(
+                [*command, "--process", json.dumps(process)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
+            for _ in range(10)
+        ]
+        for each in running:
+            assert each.stdout is not None
+            assert each.stdout.readline() == b"here\n"
+        for _ in range(5):
+            time.sleep(chance.uniform(0.0, 0.05))
+            for each in running:
+                each.send_signal(chance.choice((signal.SIGTERM, signal.SIGINT)))
+        for each in running:
+            with each:
+                # a signal more that comes when all is stopped ends the interpreter, which is closing down
+                assert each.wait(10.0) in {0, -signal.SIGTERM, -signal.SIGINT}
