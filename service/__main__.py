@@ -1,7 +1,12 @@
 """The command line: ``tieline serve | worker | migrate | register | demo | keys``, and one for each process."""
 
-import signal
 import sys
+
+# `python -m service` looks for modules where it is called first, and would run a `typing.py` that lies there
+if not sys.flags.safe_path and __package__ and not __file__.startswith(f"{sys.path[0]}/service/"):
+    del sys.path[0]
+
+import signal
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path

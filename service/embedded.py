@@ -32,7 +32,7 @@ def embedded_service() -> Iterator[str]:
         log = Path(folder) / "service.log"
         port = _free_port()
         url = f"http://127.0.0.1:{port}"
-        command = [sys.executable, "-m", "service", "serve", "--port", str(port), "--data-dir", f"{folder}/data"]
+        command = [sys.executable, "-P", "-m", "service", "serve", "--port", str(port), "--data-dir", f"{folder}/data"]
         with log.open("wb") as output:
             process = subprocess.Popen(  # noqa: S603 - our own module; it is ours alone, without keys, and we wait
                 command,

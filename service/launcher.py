@@ -108,7 +108,7 @@ def serve(
             os.set_inheritable(descriptor, True)
         sys.stdout.flush()
         sys.stderr.flush()
-        command = [sys.executable, "-m", "service.supervisor", *place, *told]
+        command = [sys.executable, "-P", "-m", "service.supervisor", *place, *told]
         os.execve(sys.executable, command, _environment(settings))  # noqa: S606 - our own module
 
 
@@ -173,8 +173,8 @@ def _processes(settings: Settings, listener: socket.socket, steps: str, plans: s
     """Name the processes of the service, as `service.supervisor.Supervised` has them."""
     parent = ("--parent", str(os.getpid()))
     descriptor = listener.fileno()
-    api = (sys.executable, "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)
-    worker = (sys.executable, "-m", "service.worker", "--steps", steps, "--plans", plans, *parent)
+    api = (sys.executable, "-P", "-m", "service.launcher", "--descriptor", str(descriptor), "--app", app, *parent)
+    worker = (sys.executable, "-P", "-m", "service.worker", "--steps", steps, "--plans", plans, *parent)
     of_api = {"command": api, "descriptors": [descriptor], "environment": ALLOCATION}
     return [
         *({"name": f"api-{i}", **of_api} for i in range(settings.api_processes)),

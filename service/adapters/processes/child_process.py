@@ -193,7 +193,7 @@ class ChildProcesses:
         if self._settings.nursery and self._nursery.usable and step != FETCH:
             return self._nursery.begin(step, request, reports, output)
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "service.child"),
+            *(sys.executable, "-P", "-m", "service.child"),
             *("--steps", self._steps, "--parent", str(os.getpid()), "--report-fd", str(reports)),
             stdin=request,
             stdout=output,

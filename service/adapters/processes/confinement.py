@@ -6,10 +6,13 @@ said.
 """
 
 import ctypes
+import importlib
 import os
 import platform
+import site
 import struct
 import sys
+import sysconfig
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,11 +140,19 @@ def confine(files: Sequence[Path], scratch: Path, data_dir: Path, *, network: bo
 
 
 def _libraries(data_dir: Path) -> Iterable[Path]:
-    """Give where this program and its libraries lie, but no directory in which the data lie as well."""
-    ours = (sys.modules[name] for name in ("service", "schemas", "algorithms") if name in sys.modules)
-    packages = [Path(place) for module in ours for place in module.__path__]
-    roots = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, sys.exec_prefix) if place]
-    for place in (*packages, *roots, *_kernels()):
+    """Return where this program and its libraries are installed, but no directory in which the data lie as well.
+
+    Not all of `sys.path`: a program that is not installed lies in a directory with much else beside its packages.
+    """
+    for name in ("service", "schemas", "algorithms"):
+        importlib.import_module(name)
+    loaded = [module for name, module in tuple(sys.modules.items()) if "." not in name]
+    packages = [place for module in loaded for place in getattr(module, "__path__", ())]
+    installed = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
+    installed += [*site.getsitepackages(), sysconfig.get_config_var("LIBDIR") or ""]
+    if site.ENABLE_USER_SITE:
+        installed.append(site.getusersitepackages())
+    for place in (*map(Path, filter(None, (*packages, *installed))), *_kernels()):
         resolved = place.resolve()
         if not data_dir.is_relative_to(resolved):
             yield resolved

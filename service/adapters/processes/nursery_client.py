@@ -148,7 +148,7 @@ class NurseryClient:
         with theirs:
             process = subprocess.Popen(  # noqa: S603 - our own module
                 [
-                    *(sys.executable, "-m", "service.child", "--steps", self._steps),
+                    *(sys.executable, "-P", "-m", "service.child", "--steps", self._steps),
                     *("--warm-up", self._warm_up.libraries, "--later", self._warm_up.later),
                     *("--practice", self._warm_up.practice, "--kernels", self._warm_up.kernels),
                     *("--rest", self._warm_up.rest),

@@ -142,7 +142,7 @@ def _name(event: Any) -> str:
 if __name__ == "__main__":
     if "NUMBA_CACHE_DIR" not in os.environ:
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "service.use_cases.steps.compile_ahead"]
+            command = [sys.executable, "-P", "-m", "service.use_cases.steps.compile_ahead"]
             os.spawnve(os.P_WAIT, sys.executable, command, {**os.environ, "NUMBA_CACHE_DIR": folder})  # noqa: S606
     else:
         _write()

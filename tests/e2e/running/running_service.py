@@ -51,6 +51,8 @@ class RunningService:
     """Further environment variables."""
     program: Sequence[str] = ("service", "serve", "--port", "0")
     """Module that runs it, and its arguments."""
+    folder: Path | None = None
+    """Where it is called; None: here."""
     url: str = ""
     http: httpx.Client = field(init=False)
     _launcher: subprocess.Popen[bytes] = field(init=False)
@@ -84,6 +86,7 @@ class RunningService:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 start_new_session=True,
+                cwd=self.folder,
             )
         assert self._launcher.stdout is not None
         with self._launcher.stdout:
