@@ -28,6 +28,9 @@ KNOWN_COLUMNS: Mapping[str, str] = {
 """Names of columns, without case, blanks and signs, and what they hold. East is x, north y: a right-handed system."""
 NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
 
+QUOTED_FORMULA = re.compile(r"^'(?=\s*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
+"""The apostrophe that `service.formats.writers.csv_table` puts before what spreadsheets take for a formula."""
+
 
 class PointTable(RequestModel):
     """Points as the text of a table, one a line."""
@@ -127,8 +130,8 @@ def _point(number: int, values: Sequence[str], columns: Sequence[str], decimal: 
     if len(values) != len(columns):
         raise _fault(f"line {number}: {len(values)} values, and {len(columns)} columns")
     found = dict(zip(columns, values, strict=True))
-    point: dict[str, Any] = {"name": found["name"]}
-    if not found["name"]:
+    point: dict[str, Any] = {"name": QUOTED_FORMULA.sub("", found["name"])}
+    if not point["name"]:
         raise _fault(f"line {number}: the name is empty")
 
     def length(column: str) -> float:

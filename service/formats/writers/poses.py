@@ -6,8 +6,6 @@ of right-handed axes (x forward, y left, z up) is read as (-y, z, x). RiSCAN PRO
 (A. Ullrich, R. Schwarz, H. Kager, eq. 1): M_SOP is near, M_POP brings it far away and may turn to left-handed axes.
 """
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.arrays import Array, Matrix4, Matrix6, Vector3
 from algorithms.geometry.angles import angles_from_rotation
+from service.formats.writers.csv_table import csv_text
 
 CONVENTION = "x_world = R x_scan + t [m]; covariance of (rotation vector on the left in world axes [rad], t [m])"
 CENTIMETRES = 100.0
@@ -45,14 +44,12 @@ def cloudcompare(poses: Sequence[StationPose]) -> dict[str, bytes]:
 
 def poses_table(poses: Sequence[StationPose]) -> dict[str, bytes]:
     """Give one table: name, the matrix row by row, the quaternion."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     matrix_names = [f"a{row}{column}" for row in range(1, 5) for column in range(1, 5)]
-    writer.writerow(["name", *matrix_names, "qw", "qx", "qy", "qz"])
-    for pose in poses:
-        numbers = [*pose.world_from_scan.as_matrix().ravel().tolist(), *_quaternion(pose.world_from_scan).tolist()]
-        writer.writerow([pose.name, *(repr(number) for number in numbers)])
-    return {"poses.csv": text.getvalue().encode()}
+    rows = (
+        [pose.name, *pose.world_from_scan.as_matrix().ravel().tolist(), *_quaternion(pose.world_from_scan).tolist()]
+        for pose in poses
+    )
+    return {"poses.csv": csv_text(["name", *matrix_names, "qw", "qx", "qy", "qz"], rows).encode()}
 
 
 def poses_3dtk(poses: Sequence[StationPose]) -> dict[str, bytes]:

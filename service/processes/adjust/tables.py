@@ -1,22 +1,21 @@
 """Tables of an adjusted network as CSV."""
 
-import csv
-import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from schemas.results.adjust_result import AdjustedStation, PointDocument
+from service.formats.writers.csv_table import csv_text
 
 
 def observations_csv(columns: Mapping[str, Sequence[Any]]) -> str:
     """Give every component of every observation, one a row."""
-    return _table(list(columns), zip(*columns.values(), strict=True))
+    return csv_text(list(columns), zip(*columns.values(), strict=True))
 
 
 def points_csv(points: Sequence[PointDocument]) -> str:
     """Give the points, one a row."""
     columns = ["id", "x_m", "y_m", "z_m", "std_x_m", "std_y_m", "std_z_m", "observations", "redundancy"]
-    return _table(
+    return csv_text(
         columns,
         ([p.id, *p.xyz_m, *(p.std_m or ("", "", "")), p.observations, p.redundancy] for p in points),
     )
@@ -43,7 +42,7 @@ def stations_csv(stations: Sequence[AdjustedStation]) -> str:
         "observations",
         "redundancy",
     ]
-    return _table(
+    return csv_text(
         columns,
         (
             [
@@ -60,11 +59,3 @@ def stations_csv(stations: Sequence[AdjustedStation]) -> str:
             for s in stations
         ),
     )
-
-
-def _table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(columns)
-    table.writerows(rows)
-    return text.getvalue()

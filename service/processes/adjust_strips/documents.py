@@ -1,10 +1,7 @@
 """What `adjust-strips` says: document, tables, the protocol in words."""
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +26,7 @@ from schemas.results.strips_result import (
     StripCoefficient,
     StripsDocument,
 )
+from service.formats.writers.csv_table import csv_text
 
 MOST_MISMATCHED = 1000
 MGON = GON * 1e-3
@@ -125,17 +123,9 @@ def tables_of(told: Told) -> dict[str, tuple[str, bytes]]:
         "observed_as_zero",
     )  # fmt: skip
     return {
-        "patches.csv": ("text/csv", _csv(head, rows)),
-        "corrections.csv": ("text/csv", _csv(names, of_coefficients)),
+        "patches.csv": ("text/csv", csv_text(head, rows).encode()),
+        "corrections.csv": ("text/csv", csv_text(names, of_coefficients).encode()),
     }
-
-
-def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(head)
-    table.writerows(rows)
-    return text.getvalue().encode()
 
 
 def _unit(parameter: str) -> float:

@@ -1,7 +1,5 @@
 """The step of `calibrate-camera`: read, calibrate, describe, store."""
 
-import csv
-import io
 import json
 import time
 
@@ -12,6 +10,7 @@ from algorithms.calibration.solution import Calibration, CalibrationOptions, cal
 from algorithms.progress import ProgressSection
 from schemas.results.calibration_result import CalibrationDocument, CalibrationProvenance, CameraExport
 from schemas.results.registration_result import Artifact
+from service.formats.writers.csv_table import csv_text
 from service.ports import Json, StepContext
 from service.processes.calibrate_camera.documents import (
     before_after_document,
@@ -162,14 +161,12 @@ def brown_text(document: CalibrationDocument, pixel_um: float | None) -> str:
 
 def residuals_csv(done: Calibration) -> str:
     """Give all image points with residuals, one a row."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["photo", "target", "x_px", "y_px", "std_px", "residual_x_px", "residual_y_px", "used"])
-    field = done.field
+    columns = ("photo", "target", "x_px", "y_px", "std_px", "residual_x_px", "residual_y_px", "used")
+    field, rows = done.field, []
     for photo, point, image, std, residual, used in zip(
         field.photos, field.points, field.images, field.image_stds, done.residuals, done.used, strict=True
     ):
-        table.writerow([
+        rows.append([
             field.photo_names[photo], field.target_names[point], *image.tolist(), std[0], *residual.tolist(), bool(used)
         ])  # fmt: skip
-    return text.getvalue()
+    return csv_text(columns, rows)

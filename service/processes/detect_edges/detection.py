@@ -1,7 +1,5 @@
 """Find the straight edges of one photo and write the result of `detect-edges`."""
 
-import csv
-import io
 import math
 import time
 from typing import Any, cast
@@ -16,6 +14,7 @@ from schemas.results.edges_result import DetectedEdge, DetectedPhoto, EdgeCount,
 from schemas.results.registration_result import Artifact
 from service.formats import read_photo
 from service.formats.photo import camera_document
+from service.formats.writers.csv_table import csv_text
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.use_cases.inputs.check_photos import camera_of
@@ -118,9 +117,7 @@ def edge_count(edges: list[DetectedEdge], most: int) -> EdgeCount:
 
 def edges_csv(edges: list[DetectedEdge]) -> str:
     """Give the edges as a table, one row each."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(CSV_COLUMNS)
+    rows = []
     for edge in edges:
         pixels = (edge.start_px, edge.end_px, edge.raw_start_px, edge.raw_end_px, edge.centre_px, edge.direction)
         figures: tuple[Any, ...] = (
@@ -132,8 +129,8 @@ def edges_csv(edges: list[DetectedEdge]) -> str:
             edge.blur_px,
             edge.points,
         )
-        table.writerow([edge.name, *(value for pixel in pixels for value in pixel), *figures])
-    return text.getvalue()
+        rows.append([edge.name, *(value for pixel in pixels for value in pixel), *figures])
+    return csv_text(CSV_COLUMNS, rows)
 
 
 def _pixel(values: Array) -> Pixel:

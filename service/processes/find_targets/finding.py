@@ -1,7 +1,5 @@
 """Find the targets of one scan and write the result of `find-targets`."""
 
-import csv
-import io
 import math
 import time
 from collections.abc import Sequence
@@ -25,6 +23,7 @@ from schemas.results.targets_result import (
     TargetsProvenance,
     Vector,
 )
+from service.formats.writers.csv_table import csv_text
 from service.ports import Json, StepContext
 from service.processes.find_targets.in_photos import image_files, photo_documents, seen_in_photos
 from service.use_cases.steps.run_features import read_stored_scan
@@ -115,14 +114,12 @@ def target_documents(targets: TargetsOfScan, names: dict[int, str], origin_m: Ar
 
 def targets_csv(targets: Sequence[TargetDocument]) -> str:
     """Give the targets as a table, one row each."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(CSV_COLUMNS)
+    rows = []
     for each in targets:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = each.covariance_m2
         figures: tuple[Any, ...] = (xx, xy, xz, yy, yz, zz, each.points, each.incidence_gon, each.quality)
-        table.writerow([each.name, each.kind, *each.xyz_m, *each.std_m, *figures, each.coverage, each.contrast])
-    return text.getvalue()
+        rows.append([each.name, each.kind, *each.xyz_m, *each.std_m, *figures, each.coverage, each.contrast])
+    return csv_text(CSV_COLUMNS, rows)
 
 
 def _recognised(targets: TargetsOfScan, names: Sequence[Json]) -> PointMatch | None:

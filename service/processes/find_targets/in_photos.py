@@ -1,7 +1,5 @@
 """Measure the found targets in the photos of their station, and write them as other processes take them."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -18,6 +16,7 @@ from algorithms.targets.finding import TargetsOfScan
 from algorithms.targets.photo_agreement import ImagePoint, NotSeen
 from algorithms.targets.photo_points import find_in_photo
 from schemas.results.targets_result import PhotoTargetDocument, PhotoTargetsDocument, TargetDocument, UnseenTarget
+from service.formats.writers.csv_table import csv_text
 from service.ports import Json, StepContext
 from service.use_cases.steps.station_photos import read_station_photo
 
@@ -111,16 +110,14 @@ def image_files(
 
 
 def _table(seen: Sequence[SeenPhoto], targets: Sequence[TargetDocument]) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(CSV_COLUMNS)
+    rows = []
     for photo in seen:
         for point in photo.points:
             (xx, xy), (_, yy) = point.covariance_px2.tolist()
             measured = (*point.image_px.tolist(), xx, xy, yy, *point.expected_px.tolist())
             name = targets[point.target].name
-            table.writerow([photo.name, name, *measured, point.statistic, point.agreement, point.contrast])
-    return text.getvalue()
+            rows.append([photo.name, name, *measured, point.statistic, point.agreement, point.contrast])
+    return csv_text(CSV_COLUMNS, rows)
 
 
 def calibration_field(seen: Sequence[SeenPhoto], targets: Sequence[TargetDocument]) -> Json:

@@ -1,11 +1,10 @@
 """The comparison of methods as downloads: a table, a matrix and a picture."""
 
-import csv
-import io
 from collections.abc import Sequence
 from typing import Any
 
 from schemas.results.method_comparison import ComparedPair, MethodComparison, PoseDifference
+from service.formats.writers.csv_table import csv_text
 from service.use_cases.documents.pose_documents import PARAMETERS
 from service.use_cases.reports.methods_drawing import SYMBOLS, methods_drawing
 
@@ -39,9 +38,7 @@ def method_files(methods: MethodComparison | None) -> dict[str, tuple[str, bytes
 
 def methods_csv(rows: Sequence[ComparedPair]) -> str:
     """Give a row for each pair and method, units in the names of the columns."""
-    table = io.StringIO()
-    writer = csv.DictWriter(table, COLUMNS, restval="")
-    writer.writeheader()
+    lines: list[dict[str, Any]] = []
     for row in rows:
         cells: dict[str, Any] = {name: getattr(row, name) for name in ("target", "source", "method", "status", "mark")}
         cells |= {"overlap_0.5m": row.overlap_0_5m, "overlap_0.1m": row.overlap_0_1m, "reason": row.reason}
@@ -52,15 +49,12 @@ def methods_csv(rows: Sequence[ComparedPair]) -> str:
         for name in DIFFERENCES:
             difference: PoseDifference | None = getattr(row, name)
             cells |= {f"{name}_{figure}": getattr(difference, figure, None) for figure in FIGURES}
-        writer.writerow({name: "" if value is None else value for name, value in cells.items()})
-    return table.getvalue()
+        lines.append(cells)
+    return csv_text(COLUMNS, ([cells.get(name) for name in COLUMNS] for cells in lines))
 
 
 def matrix_csv(methods: MethodComparison) -> str:
     """Give a row for each method and a column for each pair, in the symbols of the report."""
-    table = io.StringIO()
-    writer = csv.writer(table)
-    writer.writerow(["method", *(f"{source} -> {target}" for target, source in methods.matrix.pairs)])
-    for row in methods.matrix.methods:
-        writer.writerow([row.method, *(SYMBOLS.get(mark, "") for mark in row.marks)])
-    return table.getvalue()
+    columns = ["method", *(f"{source} -> {target}" for target, source in methods.matrix.pairs)]
+    rows = ([row.method, *(SYMBOLS.get(mark, "") for mark in row.marks)] for row in methods.matrix.methods)
+    return csv_text(columns, rows)

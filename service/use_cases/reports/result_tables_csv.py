@@ -1,12 +1,11 @@
 """The tables of a result as CSV files: one row each, units in the names of the columns."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from schemas.results.correspondences import Correspondence, PlaneCorrespondence
 from schemas.results.registration_result import Pair, Station
+from service.formats.writers.csv_table import csv_text
 from service.use_cases.documents.pose_documents import PARAMETERS
 
 LINE_COMPONENTS = ("tilt_1_rad", "tilt_2_rad", "offset_1_m", "offset_2_m")
@@ -26,7 +25,7 @@ def poses_csv(stations: Sequence[Station]) -> str:
         std = None if pose is None else pose.std
         row |= {f"{name}_std": None if std is None else getattr(std, name) for name in PARAMETERS}
         rows.append(row)
-    return _table(rows, ["station", "status", *PARAMETERS, *(f"{name}_std" for name in PARAMETERS)])
+    return _rows(rows, ["station", "status", *PARAMETERS, *(f"{name}_std" for name in PARAMETERS)])
 
 
 def correspondences_csv(pairs: Sequence[Pair]) -> str:
@@ -35,7 +34,7 @@ def correspondences_csv(pairs: Sequence[Pair]) -> str:
     for pair in pairs:
         rows += [_line_row(pair, line) for line in pair.correspondences]
         rows += [_plane_row(pair, plane) for plane in pair.plane_correspondences]
-    return _table(rows, CORRESPONDENCE_COLUMNS)
+    return _rows(rows, CORRESPONDENCE_COLUMNS)
 
 
 def _line_row(pair: Pair, entry: Correspondence) -> Row:
@@ -122,16 +121,5 @@ CORRESPONDENCE_COLUMNS = (
 """What was not determined, or does not exist for planes, is left empty."""
 
 
-def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
-    table = io.StringIO()
-    writer = csv.DictWriter(table, columns)
-    writer.writeheader()
-    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
-    return table.getvalue()
-
-
-def _cell(value: Any) -> Any:
-    """Write all digits of a number, nothing for null."""
-    if value is None:
-        return ""
-    return repr(value) if isinstance(value, float) else value
+def _rows(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))

@@ -1,6 +1,7 @@
 """A hybrid network goes in over HTTP; coordinates, tests, reliability and reports come out."""
 
 import copy
+import csv
 import json
 from pathlib import Path
 
@@ -53,6 +54,17 @@ def test_redundancy_numbers_add_up_and_downloads_are_there(service: RunningServi
     table = service.http.get(names["observations.csv"]["href"]).text.splitlines()
     assert len(table) == len(adjusted["observations"]) + 1
     assert "Network adjustment" in service.http.get(names["report.html"]["href"]).text
+
+
+def test_names_that_look_like_formulas_are_texts_in_all_tables(service: RunningService) -> None:
+    network = json.loads(json.dumps(NETWORK).replace('"5"', '"=1+cmd|A0"').replace('"6"', '"-2+3"'))
+    result = service.result(service.execute("adjust", {"network": network}))
+    assert {"=1+cmd|A0", "-2+3"} <= {point["id"] for point in result["points"]}
+    tables = [each["href"] for each in result["artifacts"] if each["name"].endswith(".csv")]
+    assert len(tables) == 3
+    cells = [cell for href in tables for row in csv.reader(service.http.get(href).text.splitlines()) for cell in row]
+    assert {"'=1+cmd|A0", "'-2+3"} <= set(cells)
+    assert not [cell for cell in cells if cell[:1] in {"=", "@", "+"} or cell == "-2+3"]
 
 
 def test_two_epochs_are_compared(service: RunningService) -> None:

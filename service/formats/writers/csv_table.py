@@ -1,0 +1,38 @@
+"""Tables as CSV: the one writer of all that carries names."""
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+FORMULA = re.compile(r"(^\s*|[,;|])(?=[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
+"""Where a spreadsheet would begin to read a formula: at the start of a cell, or behind what may divide cells."""
+BREAKS = re.compile(r"[\t\r\n\v\f]+")
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?$|-?(inf|nan)$")
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table as CSV: a line of names, then one a row; None is an empty cell, numbers keep all their digits.
+
+    Texts that a spreadsheet would take for a formula get an apostrophe before it, by which spreadsheets take a cell for
+    text. `schemas.requests.point_tables` takes it away again.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([harmless(column) for column in columns])
+    table.writerows([_cell(value) for value in row] for row in rows)
+    return text.getvalue()
+
+
+def harmless(text: str) -> str:
+    """Return a text of one line that no spreadsheet takes for a formula; numbers stay as they are."""
+    return text if NUMBER.match(text) else FORMULA.sub(r"\1'", BREAKS.sub(" ", text))
+
+
+def _cell(value: Any) -> Any:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return repr(float(value))
+    return harmless(value) if isinstance(value, str) else value
