@@ -11,7 +11,7 @@ from algorithms.deviations.cylinders import core_normals
 from algorithms.deviations.triangles import Mesh, closest_on_triangles, edge_normals
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.lines import bases_of
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.triangle_tree import TriangleTree
 
 LEAST_PLANARITY = 0.1
 """Points with less about them are no surface with two sides: wires, twigs, clouds of dust."""
@@ -78,11 +78,10 @@ def cloud_normals(points: Points, radius_m: float, least_planarity: float = LEAS
 def from_mesh(points: Points, mesh: Mesh, max_distance_m: float) -> SignedDistances:
     """Measure the distance of each point from a triangle mesh.
 
-    The nearest triangle is looked up with open3d's ray-casting scene in float32 about the mesh's centre; the distance
-    is computed anew in float64. The sign is that of the angle-weighted pseudonormal of the nearest face, edge or corner
-    (Bærentzen and Aanæs 2005, doi:10.1109/TVCG.2005.49), right where a plain face normal is not, and needs no closed
-    mesh. A point whose nearest place lies on the border of a hole has no side: `signed` is false there and the distance
-    positive. O(n log triangles).
+    The sign is that of the angle-weighted pseudonormal of the nearest face, edge or corner (Bærentzen and Aanæs 2005,
+    doi:10.1109/TVCG.2005.49), right where a plain face normal is not, and needs no closed mesh. A point whose nearest
+    place lies on the border of a hole has no side: `signed` is false there and the distance positive. O(n log
+    triangles).
 
     Parameters
     ----------
@@ -93,14 +92,7 @@ def from_mesh(points: Points, mesh: Mesh, max_distance_m: float) -> SignedDistan
     max_distance_m
         Points farther off have no distance [m].
     """
-    o3d = import_open3d()
-    centre = mesh.vertices.mean(axis=0)
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor((mesh.vertices - centre).astype(np.float32)), o3d.core.Tensor(mesh.triangles.astype(np.uint32))
-    )
-    queries = o3d.core.Tensor((points - centre).astype(np.float32))
-    nearest = scene.compute_closest_points(queries)["primitive_ids"].numpy().astype(np.int32)
+    nearest = TriangleTree(mesh.vertices, mesh.triangles).nearest(points)
     places, parts = closest_on_triangles(points, mesh.vertices[mesh.triangles[nearest]])
     normals, bordering = edge_normals(mesh)
     apart = points - places

@@ -16,7 +16,7 @@ from algorithms.arrays import Array, Points, Scalars
 from algorithms.colouring.photo_views import PlacedPhoto
 from algorithms.deviations.triangles import Mesh
 from algorithms.meshing.faults import edges_of
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.triangle_tree import TriangleTree
 
 NEAREST_EDGES = 8
 """Edges of the outline whose middles are nearest in the photo are looked at."""
@@ -105,11 +105,5 @@ def _outline(mesh: Mesh, photo: PlacedPhoto) -> tuple[Array, Array]:
     outward = middles - inside
     outward /= np.maximum(np.linalg.norm(outward, axis=1), np.finfo(np.float64).tiny)[:, None]
     starts = middles + OFF_SURFACE * lengths[:, None] * outward
-    open3d = import_open3d()
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(mesh.triangles.astype(np.uint32))
-    )
-    rays = np.hstack([starts, -starts]).astype(np.float32)
-    hidden = scene.test_occlusions(open3d.core.Tensor(rays), tnear=1e-6, tfar=1.0).numpy()
+    hidden = TriangleTree(vertices, mesh.triangles).meets_any(starts, -starts, near=1e-6, far=1.0)
     return ends[~hidden], inside[~hidden]

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from algorithms.arrays import Array, Flags, Indices, Labels, Points
 from algorithms.deviations.triangles import Mesh
 from algorithms.meshing.reconstruction import triangle_areas
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.triangle_tree import TriangleTree
 
 MOST_PLACES = 20
 """So many places of one kind are listed."""
@@ -109,23 +109,16 @@ def components_of(mesh: Mesh, edges: MeshEdges | None = None) -> Labels:
 def self_intersections(mesh: Mesh, edges: MeshEdges | None = None) -> Indices:
     """Give the triangles that an edge of another one pierces, of triangles that share no vertex with that edge.
 
-    Two triangles that cross in a line pierce each other by an edge. open3d's ray-casting scene finds where that may be,
-    in float32; float64 decides. Surfaces that touch or lie in each other are not counted. O(t log t).
+    Two triangles that cross in a line pierce each other by an edge. Surfaces that touch or lie in each other are not
+    counted. O(t log t).
     """
-    open3d = import_open3d()
     found = edges_of(mesh) if edges is None else edges
-    centred = (mesh.vertices - mesh.vertices.mean(axis=0)).astype(np.float32)
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(open3d.core.Tensor(centred), open3d.core.Tensor(mesh.triangles.astype(np.uint32)))
+    tree = TriangleTree(mesh.vertices, mesh.triangles)
     pierced: list[Array] = []
     for start in range(0, len(found.ends), EDGES_AT_ONCE):
         ends = found.ends[start : start + EDGES_AT_ONCE]
-        rays = np.hstack([centred[ends[:, 0]], centred[ends[:, 1]] - centred[ends[:, 0]]])
-        hits = scene.list_intersections(open3d.core.Tensor(rays))
-        along = hits["t_hit"].numpy()
-        inside = (along > 0.0) & (along < 1.0)
-        triangles = hits["primitive_ids"].numpy()[inside].astype(np.int64)
-        own = ends[hits["ray_ids"].numpy()[inside].astype(np.int64)]
+        segments, triangles = tree.crossings(mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]])
+        own = ends[segments]
         rows = mesh.triangles[triangles]
         apart = (rows[:, :, None] != own[:, None, :]).all(axis=(1, 2))
         apart[apart] = _pierces(mesh.vertices[own[apart]], mesh.vertices[rows[apart]])

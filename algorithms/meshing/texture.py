@@ -24,7 +24,7 @@ from algorithms.deviations.triangles import Mesh
 from algorithms.errors import InvalidInputError
 from algorithms.meshing.faults import edges_of
 from algorithms.progress import Progress
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.triangle_tree import TriangleTree
 
 SAMPLE = 60_000
 """About so many triangles tell the balance of the photos."""
@@ -151,13 +151,7 @@ def _shown_by(photo: PlacedPhoto, mesh: Mesh, normals: Points, options: Colourin
 
 def _in_sight(eye: Array, mesh: Mesh, normals: Array, faces: Array) -> Array:
     """Tell which triangles nothing hides, corners and centre, from an eye before them."""
-    open3d = import_open3d()
-    middle = mesh.vertices.mean(axis=0)
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor((mesh.vertices - middle).astype(np.float32)),
-        open3d.core.Tensor(mesh.triangles.astype(np.uint32)),
-    )
+    tree = TriangleTree(mesh.vertices, mesh.triangles)
     free = np.ones(len(faces), dtype=np.bool_)
     for start in range(0, len(faces), RAYS_AT_ONCE // 4):
         part = faces[start : start + RAYS_AT_ONCE // 4]
@@ -167,8 +161,7 @@ def _in_sight(eye: Array, mesh: Mesh, normals: Array, faces: Array) -> Array:
         # corners are drawn in a little, for a fold beside one hides no triangle
         places = np.concatenate([0.9 * corners + 0.1 * centres, centres], axis=1)
         places = places + (OFF_SURFACE * edge[:, None] * normals[part])[:, None, :]
-        rays = np.concatenate([places - middle, eye - places], axis=2).astype(np.float32)
-        hits = scene.test_occlusions(open3d.core.Tensor(rays.reshape(-1, 6)), tnear=0.0, tfar=1.0).numpy()
+        hits = tree.meets_any(places.reshape(-1, 3), (eye - places).reshape(-1, 3), far=1.0)
         free[start : start + len(part)] = ~hits.reshape(-1, 4).any(axis=1)
     return free
 

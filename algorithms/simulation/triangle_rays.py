@@ -1,4 +1,4 @@
-"""Rays against triangles in single precision, by Embree."""
+"""Rays against triangles, by Embree in single precision or by the service's own tree."""
 
 from importlib.util import find_spec
 from typing import Any, TypeAlias
@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from algorithms.arrays import Array, Flags
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.triangle_tree import TriangleTree
 
 NOTHING_MET = -1
 
@@ -33,28 +33,22 @@ class ByEmbreex:
         return np.asarray(self._scene.run(starts, directions, reach, query="OCCLUDED") != NOTHING_MET)
 
 
-class ByOpen3d:
-    """Rays by open3d, likewise."""
+class ByTree:
+    """Rays by the service's own tree, likewise."""
 
     def __init__(self, vertices: Array, triangles: Array) -> None:
-        open3d = import_open3d()
-        self._core: Any = open3d.core
-        self._scene: Any = open3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(self._core.Tensor(vertices), self._core.Tensor(triangles.astype(np.uint32)))
+        self._tree = TriangleTree(vertices, triangles)
 
     def first_met(self, origins: Array, directions: Array) -> Array:
         """Return the number (n,) of the triangle that each ray meets first, -1 for none."""
-        rays = self._core.Tensor(np.hstack([origins, directions]))
-        numbers = self._scene.cast_rays(rays)["primitive_ids"].numpy()
-        return np.where(numbers == np.iinfo(np.uint32).max, NOTHING_MET, numbers.astype(np.int64))
+        return self._tree.first_hits(origins, directions)
 
     def any_met(self, origins: Array, directions: Array, nearest: float, farthest: float) -> Flags:
         """Return whether each ray (n,) meets a triangle between two distances, in lengths of its direction."""
-        rays = self._core.Tensor(np.hstack([origins, directions]))
-        return np.asarray(self._scene.test_occlusions(rays, tnear=nearest, tfar=farthest).numpy(), dtype=bool)
+        return self._tree.meets_any(origins, directions, nearest, farthest)
 
 
-TriangleRays: TypeAlias = ByEmbreex | ByOpen3d
+TriangleRays: TypeAlias = ByEmbreex | ByTree
 
 
 def triangle_rays(vertices: Array, triangles: Array) -> TriangleRays:
@@ -63,12 +57,7 @@ def triangle_rays(vertices: Array, triangles: Array) -> TriangleRays:
     Rays are float32 arrays (n, 3) of origins and directions in the frame of the vertices.
 
     The wheel of `embreex` carries Embree and needs no library of the system. Where it has no wheel (ARM processors),
-    open3d does the work, which carries Embree too.
-
-    Raises
-    ------
-    MissingLibraryError
-        open3d is needed, and a library that it needs is missing.
+    the service's own tree does the work.
     """
-    kind = ByEmbreex if find_spec("embreex") is not None else ByOpen3d
+    kind = ByEmbreex if find_spec("embreex") is not None else ByTree
     return kind(np.ascontiguousarray(vertices, dtype=np.float32), triangles)

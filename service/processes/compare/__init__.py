@@ -102,6 +102,5 @@ COMPARE = Process(
     plan=PosesFirst(ComparePlan()),
     steps={"compare": "service.processes.compare.comparing:compare"},
     check=_check,
-    needs_open3d=lambda inputs, _wanted: inputs.mesh is not None,
     file_outputs={"deviations": DeviationsOutput},
 )

@@ -28,6 +28,7 @@ from service.use_cases.steps.practice import (
     practise_on_photos,
     practise_on_strips,
     practise_on_terrain,
+    practise_on_triangles,
 )
 
 COMPILING = "compiling the numerical kernels (once on this machine, about a minute)"
@@ -35,6 +36,7 @@ LOOK_S = 0.5
 KERNELS = Path(__file__).parents[3] / "algorithms"
 SCANS, METHODS, CLOUDS, NETWORKS = "scans", "methods", "clouds", "networks"
 TERRAIN, STRIPS = "terrain", "strips"
+TRIANGLES = "triangles"
 EDGES_OF_PHOTOS, LINES_OF_PHOTOS = "edges", "photos"
 PRACTICES = {
     SCANS: practise,
@@ -45,6 +47,7 @@ PRACTICES = {
     NETWORKS: practise_on_networks,
     TERRAIN: practise_on_terrain,
     STRIPS: practise_on_strips,
+    TRIANGLES: practise_on_triangles,
 }
 
 

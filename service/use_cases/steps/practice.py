@@ -186,6 +186,18 @@ def practise_on_strips() -> None:
             adjust_strips(strips, [], options, NoProgress())
 
 
+def practise_on_triangles() -> None:
+    """Look from a point at one triangle, and for the triangle nearest to it."""
+    from algorithms.scans.triangle_tree import TriangleTree
+
+    tree = TriangleTree(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([[0, 1, 2]]))
+    eyes = np.zeros((1, 3))
+    tree.first_hits(eyes, eyes + 1.0)
+    tree.meets_any(eyes, eyes + 1.0)
+    tree.crossings(eyes, eyes + 1.0)
+    tree.nearest(eyes)
+
+
 def practise_on_edges() -> None:
     """Find the edges of a tiny photo in all ways; starts threads."""
     from algorithms.photos.detector import detect_edges

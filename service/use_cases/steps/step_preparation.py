@@ -12,6 +12,7 @@ CLOUD_STEPS = {"clean-stations", "colour-stations", "compare", "mesh-stations", 
 EDGE_STEPS = {EDGES, "calibrate-mount"}
 TERRAIN_STEPS = {"terrain", "drainage"}
 STRIP_STEPS, ROOF_STEPS = {"adjust-strips"}, {"model-roofs"}
+TRIANGLE_STEPS = {"simulate-station", "compare", "mesh-stations"}
 PAIR_STEPS = {"register-pair", "compare-method"}
 WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
 
@@ -48,10 +49,8 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
         yield kernels.NETWORKS
     elif step in TERRAIN_STEPS:
         yield kernels.TERRAIN
-    elif step in STRIP_STEPS:
-        yield kernels.STRIPS
-    elif step in EDGE_STEPS:
-        yield kernels.EDGES_OF_PHOTOS
+    elif step in STRIP_STEPS | EDGE_STEPS:
+        yield kernels.STRIPS if step in STRIP_STEPS else kernels.EDGES_OF_PHOTOS
     else:
         yield from (kernels.SCANS, kernels.NETWORKS) if step == ADJUST_NETWORK else (kernels.SCANS,)
     if step == FEATURES_OF_SCAN and arguments.get("photos"):
@@ -60,5 +59,7 @@ def parts_of(step: str, arguments: Json) -> Iterator[str]:
         yield kernels.METHODS
     if step in ROOF_STEPS and not arguments["plans"]:
         yield kernels.TERRAIN
+    if step in TRIANGLE_STEPS:
+        yield kernels.TRIANGLES
     if step in CLOUD_STEPS or (arguments.get("options") or {}).get("cleaning"):
         yield kernels.CLOUDS

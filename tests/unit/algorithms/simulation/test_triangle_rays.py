@@ -5,13 +5,13 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from algorithms.simulation.triangle_rays import ByEmbreex, ByOpen3d, triangle_rays
+from algorithms.simulation.triangle_rays import ByEmbreex, ByTree, triangle_rays
 
 CORNERS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 2], [4, 0, 2], [0, 4, 2]], dtype=np.float64)
 BOTH = np.array([[0, 1, 2], [3, 4, 5]])
 DOWN = np.array([[0.0, 0.0, -1.0]], dtype=np.float32)
 WITHOUT_WHEEL = pytest.mark.skipif(find_spec("embreex") is None, reason="embreex has no wheel for this machine")
-KINDS = [pytest.param(ByEmbreex, marks=WITHOUT_WHEEL), ByOpen3d]
+KINDS = [pytest.param(ByEmbreex, marks=WITHOUT_WHEEL), ByTree]
 
 
 def above(x: float, y: float, z: float) -> np.ndarray:
@@ -42,5 +42,5 @@ def test_both_libraries_meet_the_same_triangles() -> None:
     triangles = np.arange(3000).reshape(-1, 3)
     ways = rng.normal(size=(20_000, 3)).astype(np.float32)
     starts = rng.uniform(-10.0, 10.0, ways.shape).astype(np.float32)
-    ours, theirs = triangle_rays(corners, triangles), ByOpen3d(corners, triangles)
+    ours, theirs = triangle_rays(corners, triangles), ByTree(corners, triangles)
     assert (ours.first_met(starts, ways) == theirs.first_met(starts, ways)).mean() > 0.9999
