@@ -1,6 +1,7 @@
 """Check array shapes and types of the numerics (jaxtyping + beartype) in every test run."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 # Before numpy is loaded: matrices of some hundred rows gain nothing from threads, and lose much where tests run side
@@ -33,6 +34,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return LONG_FIRST.index(room) if room in LONG_FIRST else len(LONG_FIRST)
 
     items.sort(key=place)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> object:  # noqa: ARG001 - named as pytest asks for it
+    """Skip what open3d computes where this machine lacks a library that it needs."""
+    return (yield from _without_open3d())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> object:  # noqa: ARG001 - likewise
+    """Skip likewise what meets it later."""
+    return (yield from _without_open3d())
+
+
+def _without_open3d() -> Iterator[None]:
+    from algorithms.errors import MissingLibraryError
+
+    try:
+        result = yield
+    except MissingLibraryError as missing:
+        pytest.skip(str(missing))
+    return result
 
 
 def _checked_modules() -> list[str]:

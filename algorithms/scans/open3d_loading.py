@@ -9,8 +9,11 @@ from types import ModuleType
 
 from algorithms.errors import MissingLibraryError
 
-NOTEBOOK_VIEWER = "open3d.visualization.draw_plotly"
-NAMES_OF_VIEWER = ("get_plotly_fig", "draw_plotly", "draw_plotly_server")
+LEFT_OUT = {
+    "open3d.visualization.draw_plotly": ("get_plotly_fig", "draw_plotly", "draw_plotly_server"),
+    "open3d.ml": (),
+}
+"""Modules of open3d that nothing here uses, and what others import from them: they load dash, plotly, scikit-learn."""
 PACKAGES = {
     "libEGL.so.1": ("libegl1", "libglvnd-egl"),
     "libGL.so.1": ("libgl1", "libglvnd-glx"),
@@ -51,7 +54,8 @@ def import_open3d() -> ModuleType:
     ``libusb-package`` carries the same soname: loaded first and for everybody, it satisfies the linker.
 
     Importing open3d also imports its viewer for notebooks, with dash, plotly, flask and hundreds of modules more, with
-    which nothing is shown here and which `pyproject.toml` leaves out: an empty module stands in its place.
+    which nothing is shown here and which `pyproject.toml` leaves out: an empty module stands in its place, and in that
+    of its machine learning.
 
     Returns
     -------
@@ -69,10 +73,10 @@ def import_open3d() -> ModuleType:
         path = import_module("libusb_package").get_library_path()
         if path is not None:
             ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    if NOTEBOOK_VIEWER not in sys.modules:
-        viewer = ModuleType(NOTEBOOK_VIEWER, "Left out.")
-        viewer.__dict__.update(dict.fromkeys(NAMES_OF_VIEWER))
-        sys.modules[NOTEBOOK_VIEWER] = viewer
+    for name, members in LEFT_OUT.items():
+        module = ModuleType(name, "Left out.")
+        module.__dict__.update(dict.fromkeys(members))
+        sys.modules.setdefault(name, module)
     try:
         return import_module("open3d")
     except ImportError as error:

@@ -29,6 +29,7 @@ from settings_pages import (
     variable,
 )
 
+from algorithms.scans.open3d_loading import missing_for_open3d
 from service.errors import ServiceError
 from service.settings import Settings
 
@@ -213,6 +214,7 @@ def test_image_runs_as_an_ordinary_user_from_the_lock() -> None:
     assert all("--locked" in line for line in dockerfile.splitlines() if "uv sync" in line)
 
 
+@pytest.mark.skipif(missing_for_open3d() is not None, reason=str(missing_for_open3d()))
 def test_what_the_image_leaves_out_of_open3d_is_there_and_needed_by_nothing_that_is_imported() -> None:
     (removed,) = re.findall(r"(?m)^  && rm -r (.+)$", (DOCKER / "Dockerfile").read_text())
     found = importlib.util.find_spec("open3d")

@@ -20,9 +20,11 @@ from algorithms.distributions.cell_registration import match_cells, starts_aroun
 from algorithms.distributions.layer_registration import cell_sizes
 from algorithms.errors import TooFewCorrespondencesError
 from algorithms.registration.ndt_3d import CellOptions
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.open3d_loading import import_open3d, missing_for_open3d
 from tests.benchmark.peer_sets import DATA
 
+if (missing := missing_for_open3d()) is not None:
+    pytest.skip(str(missing), allow_module_level=True)
 o3d = import_open3d()
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]

@@ -11,8 +11,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from algorithms.closest_points.iteration import ErrorKind, IterationLimits, iterated
 from algorithms.closest_points.surface_model import SurfaceModel
-from algorithms.scans.open3d_loading import import_open3d
+from algorithms.scans.open3d_loading import import_open3d, missing_for_open3d
 
+if (missing := missing_for_open3d()) is not None:
+    pytest.skip(str(missing), allow_module_level=True)
 o3d = import_open3d()
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "eth_facade"
 MAX_DISTANCE_M = 0.3

@@ -10,7 +10,7 @@ from service.errors import ServiceError
 from service.names.identifiers import new_identifier
 from service.ports import BlobStore, JobFilter, JobStore, Queue
 
-NEEDING_OPEN3D = "meshes, distances to a mesh and smoothed clouds"
+NEEDING_OPEN3D = "meshes and smoothed clouds"
 PROBES = "probes/"
 """Where it is tried whether the storage can be written to."""
 
