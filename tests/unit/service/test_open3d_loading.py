@@ -40,13 +40,13 @@ def test_the_viewer_for_notebooks_is_left_out_which_asks_for_the_media_types_of_
 
 
 @pytest.fixture
-def no_gl(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Load no `libGL.so.1`, as on a machine that has none."""
+def no_egl(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Load no `libEGL.so.1`, as on a machine that has none."""
     load = ctypes.CDLL
 
     def without(name: str, *arguments: Any, **more: Any) -> ctypes.CDLL:
-        if name == "libGL.so.1":
-            raise OSError("libGL.so.1: cannot open shared object file: No such file or directory")
+        if name == "libEGL.so.1":
+            raise OSError("libEGL.so.1: cannot open shared object file: No such file or directory")
         return load(name, *arguments, **more)
 
     monkeypatch.setattr(ctypes, "CDLL", without)
@@ -58,16 +58,16 @@ def no_gl(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="wheels of other systems bring their libraries")
-@pytest.mark.usefixtures("no_gl")
+@pytest.mark.usefixtures("no_egl")
 def test_a_missing_library_is_named_with_the_packages_that_bring_it() -> None:
-    with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*libgl1 \(Debian.*libglvnd-glx \(RHEL") as raised:
+    with pytest.raises(MissingLibraryError, match=r"libEGL\.so\.1.*libegl1 \(Debian.*libglvnd-egl \(RHEL") as raised:
         import_open3d()
     problem = to_problem(raised.value)
     assert (problem["status"], problem["title"]) == (501, "Cannot be computed here")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="wheels of other systems bring their libraries")
-@pytest.mark.usefixtures("no_gl")
+@pytest.mark.usefixtures("no_egl")
 def test_a_request_that_needs_open3d_is_refused_where_a_library_is_missing_and_others_are_not(tmp_path: Path) -> None:
     stored = Stored(MemoryFileStore(), MemoryJobStore(), Settings(data_dir=tmp_path))
     stations = [{"name": "S", "scan": {"file": "f"}}]
