@@ -25,6 +25,7 @@ from service.adapters.outgoing.remote_sources import RemoteSources
 from service.adapters.processes.confinement import confine
 from service.adapters.processes.handing import WantedError
 from service.adapters.processes.nursery import Kernels, Nursery
+from service.adapters.processes.own_user import become_own_user, limit_threads
 from service.adapters.processes.process_limits import (
     DEFAULT_STEPS,
     die_with_parent,
@@ -85,6 +86,7 @@ def run_step(steps: Steps, request: Json, pipe: ReportPipe) -> bool:
         if settings.confine_children:
             # compiled kernels are read only from then on: who could write them would be in all computations to come
             prepare(request["step"], arguments, pipe)
+            limit_threads(is_alone=become_own_user(settings.data_dir))
             confine(
                 [Path(path) for path in request["paths"].values()],
                 scratch,

@@ -17,6 +17,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from service.adapters.processes.system_calls import ARCHITECTURES, filter_program
+
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 """Landlock's system calls, the same on every architecture."""
 ASK_VERSION, BENEATH = 1, 1
@@ -25,27 +27,6 @@ FILE_RIGHTS_OF_VERSION = ((1, 13), (2, 14), (3, 15), (5, 16))
 """From a version on, so many rights of files are known."""
 NET_VERSION, SCOPE_VERSION = 4, 6
 NO_NEW_PRIVILEGES, SECCOMP, GET_SECCOMP, FILTER = 38, 22, 21, 2
-LOAD, JUMP_EQUAL, JUMP_FROM, RETURN = 0x20, 0x15, 0x35, 0x06
-"""Instructions of the filter: load a word, compare (equal; at least), return (linux/bpf_common.h)."""
-ALLOW, REFUSE = 0x7FFF0000, 0x00050000
-REFUSED = 1
-"""EPERM."""
-OTHER_CALLS = 0x40000000
-"""From here on calls of another way of calling (x32), which would go past the list."""
-ARCHITECTURES = {"x86_64": (0xC000003E, 0), "aarch64": (0xC00000B7, 1)}
-FORBIDDEN = {
-    "socket": (41, 198), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201), "accept4": (288, 242),
-    "sendto": (44, 206), "execve": (59, 221), "execveat": (322, 281), "ptrace": (101, 117), "kill": (62, 129),
-    "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "pidfd_getfd": (438, 438), "mount": (165, 40),
-    "umount2": (166, 39), "chroot": (161, 51), "pivot_root": (155, 41), "setns": (308, 268), "unshare": (272, 97),
-    "bpf": (321, 280), "perf_event_open": (298, 241), "keyctl": (250, 219), "add_key": (248, 217),
-    "request_key": (249, 218), "userfaultfd": (323, 282), "io_uring_setup": (425, 425), "io_uring_enter": (426, 426),
-    "open_by_handle_at": (304, 265), "init_module": (175, 105), "kexec_load": (246, 104), "setuid": (105, 146),
-    "setgid": (106, 144), "setsid": (112, 157), "setpgid": (109, 154),
-}  # fmt: skip
-"""What a computation never needs, with its numbers on x86-64 and on AArch64."""
-OF_NETWORK = {"socket", "connect", "bind", "sendto"}
-"""Of these, what is needed to fetch a file."""
 SYSTEM: tuple[str, ...] = (
     "/usr",
     "/lib",
@@ -135,7 +116,7 @@ def confine(files: Sequence[Path], scratch: Path, data_dir: Path, *, network: bo
             readable += map(Path, (*SYSTEM_OF_NETWORK, *named))
         _restrict_files(found.landlock, readable, [scratch.resolve(), Path("/dev/null")], network=network)
     if found.seccomp:
-        _restrict_calls(FORBIDDEN.keys() - (OF_NETWORK if network else set()))
+        _restrict_calls(network=network)
     return found
 
 
@@ -198,24 +179,11 @@ def _allow(library: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
         os.close(descriptor)
 
 
-def _restrict_calls(forbidden: Iterable[str]) -> None:
-    """Let the kernel refuse what is forbidden, and everything in another way of calling."""
-    architecture, column = ARCHITECTURES[platform.machine()]
-    numbers = sorted(FORBIDDEN[name][column] for name in forbidden)
-    refuse = (RETURN, 0, 0, REFUSE | REFUSED)
-    program = [
-        (LOAD, 0, 0, 4),
-        (JUMP_EQUAL, 1, 0, architecture),
-        refuse,
-        (LOAD, 0, 0, 0),
-        (JUMP_FROM, 0, 1, OTHER_CALLS),
-        refuse,
-    ]
-    for number in numbers:
-        program += [(JUMP_EQUAL, 0, 1, number), refuse]
-    program.append((RETURN, 0, 0, ALLOW))
-    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *each) for each in program))
-    whole = ctypes.create_string_buffer(struct.pack("H6xP", len(program), ctypes.addressof(code)))
+def _restrict_calls(*, network: bool) -> None:
+    """Let the kernel refuse every call that is not on the list."""
+    program = filter_program(platform.machine(), network=network)
+    code = ctypes.create_string_buffer(program)
+    whole = ctypes.create_string_buffer(struct.pack("H6xP", len(program) // 8, ctypes.addressof(code)))
     library = ctypes.CDLL(None, use_errno=True)
     _checked(library.prctl(SECCOMP, FILTER, ctypes.c_void_p(ctypes.addressof(whole)), 0, 0), "seccomp")
 

@@ -2,7 +2,10 @@
 
 import ctypes
 import errno
+import fcntl
 import os
+import platform
+import resource
 import socket
 import subprocess
 import time
@@ -24,6 +27,15 @@ def _outcome(attempt: Callable[[], object]) -> str:
         return errno.errorcode[error.errno or 0]
 
 
+def _call(x86_64: int, aarch64: int, *arguments: Any) -> int:
+    """Make a system call by its number."""
+    library = ctypes.CDLL(None, use_errno=True)
+    code = library.syscall(x86_64 if platform.machine() == "x86_64" else aarch64, *arguments)
+    if code < 0:
+        raise OSError(ctypes.get_errno(), "refused")
+    return int(code)
+
+
 def try_all(context: StepContext, arguments: dict[str, Any]) -> dict[str, Any]:
     """Try; give what came of it by name."""
     path = context.blobs.local_path(arguments["key"])
@@ -40,6 +52,28 @@ def try_all(context: StepContext, arguments: dict[str, Any]) -> dict[str, Any]:
         "leave its group": lambda: os.setpgid(0, 0),
         "signal its parent": lambda: os.kill(os.getppid(), 0),
         "read its parent": lambda: Path(f"/proc/{os.getppid()}/environ").read_bytes(),
+        "change the rights of a file": lambda: path.chmod(0o777),
+        "change the times of a file": lambda: os.utime(path),
+        "give a file an attribute": lambda: os.setxattr(path, "user.a", b"1"),
+        "limit its parent": lambda: resource.prlimit(os.getppid(), resource.RLIMIT_CPU),
+        "hurry its parent": lambda: os.setpriority(os.PRIO_PROCESS, os.getppid(), 1),
+        "move its parent": lambda: os.sched_setaffinity(os.getppid(), {0}),
+        "schedule its parent": lambda: os.sched_setscheduler(os.getppid(), os.SCHED_OTHER, os.sched_param(0)),
+        "schedule itself": lambda: os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0)),
+        "make a process": os.fork,
+        "be told of files by another": lambda: fcntl.fcntl(0, fcntl.F_SETOWN, os.getppid()),
+        "become another user": lambda: os.setresuid(0, 0, 0),
+        "name the machine": lambda: _call(170, 161, b"tieline", 7),
+        "signal a thread of its parent": lambda: _call(234, 131, os.getppid(), os.getppid(), 0),
+        "signal any thread": lambda: _call(200, 130, os.getppid(), 0),
+        "signal by a descriptor": lambda: _call(424, 424, 0, 0, 0, 0),
+        "share memory": lambda: _call(29, 194, 0, 4096, 0o1600),
+        "share semaphores": lambda: _call(64, 190, 0, 1, 0o1600),
+        "share messages": lambda: _call(68, 186, 0, 0o1600),
+        "have users of its own": lambda: _call(56, 220, 0x10000000 | 17, 0, 0, 0, 0),
+        "leave its namespaces": lambda: _call(272, 97, 0x10000000),
+        "trace itself": lambda: _call(101, 117, 0, 0, 0, 0),
+        "use another way of calls": lambda: _call(425, 425, 1, 0),
         "write a file of the system": lambda: Path("/tmp/tieline-was-here").write_bytes(b""),  # noqa: S108
         "write among the programs": lambda: (HERE / "tieline-was-here").write_bytes(b""),
         **{f"read {name}": lambda place=place: Path(place).read_bytes() for name, place in others.items()},  # type: ignore[misc]
@@ -54,6 +88,9 @@ def try_all(context: StepContext, arguments: dict[str, Any]) -> dict[str, Any]:
         "environment": {name: os.environ[name] for name in SECRETS if name in os.environ},
         "started with": Path("/proc/self/environ").read_bytes().decode("utf-8", "replace").split("\0"),
         "settings": [known.database_url, known.callback_secret, known.storage_url],
+        "users": [os.getuid(), os.geteuid()],
+        "threads": resource.getrlimit(resource.RLIMIT_NPROC)[0],
+        "capabilities": Path("/proc/self/status").read_text().split("CapEff:")[1].split()[0],
         "privileges": ctypes.CDLL(None).prctl(39, 0, 0, 0, 0),
         "goes first": Path("/proc/self/oom_score_adj").read_text().strip(),
     }

@@ -12,6 +12,7 @@ import pytest
 from service.adapters.files.object_files import blob_store
 from service.adapters.processes.child_process import ChildProcesses
 from service.adapters.processes.confinement import available
+from service.adapters.processes.own_user import FIRST_USER, MOST_THREADS
 from service.adapters.processes.process_limits import DEFAULT_STEPS
 from service.names.content_keys import incoming_key
 from service.ports import StepFailedError
@@ -98,7 +99,7 @@ def test_it_reads_its_file_and_writes_to_its_scratch_directory(tried: dict[str, 
 
 def test_whatever_else_it_tries_is_refused(tried: dict[str, Any]) -> None:
     rest = {name: what for name, what in tried["found"].items() if name != "read the file"}
-    assert len(rest) > 15
+    assert len(rest) > 35
     assert {name: what for name, what in rest.items() if what not in REFUSED} == {}
 
 
@@ -106,6 +107,14 @@ def test_it_finds_no_secrets(tried: dict[str, Any]) -> None:
     assert tried["environment"] == {}
     assert [entry for entry in tried["started with"] if "secret" in entry] == []
     assert tried["settings"] == ["", "", ""]
+
+
+def test_where_the_service_is_root_it_is_a_user_of_its_own_without_privileges(tried: dict[str, Any]) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("the service does not run as root here")
+    assert min(tried["users"]) > FIRST_USER
+    assert int(tried["capabilities"], 16) == 0
+    assert tried["threads"] == MOST_THREADS
 
 
 def test_it_gets_no_more_rights_and_goes_first_when_memory_ends(tried: dict[str, Any]) -> None:
@@ -129,7 +138,8 @@ def test_what_it_makes_that_is_not_its_own_or_no_file_does_not_come_into_the_sto
     secret.write_text("of another project")
     arguments = {"job_id": "mine", "kind": kind, "as": key, "to": str(secret)}
     with pytest.raises(StepFailedError, match="which is not its own"):
-        asyncio.run(_run(Settings(data_dir=tmp_path, nursery=False), "make", arguments))
+        # confined, it could make no link and no pipe
+        asyncio.run(_run(Settings(data_dir=tmp_path, nursery=False, confine_children=False), "make", arguments))
     assert not (tmp_path / "blobs" / key).exists()
 
 
@@ -165,7 +175,9 @@ def test_what_fetches_a_file_reaches_servers_and_nothing_of_the_service(
 
 @pytest.mark.parametrize("nursery", [True, False])
 def test_nothing_that_it_starts_outlives_it(tmp_path: Path, nursery: bool) -> None:
-    asyncio.run(_run(Settings(data_dir=tmp_path, nursery=nursery), "stay", {"job_id": "mine"}))
+    # confined, it could start nothing
+    settings = Settings(data_dir=tmp_path, nursery=nursery, confine_children=False)
+    asyncio.run(_run(settings, "stay", {"job_id": "mine"}))
     group = int((tmp_path / "blobs" / "jobs" / "mine" / "result.json").read_text())
     left = [process for process in psutil.process_iter() if _group_of(process.pid) == group]
     gone, alive = psutil.wait_procs(left, 10.0)
