@@ -1,4 +1,4 @@
-"""Triangle meshes in PLY, OBJ and STL files, read with trimesh; vertices keep the precision of the file."""
+"""Triangle meshes in PLY, OBJ and STL files: vertices as precise as in the file, faces of any number of corners."""
 
 import re
 import struct
@@ -6,9 +6,12 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
+from algorithms.arrays import Array
+from algorithms.deviations.polygons import triangulated
 from algorithms.deviations.triangles import Mesh, cleaned
 from algorithms.errors import InvalidInputError
 from service.errors import FileTooLargeError, UnreadableFileError
+from service.formats.obj_mesh import read_obj
 
 MESH_ENDINGS = {".ply": "ply", ".obj": "obj", ".stl": "stl"}
 MOST_TRIANGLES = 20_000_000
@@ -25,6 +28,7 @@ FAULTS = (
     NotImplementedError,
 )
 """What trimesh raises at files that are not what their name says."""
+LISTS_OF_PLY = ("vertex_indices", "vertex_index")
 HEAD_BYTES = 1 << 16
 FACES_OF_PLY = re.compile(rb"^element\s+face\s+([1-9]\d*)\s*$", re.MULTILINE)
 
@@ -59,18 +63,14 @@ def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:
     FileTooLargeError
         It has too many triangles.
     """
-    import trimesh
-
     kind = MESH_ENDINGS.get(PurePath(filename).suffix.lower())
     if kind is None:
         raise UnreadableFileError(filename, f"meshes are read from files named {', '.join(MESH_ENDINGS)}", "")
     try:
-        with path.open("rb") as stream, np.errstate(all="ignore"):
-            # neither materials nor textures are looked for: they would lie beside the file
-            loaded = trimesh.load_mesh(
-                stream, file_type=kind, process=False, maintain_order=True, skip_materials=True, resolver=None
-            )
-        vertices, triangles = np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
+        with np.errstate(all="ignore"):
+            vertices, triangles = _obj(path) if kind == "obj" else _others(path, kind)
+    except OverflowError as fault:
+        raise FileTooLargeError(filename, int(str(fault)), 3 * MOST_TRIANGLES, "corners of faces") from None
     except FAULTS as fault:
         raise UnreadableFileError(filename, f"it is no {kind.upper()} file that can be read: {fault}", "") from None
     if vertices.shape != (len(vertices), 3) or (len(triangles) and triangles.shape != (len(triangles), 3)):
@@ -81,3 +81,32 @@ def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:
         return cleaned(vertices, triangles)
     except InvalidInputError as fault:
         raise UnreadableFileError(filename, str(fault), "") from None
+
+
+def _obj(path: Path) -> tuple[Array, Array]:
+    vertices, corners, counts = read_obj(path.read_bytes(), 3 * MOST_TRIANGLES)
+    return vertices, triangulated(vertices, corners, counts)
+
+
+def _others(path: Path, kind: str) -> tuple[Array, Array]:
+    """Read PLY and STL by trimesh, which divides faces from their first corner: those of PLY are divided anew."""
+    import trimesh
+
+    with path.open("rb") as stream:
+        loaded = trimesh.load_mesh(stream, file_type=kind, process=False, maintain_order=True, resolver=None)
+    vertices, triangles = np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
+    faces = loaded.metadata.get("_ply_raw", {}).get("face", {}).get("data")
+    if faces is None or not len(triangles):
+        return vertices, triangles
+    names = faces if isinstance(faces, dict) else faces.dtype.names
+    lists = next((np.asarray(faces[name]) for name in LISTS_OF_PLY if name in names), None)
+    if lists is not None and lists.dtype.names is not None:  # all of one length: the count, then the numbers
+        lists = lists[lists.dtype.names[-1]]
+    rows = [] if lists is None else [np.asarray(row).ravel() for row in lists]
+    counts = np.array([len(row) for row in rows], dtype=np.int64)
+    if not (counts > 3).any():
+        return vertices, triangles
+    corners = np.concatenate(rows).astype(np.int64)
+    if corners.min() < 0 or corners.max() >= len(vertices):
+        raise ValueError("a face names a vertex that does not exist")
+    return vertices, triangulated(vertices, corners, counts)

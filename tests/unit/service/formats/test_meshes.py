@@ -114,3 +114,72 @@ def test_a_grid_is_written_from_north_to_south_with_its_corner() -> None:
         "ncols 2", "nrows 2", "xllcorner 1010.000000", "yllcorner 20.000000", "cellsize 0.5", "NODATA_value -9999",
     ]  # fmt: skip
     assert lines[6:] == ["-9999 4.5", "1 2"]
+
+
+OUTLINE = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0], [5.0, 2.0, 0.0], [0.0, 10.0, 0.0]])
+"""A face with a notch, 60 m²."""
+
+
+def area(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0)
+
+
+def ply_polygons(faces: list[list[int]], kind: str = "ascii") -> bytes:
+    header = (
+        f"ply\nformat {kind} 1.0\nelement vertex 5\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    if kind == "ascii":
+        corners = "".join(f"{x} {y} {z}\n" for x, y, z in OUTLINE.tolist())
+        return header + (corners + "".join(" ".join(map(str, [len(f), *f])) + "\n" for f in faces)).encode()
+    return (
+        header
+        + OUTLINE.astype("<f8").tobytes()
+        + b"".join(bytes([len(f)]) + np.array(f, dtype="<i4").tobytes() for f in faces)
+    )
+
+
+@pytest.mark.parametrize("start", range(5))
+@pytest.mark.parametrize("kind", ["obj", "backwards.obj", "ply"])
+def test_a_face_with_a_notch_covers_what_it_encloses(tmp_path: Path, kind: str, start: int) -> None:
+    ring = np.roll(np.arange(5), start).tolist()
+    ring = ring[::-1] if kind == "backwards.obj" else ring
+    path = tmp_path / f"notch.{kind}"
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in OUTLINE.tolist())
+    text = corners + "f " + " ".join(str(k + 1) for k in ring) + "\n"
+    path.write_bytes(ply_polygons([ring]) if kind == "ply" else text.encode())
+    mesh, _ = read_mesh(path, path.name)
+    assert area(mesh.vertices, mesh.triangles) == pytest.approx(60.0)
+    sides = mesh.vertices[mesh.triangles[:, 1:]] - mesh.vertices[mesh.triangles[:, :1]]
+    upwards = np.cross(sides[:, 0], sides[:, 1])[:, 2] > 0.0
+    assert (upwards == (kind != "backwards.obj")).all()
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian"])
+def test_quadrilaterals_with_a_corner_inwards_are_divided_inside(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "quads.ply"
+    path.write_bytes(ply_polygons([[1, 2, 3, 0], [3, 4, 0, 1]], kind))
+    mesh, _ = read_mesh(path, path.name)
+    assert area(mesh.vertices, mesh.triangles) == pytest.approx(35.0 + 35.0)
+
+
+def test_numbers_that_count_back_count_from_where_the_face_stands(tmp_path: Path) -> None:
+    def block(x: float, z: float) -> str:
+        corners = [(x, 0, z), (x + 5, 0, z), (x + 5, 10, z), (x, 10, z)]
+        return "".join("v {} {} {}\n".format(*each) for each in corners) + "f -4 -3 \\\n-2\nf -4/1 -2/2 -1/3\n"
+
+    path = tmp_path / "blocks.obj"
+    path.write_text(block(0.0, 0.0) + "usemtl other\ng part\n" + block(5.0, 1.0))
+    mesh, dropped = read_mesh(path, path.name)
+    heights = mesh.vertices[mesh.triangles][:, :, 2]
+    assert (len(mesh.triangles), dropped) == (4, 0)
+    assert (heights.max(axis=1) == heights.min(axis=1)).all()
+    assert area(mesh.vertices, mesh.triangles) == pytest.approx(100.0)
+
+
+def test_a_hundred_thousand_materials_take_no_longer_than_one(tmp_path: Path) -> None:
+    path = tmp_path / "many.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(100_000)))
+    mesh, _ = read_mesh(path, path.name)
+    assert len(mesh.triangles) == 100_000
