@@ -26,6 +26,24 @@ NOT_FOR_STRANGERS = tuple(
         "3fff::/20",
     )
 )
+OF_THE_HOST = tuple(
+    ipaddress.ip_network(text)
+    for text in (
+        "169.254.0.0/16",  # link-local: most clouds serve credentials of the machine at 169.254.169.254
+        "fe80::/10",
+        "192.0.0.192/32",
+        "168.63.129.16/32",
+        "100.100.100.200/32",
+        "fd00:ec2::/32",
+        "fd20:ce::/32",
+    )
+)
+"""Where clouds serve credentials and settings of the machine to whoever asks from it."""
+IPV4_IN_IPV6 = tuple(
+    ipaddress.ip_network(text) for text in ("::ffff:0:0/96", "::/96", "64:ff9b::/96", "64:ff9b:1::/48")
+)
+"""Addresses of IPv6 whose last 32 bits are one of IPv4: mapped, compatible, NAT64."""
+SIX_TO_FOUR = ipaddress.ip_network("2002::/16")
 UNICAST_IPV6 = ipaddress.ip_network("2000::/3")
 """The only part of IPv6 that is given out; all that disguises IPv4 (mapped, compatible, NAT64) lies outside it."""
 
@@ -40,6 +58,21 @@ def is_public(address: str) -> bool:
         return False
     inside = ip.is_multicast or ip.is_reserved or any(ip in network for network in NOT_FOR_STRANGERS)
     return ip.is_global and not inside
+
+
+def is_of_the_host(address: str) -> bool:
+    """Tell whether an address is one at which a cloud serves credentials of the machine, however it is written."""
+    try:
+        ip = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return True
+    meant = [ip]
+    if isinstance(ip, ipaddress.IPv6Address):
+        if any(ip in network for network in IPV4_IN_IPV6):
+            meant.append(ipaddress.IPv4Address(int(ip) & 0xFFFFFFFF))
+        if ip in SIX_TO_FOUR:
+            meant.append(ipaddress.IPv4Address(int(ip) >> 80 & 0xFFFFFFFF))
+    return any(each in network for each in meant for network in OF_THE_HOST)
 
 
 def parsed_address(href: str) -> httpx.URL:

@@ -14,11 +14,13 @@ from functools import cache, partial
 
 import httpx
 
-from service.adapters.outgoing.address_check import PORTS, is_public
+from service.adapters.outgoing.address_check import PORTS, is_of_the_host, is_public
 from service.errors import AddressRefusedError
 
 RESOLVE_WITHIN_S = 10.0
 MOST_RESOLVED_AT_ONCE = 8
+NOT_PUBLIC = "its host has no address on the public internet"
+NOT_REACHED = "its host has no address that may be reached from here"
 MOST_ADDRESSES = 3
 """That are tried, one after the other."""
 
@@ -81,7 +83,8 @@ async def checked_destinations(url: httpx.URL, *, allow_private: bool) -> Sequen
     Raises
     ------
     AddressRefusedError
-        The host has no address, or one that is not public, unless that is allowed.
+        The host has no address that may be reached: no public one, unless others are allowed, or one of the machine's
+        own services in a cloud. Which of these is not said, for a stranger could learn the names in this network.
     """
     host, port = url.raw_host.decode("ascii"), url.port or PORTS[url.scheme]
     ask = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
@@ -90,13 +93,12 @@ async def checked_destinations(url: httpx.URL, *, allow_private: bool) -> Sequen
             found = await asyncio.get_running_loop().run_in_executor(_resolvers(), ask)
     except TimeoutError:
         raise AddressRefusedError(str(url), f"its host was not found within {RESOLVE_WITHIN_S:g} s") from None
-    except (OSError, UnicodeError) as error:
-        raise AddressRefusedError(str(url), f"the name of its host cannot be resolved: {error}") from None
-    addresses = list(dict.fromkeys(str(each[4][0]) for each in found))
-    if not addresses:
-        raise AddressRefusedError(str(url), "its host has no address")
-    if not allow_private and not all(map(is_public, addresses)):
-        raise AddressRefusedError(str(url), "its host is not on the public internet")
+    except (OSError, UnicodeError):
+        found = []
+    named = dict.fromkeys(str(each[4][0]) for each in found)
+    addresses = [address for address in named if not is_of_the_host(address)]
+    if not addresses or not (allow_private or all(map(is_public, named))):
+        raise AddressRefusedError(str(url), NOT_REACHED if allow_private else NOT_PUBLIC)
     return addresses[:MOST_ADDRESSES]
 
 

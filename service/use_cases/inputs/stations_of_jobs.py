@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from schemas.requests.posed_stations import PosedStation, PoseOfJob, StationsOfJob
+from schemas.requests.register_inputs import Station
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
 from service.ports import Job, JobStatus, JobStore, Stored
@@ -27,7 +28,10 @@ def with_stations_of_jobs(inputs: ModelT, stored: Stored) -> ModelT:
     faults: list[FieldFault] = []
     for name in type(inputs).model_fields:
         given, where = getattr(inputs, name), pointer_to("inputs", name)
-        if isinstance(given, StationsOfJob):
+        if isinstance(given, list) and len(given) > stored.settings.max_stations and _are_stations(given):
+            most = stored.settings.max_stations
+            faults.append(FieldFault(where, f"{len(given)} stations, the limit of this service is {most}"))
+        elif isinstance(given, StationsOfJob):
             found = _job(given.job_id, stored.jobs)
             if isinstance(found, str):
                 faults.append(FieldFault(f"{where}/jobID", found))
@@ -48,6 +52,10 @@ def with_stations_of_jobs(inputs: ModelT, stored: Stored) -> ModelT:
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
     return inputs.model_copy(update=changed) if changed else inputs
+
+
+def _are_stations(given: list[Any]) -> bool:
+    return isinstance(given[0], PosedStation | Station)
 
 
 def _pose_faults(own_name: str, pose: PoseOfJob, jobs: JobStore, where: str) -> Iterator[FieldFault]:

@@ -158,6 +158,48 @@ def test_a_name_without_an_address_is_refused(monkeypatch: pytest.MonkeyPatch) -
         destinations("https://nowhere.example/")
 
 
+def test_a_name_that_nobody_knows_is_refused_in_the_words_of_one_inside(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*_arguments: Any, **_more: Any) -> Any:
+        raise socket.gaierror(-2, "Name or service not known")
+
+    said = set()
+    resolves_to(monkeypatch, ["10.0.0.7"])
+    with pytest.raises(AddressRefusedError) as inside:
+        destinations("https://a.example/")
+    said.add(str(inside.value))
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with pytest.raises(AddressRefusedError) as nowhere:
+        destinations("https://a.example/")
+    assert {str(nowhere.value)} == said
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "169.254.169.254",
+        "169.254.170.2",
+        "fe80::1",
+        "::ffff:169.254.169.254",
+        "64:ff9b::a9fe:a9fe",
+        "2002:a9fe:a9fe::1",
+        "fd00:ec2::254",
+        "100.100.100.200",
+        "192.0.0.192",
+    ],
+)
+def test_what_a_cloud_tells_the_machine_is_for_no_stranger_even_where_private_addresses_are_allowed(
+    monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
+    resolves_to(monkeypatch, [address])
+    with pytest.raises(AddressRefusedError, match="may be reached"):
+        destinations("https://metadata.example/", allow_private=True)
+
+
+def test_an_address_of_the_link_besides_keeps_nobody_from_a_server_inside(monkeypatch: pytest.MonkeyPatch) -> None:
+    resolves_to(monkeypatch, ["fe80::1", "192.168.1.7"])
+    assert destinations("https://server.example/", allow_private=True) == ["192.168.1.7"]
+
+
 @pytest.mark.parametrize(
     "host",
     ["localhost", "localhost.", "127.0.0.1", "[::1]", "[::ffff:127.0.0.1]", "[::]", "0.0.0.0"],  # noqa: S104

@@ -1,7 +1,7 @@
 """Inputs that are the stations of a finished job: listed with their poses, which are read before all else."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -216,3 +216,10 @@ def test_outputs_that_are_files_are_asked_for_by_format_and_options(stored: Stor
 )
 def test_outputs_that_cannot_be_made_are_named(stored: Stored, outputs: Json, pointer: str) -> None:
     assert list(faults(stored, {"jobID": "done"}, outputs=outputs)) == [pointer]
+
+
+def test_more_stations_than_the_service_takes_are_refused(stored: Stored) -> None:
+    small = replace(stored, settings=stored.settings.model_copy(update={"max_stations": 2}))
+    three = [{"name": f"S{k}", "scan": {"file": f"f{k}"}} for k in range(1, 4)]
+    assert faults(small, three) == {"/inputs/stations": "3 stations, the limit of this service is 2"}
+    assert checked(small, three[:2])
