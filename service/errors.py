@@ -303,11 +303,19 @@ class StorageError(ServiceError):
 
     status, title = 503, "Storage unavailable"
 
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to ask again: what is restarted is back in seconds."""
+        return {"Retry-After": "10"}
+
 
 class QueueError(ServiceError):
     """Say that the queue engine failed."""
 
     status, title = 503, "Queue unavailable"
+
+    def headers(self) -> Mapping[str, str]:
+        """Tell when to ask again."""
+        return {"Retry-After": "10"}
 
 
 class ComputationFailedError(ServiceError):

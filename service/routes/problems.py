@@ -14,7 +14,16 @@ from starlette.requests import ClientDisconnect
 
 from algorithms.errors import AlgorithmError
 from schemas.values.problem import ProblemDocument
-from service.errors import FieldFault, InvalidRequestError, Problem, ServiceError, StorageError, bounded, to_problem
+from service.errors import (
+    FieldFault,
+    InsufficientStorageError,
+    InvalidRequestError,
+    Problem,
+    ServiceError,
+    StorageError,
+    bounded,
+    to_problem,
+)
 from service.routes.accepted_types import accepts_plain_json_only, prefers_html
 from service.routes.access_rules import SAFE
 from service.routes.answer_headers import ALWAYS, NOTHING, OWN
@@ -91,16 +100,28 @@ def _known_error(request: Request, error: Exception) -> Response:
     return error_response(error, request)
 
 
-def away(error: Exception, path: str) -> StorageError:
-    """Give what a client is told when the database is locked, full or away; its own words are for the log."""
+FULL = ("is full", "no space left", "disk full", "disk i/o error", "could not extend")
+BUSY = ("is locked", "is busy", "lock timeout", "statement timeout", "queuepool limit")
+"""What SQLite, PostgreSQL and the pool say, in small letters."""
+
+
+def away(error: Exception, path: str) -> StorageError | InsufficientStorageError:
+    """Return what a client is told when the database is busy, full or away; its own words are for the log."""
     words = str(error.orig).strip() if isinstance(error, DBAPIError) else str(error)
-    log.error("the database does not answer", path=path, error=words, kind=type(error).__name__)
-    return StorageError("the database does not answer")
+    told: StorageError | InsufficientStorageError
+    if any(sign in words.lower() for sign in FULL):
+        told = InsufficientStorageError("the disk of the database is full: nothing can be entered until there is room")
+    elif any(sign in words.lower() for sign in BUSY):
+        told = StorageError("the database is busy: another process holds it; try again in some seconds")
+    else:
+        told = StorageError("the database does not answer")
+    log.error("a request could not use the database", path=path, told=str(told), error=words, kind=type(error).__name__)
+    return told
 
 
 def _database_down(request: Request, error: Exception) -> Response:
-    """Answer that the database is locked, full or away."""
-    return problem_response(to_problem(away(error, request.scope["path"])), request)
+    """Answer that the database is busy, full or away."""
+    return error_response(away(error, request.scope["path"]), request)
 
 
 def _bad_parameters(request: Request, error: Exception) -> Response:

@@ -319,7 +319,7 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) 
         # transactions are begun explicitly below; pysqlite would begin them late and deadlock writers
         connection.isolation_level = None
         # the first: it is for files that are still empty
-        for pragma in ("auto_vacuum=INCREMENTAL", "busy_timeout=30000", "journal_mode=WAL", "foreign_keys=ON"):
+        for pragma in ("auto_vacuum=INCREMENTAL", "busy_timeout=10000", "journal_mode=WAL", "foreign_keys=ON"):
             connection.execute(f"PRAGMA {pragma}").close()
 
     @sa.event.listens_for(engine, "begin")

@@ -29,6 +29,12 @@ MOST_PARTS = 9_000
 """S3 takes 10 000 parts of one upload."""
 READ_BYTES = 4 << 20
 AGAIN_WHEN_REPLACED = 3
+PROBED = "probes/answer"
+"""A key that nobody stores anything under."""
+ANSWERS_WITHIN_S = 20.0
+"""A piece of 5 MB takes this long at 2 Mbit/s [s]."""
+FINISHES_WITHIN_S = 120.0
+"""For what the store does with a whole blob: to put its parts together, to copy it [s]."""
 OPTIONS = {"endpoint", "region", "addressing"}
 
 
@@ -62,7 +68,7 @@ class ObjectStoreAddress:
         return cls(parts.netloc, parts.path.strip("/"), **options)
 
 
-def connected(place: ObjectStoreAddress, prefix: str = "") -> "S3Store":
+def connected(place: ObjectStoreAddress, prefix: str = "", within_s: float = ANSWERS_WITHIN_S) -> "S3Store":
     """Give the means to use an object store; it begins threads.
 
     Parameters
@@ -71,6 +77,8 @@ def connected(place: ObjectStoreAddress, prefix: str = "") -> "S3Store":
         Where it is.
     prefix
         Beginning of all keys.
+    within_s
+        So long a request may take; one that took longer is not tried again [s].
     """
     from obstore.store import S3Store
 
@@ -79,8 +87,8 @@ def connected(place: ObjectStoreAddress, prefix: str = "") -> "S3Store":
         place.bucket,
         prefix=prefix or None,
         virtual_hosted_style_request=place.addressing == "virtual",
-        client_options={"connect_timeout": "5s", "timeout": "120s", "allow_http": True},
-        retry_config={"max_retries": 5, "retry_timeout": timedelta(seconds=60)},
+        client_options={"connect_timeout": "5s", "timeout": timedelta(seconds=within_s), "allow_http": True},
+        retry_config={"max_retries": 5, "retry_timeout": timedelta(seconds=0.75 * within_s)},
         **{name: value for name, value in where.items() if value},  # type: ignore[arg-type]
     )
 
@@ -108,7 +116,12 @@ class ObjectFiles:
     @cached_property
     def _store(self) -> "S3Store":
         # connected here, because a process of which computations are copies must not have threads
-        return connected(self._address, self._address.prefix)
+        return connected(self._address, self._address.prefix, ANSWERS_WITHIN_S)
+
+    @cached_property
+    def _slow_store(self) -> "S3Store":
+        """For requests that take the store long."""
+        return connected(self._address, self._address.prefix, FINISHES_WITHIN_S)
 
     async def write_stream(
         self, key: str, chunks: AsyncIterator[bytes], max_bytes: int, expected_bytes: int = 0
@@ -139,8 +152,11 @@ class ObjectFiles:
         """Store blocks of bytes as they are made, of which few are in memory."""
         import obstore
 
+        self._require_answer()
         with self._reached():
-            obstore.put(self._store, checked_key(key), chunks, chunk_size=PART_BYTES, max_concurrency=PARTS_AT_ONCE)
+            obstore.put(
+                self._slow_store, checked_key(key), chunks, chunk_size=PART_BYTES, max_concurrency=PARTS_AT_ONCE
+            )
 
     def append_to(self, key: str, file: IO[bytes]) -> None:
         """Append a blob to a file. FileNotFoundError when absent."""
@@ -177,8 +193,9 @@ class ObjectFiles:
         import obstore
 
         if not _is_near(key):
+            self._require_answer()
             with self._reached():
-                obstore.rename(self._store, checked_key(key), checked_key(new_key))
+                obstore.rename(self._slow_store, checked_key(key), checked_key(new_key))
             return
         path = self._near.local_path(key)
         if is_content(new_key.rpartition("/")[2]):
@@ -263,6 +280,16 @@ class ObjectFiles:
             return obstore.head(self._store, checked_key(key))
         return None
 
+    def _require_answer(self) -> None:
+        """Ask a short question first: whether a store is stopped must not show after minutes only.
+
+        Raises
+        ------
+        StorageError
+            It does not answer.
+        """
+        self._found(PROBED)
+
     def _listed(self, prefix: str) -> "Iterator[ObjectMeta]":
         import obstore
 
@@ -287,9 +314,10 @@ class ObjectFiles:
         size, name = path.stat().st_size, checked_key(key).rpartition("/")[2]
         with path.open("rb") as file:
             digest = name if is_content(name) else hashlib.file_digest(file, "sha256").hexdigest()
+        self._require_answer()
         with self._reached():
             put = obstore.put(
-                self._store,
+                self._slow_store,
                 key,
                 path,
                 attributes={"sha256": digest},

@@ -2,7 +2,12 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+
+import structlog
 
 from algorithms.scans.open3d_loading import missing_for_open3d
 from schemas.resources.health import Check, Readiness
@@ -10,6 +15,9 @@ from service.errors import ServiceError
 from service.names.identifiers import new_identifier
 from service.ports import BlobStore, JobFilter, JobStore, Queue
 
+log = structlog.get_logger()
+ANSWERS_WITHIN_S = 5.0
+"""Longer than database, storage and workers take together when they are well [s]."""
 NEEDING_OPEN3D = "meshes and smoothed clouds"
 PROBES = "probes/"
 """Where it is tried whether the storage can be written to."""
@@ -50,11 +58,15 @@ def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement:
 
     A library without which some processes cannot run is named; all others run, so the service is ready all the same.
     """
-    checks = {
-        "database": _checked(lambda: _database(jobs)),
-        "storage": _checked(lambda: _storage(blobs)),
-        "workers": _checked(lambda: _workers(queue)),
+    looks: Mapping[str, Callable[[], Check]] = {
+        "database": partial(_database, jobs),
+        "storage": partial(_storage, blobs),
+        "workers": partial(_workers, queue),
     }
+    with _unwaited(ThreadPoolExecutor(len(looks), thread_name_prefix="readiness")) as threads:
+        asked = {name: threads.submit(look) for name, look in looks.items()}
+        until = time.monotonic() + ANSWERS_WITHIN_S
+        checks = {name: _checked(name, found, until) for name, found in asked.items()}
     if confinement:
         checks["confinement"] = Check(ok=True, detail=confinement)
     ready = all(check.ok for check in checks.values())
@@ -63,9 +75,21 @@ def check_readiness(jobs: JobStore, blobs: BlobStore, queue: Queue, confinement:
     return Readiness(status="ready" if ready else "not-ready", checks=checks)
 
 
-def _checked(check: Callable[[], Check]) -> Check:
+@contextmanager
+def _unwaited(threads: ThreadPoolExecutor) -> Iterator[ThreadPoolExecutor]:
+    """Leave threads behind that still wait for an answer: they end by the limits of what they ask."""
     try:
-        return check()
+        yield threads
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+
+
+def _checked(name: str, asked: "Future[Check]", until: float) -> Check:
+    try:
+        return asked.result(max(0.0, until - time.monotonic()))
+    except TimeoutError:
+        log.warning("no answer in time", what=name, within_s=ANSWERS_WITHIN_S)
+        return Check(ok=False, detail=f"does not answer within {ANSWERS_WITHIN_S:g} s")
     except (ServiceError, OSError) as error:
         return Check(ok=False, detail=str(error))
 
