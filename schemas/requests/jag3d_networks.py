@@ -4,6 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 ANGLES = frozenset({"directions", "zenith-angles"})
+CIRCLE = 400.0
+"""[gon]."""
+HALF = 200.0
+"""[gon]."""
+NEARLY = 1.0
+"""Directions in both faces differ from half a circle by twice the collimation error at most [gon]."""
 POINTS = frozenset({"reference-points", "stochastic-points", "datum-points", "new-points"})
 
 
@@ -12,7 +18,8 @@ def network_of_jag3d(files: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     Points are ``name y x z [std ...]`` with y east and x north; observations ``from to value [std]`` or ``from to
     instrument-height target-height value [std]``, standard deviations in the unit of the value. Directions of one file
-    and station are one round; they are clockwise there and anticlockwise here.
+    and station are one round; they are clockwise there and anticlockwise here. What total stations measure in their
+    second face is reduced to the first: zenith angles beyond 200 gon, and directions to a point that differ by 200 gon.
 
     Parameters
     ----------
@@ -42,6 +49,7 @@ class _Reading:
     def __init__(self) -> None:
         self.points: dict[str, list[float]] = {}
         self.stations: dict[str, dict[str, Any]] = {}
+        self._first: dict[tuple[int, str, str], float] = {}
         self.observed: dict[str, list[Any]] = {kind: [] for kind in ("polar", "control", "distances", "heights")}
 
     def take(self, where: str, kind: str, words: Sequence[str], std: float | None, file: int) -> None:
@@ -61,7 +69,7 @@ class _Reading:
             raise ValueError(f"jag3d: {where} {told}; state it in the line, in {_unit(kind)}, or as `std` of the file")
         readers: Mapping[str, Callable[[], None]] = {
             "directions": lambda: self._direction(names, -value, sigma, file),
-            "zenith-angles": lambda: self._sight(names, heights, "zenith", value, sigma),
+            "zenith-angles": lambda: self._sight(names, heights, "zenith", _of_first_face(value), sigma),
             "slope-distances": lambda: self._sight(names, heights, "distance", value, sigma),
             "horizontal-distances": lambda: self._between_marks("distances", names, value, sigma),
             "height-differences": lambda: self._between_marks("heights", names, value, sigma),
@@ -99,6 +107,9 @@ class _Reading:
 
     def _direction(self, names: Sequence[str], value: float, sigma: float, file: int) -> None:
         at = self._station(f"round {file} {names[0]}", names[0], 0.0, oriented=False)
+        first = self._first.setdefault((file, names[0], names[1]), value)
+        if abs((value - first) % CIRCLE - HALF) < NEARLY:
+            value = (value - HALF) % CIRCLE
         self.observed["polar"].append(
             {"station": at, "point": names[1], "horizontal": value, "sigma_horizontal": sigma}
         )
@@ -119,6 +130,11 @@ class _Reading:
         if kind == "distances" and not spatial:
             entry["horizontal"] = True
         self.observed[kind].append(entry)
+
+
+def _of_first_face(zenith: float) -> float:
+    """Return a zenith angle as the first face has it [gon]."""
+    return CIRCLE - zenith if HALF < zenith < CIRCLE else zenith
 
 
 def _unit(kind: str) -> str:

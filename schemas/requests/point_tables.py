@@ -9,9 +9,9 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
 from schemas.values.base import RequestModel
+from schemas.values.units import BY_NAME, unit_named, unit_words
 
 ColumnName: TypeAlias = Literal["name", "x", "y", "z", "std", "std_x", "std_y", "std_z", "use", "-"]
-LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048, "us-ft": 1200.0 / 3937.0}
 MOST_ROWS = 100_000
 SEPARATORS = ("\t", ";", ",")
 COORDINATES = ("x", "y", "z")
@@ -26,6 +26,7 @@ KNOWN_COLUMNS: Mapping[str, str] = {
     **dict.fromkeys(("use", "type", "verwendung"), "use"),
 }  # fmt: skip
 """Names of columns, without case, blanks and signs, and what they hold. East is x, north y: a right-handed system."""
+UNIT_BEHIND = re.compile(r"[\[(].*|_(mm|cm|m|ft|feet|us-ft|usft)$")
 NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
 
 QUOTED_FORMULA = re.compile(r"^'(?=\s*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
@@ -40,7 +41,7 @@ class PointTable(RequestModel):
     columns: Annotated[list[ColumnName], Field(min_length=4, max_length=50)] | None = None
     """What the columns hold, `-` for what is not needed; null: as the first line names them, else name, x, y, z."""
     unit: Literal["m", "mm", "cm", "ft", "us-ft"] = "m"
-    """Of coordinates and standard deviations."""
+    """Of coordinates and standard deviations, where names of columns do not state it as `X [mm]` or `s_x (mm)` do."""
     decimal: Literal[".", ","] | None = None
     """What separates decimals; null: found, or a point."""
 
@@ -66,7 +67,8 @@ def points_of_table(table: PointTable) -> list[dict[str, Any]]:
     decimal = table.decimal or _decimal(rows)
     cells = _cells(rows, decimal)
     columns, first = _columns(cells, table.columns)
-    return [_point(number, values, columns, decimal, LENGTHS[table.unit]) for number, values in cells[first:]]
+    metres = _metres(columns, cells[0] if first else (0, [""] * len(columns)), table)
+    return [_point(number, values, columns, decimal, metres) for number, values in cells[first:]]
 
 
 def point_dictionaries(given: Any) -> Any:
@@ -114,8 +116,9 @@ def _columns(cells: Sequence[tuple[int, list[str]]], stated: Sequence[ColumnName
         columns: list[str] = list(stated)
     elif is_head:
         words = [re.sub(r"[^a-zäöü]", "", re.sub(r"[\[(].*", "", value.lower())) for value in head]
-        # a unit behind the name, such as x_m, says nothing of what it is; units are stated by `unit`
-        columns = [KNOWN_COLUMNS.get(w) or KNOWN_COLUMNS.get(w.removesuffix("m")) or "-" for w in words]
+        # a unit behind the name, such as x_m, says nothing of what it is
+        plain = [re.sub(r"[^a-zäöü]", "", UNIT_BEHIND.sub("", value.lower())) for value in head]
+        columns = [KNOWN_COLUMNS.get(w) or KNOWN_COLUMNS.get(p) or "-" for w, p in zip(words, plain, strict=True)]
     else:
         columns = ["name", "x", "y", "z"]
     for name in ("name", *COORDINATES):
@@ -126,7 +129,28 @@ def _columns(cells: Sequence[tuple[int, list[str]]], stated: Sequence[ColumnName
     return columns, int(is_head)
 
 
-def _point(number: int, values: Sequence[str], columns: Sequence[str], decimal: str, metres: float) -> dict[str, Any]:
+def _metres(columns: Sequence[str], head: tuple[int, list[str]], table: PointTable) -> Mapping[str, float]:
+    """Return the metres of one unit of each column: as its name says, as that of x says, or as `unit` states."""
+    number, names = head
+    found: dict[str, float] = {}
+    for column, name in zip(columns, names, strict=True):
+        words = unit_words(name) if column in COORDINATES or column.startswith("std") else ""
+        if not words:
+            continue
+        unit = unit_named(words)
+        if unit is None:
+            raise _fault(f"line {number}: the unit {words!r} of the column {name!r} is none of length known here; "
+                         f"known are {', '.join(BY_NAME)}")  # fmt: skip
+        if "unit" in table.model_fields_set and column in COORDINATES and unit.name != table.unit:
+            raise _fault(f"line {number}: the column {name!r} is in {unit.words}, `unit` says {table.unit}")
+        found[column] = unit.metres
+    usual = found.get("x", BY_NAME[table.unit].metres)
+    return {column: found.get(column, usual) for column in columns}
+
+
+def _point(
+    number: int, values: Sequence[str], columns: Sequence[str], decimal: str, metres: Mapping[str, float]
+) -> dict[str, Any]:
     if len(values) != len(columns):
         raise _fault(f"line {number}: {len(values)} values, and {len(columns)} columns")
     found = dict(zip(columns, values, strict=True))
@@ -139,7 +163,7 @@ def _point(number: int, values: Sequence[str], columns: Sequence[str], decimal: 
         wrong = "," if decimal == "." else "."
         if wrong in text or not NUMBER.match(text):
             raise _fault(f"line {number}: {column} is {text!r}, no number with decimal {decimal!r}")
-        return float(text.replace(",", ".")) * metres
+        return float(text.replace(",", ".")) * metres[column]
 
     for axis in COORDINATES:
         point[axis] = length(axis)

@@ -2,7 +2,8 @@
 
 from typing import Any, TypeAlias
 
-from service.formats.units import METRE, DeclaredUnit, Unit, UnknownUnit, unit_of
+from schemas.values.units import METRE, Unit
+from service.formats.units import DeclaredUnit, UnknownUnit, unit_of
 
 LONGEST_WKT = 100_000
 Axis: TypeAlias = tuple[str, str, float]

@@ -9,12 +9,13 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Points
+from schemas.values.units import METRE
 from service.errors import UnreadableFileError
 from service.formats.base import RECORDS_AT_ONCE, LargeScan, ReadLimits, RefusedScan, ScanFile, ScanRecords
 from service.formats.crs_units import unit_of_crs
 from service.formats.e57_nodes import faults_named, instrument_of, number_of, opened, pose_of
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
-from service.formats.units import METRE, DeclaredUnit, UnknownUnit, not_understood
+from service.formats.units import DeclaredUnit, UnknownUnit, not_understood
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")

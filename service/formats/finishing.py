@@ -9,9 +9,10 @@ from algorithms.arrays import Array, Colors, Flags, Floats32, Points, Vector3
 from algorithms.scans.content_sums import content_of
 from algorithms.scans.scale_plausibility import scan_warnings
 from algorithms.scans.scan import Scan, ScanGrid
+from schemas.values.units import BY_NAME, METRE
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanRecords
-from service.formats.units import BY_NAME, METRE, DeclaredUnit
+from service.formats.units import DeclaredUnit
 
 LARGEST_COORDINATE_M = 1e8
 NEAR_M = 1_000.0

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from schemas.values.units import Unit
 from service.formats.base import ScanFile
 from service.formats.crs_units import LONGEST_WKT, unit_of_crs
-from service.formats.units import DeclaredUnit, Unit, UnknownUnit, unit_of
+from service.formats.units import DeclaredUnit, UnknownUnit, unit_of
 
 PROJECTION = b"LASF_Projection"
 WKT, KEYS, DOUBLES = 2112, 34735, 34736

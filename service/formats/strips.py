@@ -1,6 +1,7 @@
 """Strips of airborne scans: points and times from LAS and LAZ, trajectories from text, corrected strips to LAZ."""
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -12,6 +13,7 @@ from jaxtyping import Float64, Int8
 from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.strips.strip import Trajectory
+from schemas.values.units import unit_named, unit_words
 from service.errors import UnwritableError
 from service.formats.base import ReadLimits, ScanFile
 from service.formats.las import OpenedLas
@@ -32,6 +34,8 @@ NAMES = {
 }
 """What columns of trajectories are called, and what they hold."""
 RADIANS = {"deg": np.pi / 180.0, "gon": np.pi / 200.0, "rad": 1.0}
+SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3}
+UNIT_BEHIND = re.compile(r"[\[(].*|_(mm|cm|m|ft|feet|us-ft|usft)$")
 MOST_PLACES = 20_000_000
 LARGEST_STEP = 2**31 - 1
 COPC = "copc"
@@ -133,6 +137,31 @@ def _put(chunk: Any, steps: Array) -> None:
         chunk[axis] = steps[:, k]
 
 
+def _factors(file: ScanFile, columns: Mapping[str, str], angle_unit: str) -> dict[str, float]:
+    """Return what turns the numbers of each column into seconds, metres and radians, as its name says.
+
+    Raises
+    ------
+    UnreadableFileError
+        A name says a unit that is none known here.
+    """
+    found = dict.fromkeys(ANGLE_COLUMNS, RADIANS[angle_unit])
+    for role, name in columns.items():
+        words = unit_words(name)
+        if not words or role == "-":
+            continue
+        of_length = unit_named(words)
+        known = SECONDS.get(words) if role == "time" else RADIANS.get(words) if role in ANGLE_COLUMNS else None
+        if role in {"x", "y", "z"} and of_length is not None:
+            known = of_length.metres
+        if known is None:
+            raise file.unreadable(f"the unit {words!r} of the column {name!r} is not known", "line 1")
+        found[role] = known
+    for axis in ("y", "z"):
+        found.setdefault(axis, found.get("x", 1.0))
+    return found
+
+
 def read_trajectory(
     path: Path, filename: str, columns: Sequence[str] | None, angle_unit: str, origin_m: Vector3, origin_s: float
 ) -> Trajectory:
@@ -163,7 +192,8 @@ def read_trajectory(
     except LayoutError as fault:
         raise file.unreadable(str(fault), f"line {fault.line}") from fault
     named = [name.lower() for name in columns] if columns else [name.strip("\"' ").lower() for name in layout.names]
-    roles = [NAMES.get(name.split("[")[0].split("(")[0].strip(), "-") for name in named]
+    roles = [NAMES.get(UNIT_BEHIND.sub("", name).strip(), "-") for name in named]
+    factors = _factors(file, dict(zip(roles, named, strict=True)), angle_unit)
     if not roles:
         every = (*TRAJECTORY_COLUMNS, *ANGLE_COLUMNS)
         if layout.width not in {len(TRAJECTORY_COLUMNS), len(every)}:
@@ -190,7 +220,8 @@ def read_trajectory(
     if not np.isfinite(table).all():
         line = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0]) + layout.skipped_lines + 1
         raise file.unreadable("a value is no finite number", f"line {line}")
-    turned = table[:, 4:] * RADIANS[angle_unit] if angles else None
+    table = table * [factors.get(name, 1.0) for name in (*TRAJECTORY_COLUMNS, *angles)]
+    turned = table[:, 4:] if angles else None
     if turned is not None:
         turned = np.unwrap(turned, axis=0)
     try:

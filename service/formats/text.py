@@ -250,7 +250,7 @@ class _Table:
         color = None
         if set(COLORS) <= column.keys():
             color = colors_8bit(np.column_stack([column[role] for role in COLORS]), color_scale or 255.0)
-        unit, warnings = unit_of_text(self.file, self.layout)
+        unit, open_unit = unit_of_text(self.file, self.layout)
         return ScanRecords(
             index=index,
             points=np.column_stack([column[axis] for axis in "xyz"]),
@@ -258,7 +258,7 @@ class _Table:
             color=color,
             unit=unit,
             text_columns=self.file.columns or ",".join(roles),
-            warnings=warnings,
+            open_unit=open_unit,
         )
 
 

@@ -1,26 +1,19 @@
 """The unit that a table of points declares: with the names of its columns, or in a comment."""
 
-import re
-
 from schemas.values.text_columns import roles_of
+from schemas.values.units import Unit, unit_named, unit_words
 from service.formats.base import ScanFile
 from service.formats.text_layout import Layout
 from service.formats.units import (
     DeclaredUnit,
-    Unit,
     UnknownUnit,
-    not_understood,
     unit_in_comments,
-    unit_named,
     way_out,
 )
 
-OF_NAME = re.compile(r"[^\[(]*[\[(]\s*([^\])]*?)\s*[\])]|.*_(mm|cm|m|ft|feet|us-ft|usft)", re.IGNORECASE)
-"""`X[mm]`, `x (ft)`, `x_m`."""
 
-
-def unit_of_text(file: ScanFile, layout: Layout) -> tuple[DeclaredUnit | None, tuple[str, ...]]:
-    """Give the unit that is declared, None where there is none, and what to warn of.
+def unit_of_text(file: ScanFile, layout: Layout) -> tuple[DeclaredUnit | None, str]:
+    """Return the unit that is declared, None where there is none, and why a request has to state it; else empty.
 
     Raises
     ------
@@ -46,8 +39,11 @@ def unit_of_text(file: ScanFile, layout: Layout) -> tuple[DeclaredUnit | None, t
     if isinstance(found, UnknownUnit):
         if found.is_angle:
             raise file.unreadable(f"according to {found.source} {way_out(found)}", f"line {layout.skipped_lines}")
-        return None, (not_understood(found),)
-    return found, ()
+        return None, (
+            f"according to {found.source} the coordinates are in {found.words!r}, no unit of length known here: "
+            "state with the scan in which `unit` they are"
+        )
+    return found, ""
 
 
 def _units_of_names(layout: Layout) -> dict[str, str]:
@@ -55,6 +51,5 @@ def _units_of_names(layout: Layout) -> dict[str, str]:
     found: dict[str, str] = {}
     for name, role in zip(layout.names, roles_of(layout.names), strict=True):
         if role in {"x", "y", "z"} and role not in found:
-            match = OF_NAME.fullmatch(name.strip("\"' "))
-            found[role] = (match[1] or match[2] or "").strip() if match else ""
+            found[role] = unit_words(name)
     return found

@@ -5,45 +5,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from algorithms.arrays import Vector3
+from schemas.values.units import UNITS, Unit, unit_named
 
 SAME_UNIT = 1e-7
 """Relative; the two kinds of feet differ by 2e-6, and factors are written with ten digits."""
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A unit of length."""
-
-    name: str
-    """As a request states it, where it can."""
-    metres: float
-    words: str
-
-
-METRE = Unit("m", 1.0, "metres")
-UNITS = (
-    METRE,
-    Unit("mm", 0.001, "millimetres"),
-    Unit("cm", 0.01, "centimetres"),
-    Unit("dm", 0.1, "decimetres"),
-    Unit("km", 1000.0, "kilometres"),
-    Unit("ft", 0.3048, "feet"),
-    Unit("us-ft", 1200.0 / 3937.0, "US survey feet"),
-    Unit("in", 0.0254, "inches"),
-    Unit("yd", 0.9144, "yards"),
-)
-BY_NAME = {unit.name: unit for unit in UNITS}
-SPELLINGS = {
-    "m": r"m|met(er|re)s?",
-    "mm": r"mm|millimet(er|re)s?",
-    "cm": r"cm|centimet(er|re)s?",
-    "dm": r"dm|decimet(er|re)s?",
-    "km": r"km|kilomet(er|re)s?",
-    "us-ft": r"us[ _-]?(survey[ _-]?)?(ft|feet|foot)|ftus|(ft|foot|feet)[ _-]?us|(survey|sft)[ _-]?(ft|feet|foot)",
-    "ft": r"(international[ _-]?)?(ft|feet|foot)|ift",
-    "in": r"in|inch|inches",
-    "yd": r"yds?|yards?",
-}
 ANGLES = r"deg|(decimal )?degrees?|radians?|grads?|gons?|arc-(second|minute)s?"
 SAYS_UNIT = re.compile(
     r"\b(?:linear[ _-]?)?(?:units?|uom)(?:[ _]of[ _]measure(?:ment)?|[ _]?names?)?\b[\"']?"
@@ -102,12 +69,6 @@ def unit_of(metres: float, words: str) -> Unit:
     """Find the unit of a factor; one that has no usual name keeps that of its file."""
     near = (unit for unit in UNITS if abs(unit.metres - metres) <= SAME_UNIT * metres)
     return next(near, Unit(words, metres, f"'{words}' of {metres:.10g} m"))
-
-
-def unit_named(words: str) -> Unit | None:
-    """Find the unit of a name."""
-    text = words.strip().lower()
-    return next((BY_NAME[name] for name, spelling in SPELLINGS.items() if re.fullmatch(spelling, text)), None)
 
 
 def unit_in_comments(lines: Iterable[str]) -> DeclaredUnit | UnknownUnit | None:

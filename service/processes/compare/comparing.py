@@ -36,9 +36,9 @@ from schemas.results.deviations_result import (
     PlaneFigures,
 )  # fmt: skip
 from schemas.results.registration_result import Artifact
+from schemas.values.units import unit_named
 from service.errors import InvalidRequestError
 from service.formats.meshes import read_mesh
-from service.formats.units import unit_named
 from service.formats.writers import PointPiece, ScalarField, StationCloud, writer_of
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext

@@ -25,10 +25,10 @@ from algorithms.simulation.scenes import SCENES
 from algorithms.simulation.stations import station_pose
 from algorithms.simulation.systematic_errors import IN_ADJUSTMENT, SystematicErrors
 from algorithms.simulation.virtual_camera import VirtualCamera, scanner_camera, top_mount
+from schemas.values.units import unit_named
 from service.errors import FieldFault, InvalidRequestError
 from service.formats.meshes import read_mesh
 from service.formats.photo import camera_document
-from service.formats.units import unit_named
 from service.formats.writers import cloud_of, writer_of
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext

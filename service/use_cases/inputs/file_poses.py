@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from schemas.values.units import BY_NAME
 from service.errors import FieldFault
 from service.ports import Json
 
@@ -94,15 +95,9 @@ def _pose(reference: Json, find: FindScan) -> Matrix | None:
         return None
     # a file that declares no unit was described in its own numbers; the request says in which unit they are
     is_open = reference.get("unit") is not None and scan.get("unit") is None
-    factor = _metres(reference["unit"]) if is_open else 1.0
+    factor = BY_NAME[reference["unit"]].metres if is_open else 1.0
     *rows, last = scan["scan_pose"]
     return [*([*row[:3], factor * row[3]] for row in rows), last]
-
-
-def _metres(unit: str) -> float:
-    from service.formats.units import BY_NAME  # loads numpy, which the web process is without
-
-    return BY_NAME[unit].metres
 
 
 def _is_identity(pose: Matrix) -> bool:

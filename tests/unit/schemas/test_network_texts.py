@@ -165,7 +165,8 @@ def test_texts_of_jag3d_are_read_by_their_columns_with_directions_turned() -> No
     assert [station.height_m for station in network.stations if station.id.startswith("zenith")] == [1.5]
 
 
-def test_a_point_is_where_the_lines_of_jag3d_were_measured_from() -> None:
+@pytest.mark.parametrize("faces", [1, 2])
+def test_a_point_is_where_the_lines_of_jag3d_were_measured_from(faces: int) -> None:
     places = {"A": (0.0, 0.0, 10.0), "B": (100.0, 0.0, 12.0), "C": (0.0, 100.0, 11.0), "P": (50.0, 60.0, 13.0)}
     lines: dict[str, list[str]] = {"directions": [], "zenith-angles": [], "slope-distances": []}
     for target in "ABC":
@@ -174,8 +175,9 @@ def test_a_point_is_where_the_lines_of_jag3d_were_measured_from() -> None:
         length = float(np.linalg.norm([east, north, up]))
         bearing = float(np.arctan2(east, north)) * 200.0 / np.pi + 31.0
         zenith = float(np.arccos(up / length)) * 200.0 / np.pi
-        lines["directions"].append(f"P {target} {bearing:.9f} 0.0003")
-        lines["zenith-angles"].append(f"P {target} 1.6 1.4 {zenith:.9f} 0.0003")
+        for second in range(faces):
+            lines["directions"].append(f"P {target} {(bearing + 200.0 * second) % 400.0:.9f} 0.0003")
+            lines["zenith-angles"].append(f"P {target} 1.6 1.4 {400.0 - zenith if second else zenith:.9f} 0.0003")
         lines["slope-distances"].append(f"P {target} 1.6 1.4 {length:.9f} 0.001")
     files = [{"type": kind, "text": "\n".join(rows)} for kind, rows in lines.items()]
     files = [{"type": "reference-points", "text": REFERENCE}, *files, {"type": "new-points", "text": "P 51 58 12.5"}]

@@ -33,6 +33,44 @@ def test_units_columns_and_standard_deviations_are_those_that_are_stated() -> No
     assert point == {"name": "T1", "x": 1.5, "y": 2.25, "z": -3.0, "std_m": pytest.approx([0.001, 0.002, 0.003])}
 
 
+UNITS_IN_NAMES = {
+    "millimetres": ("name,X[mm],Y[mm],Z[mm]\nT1,1500,2250,-3000\n", None),
+    "behind an underscore": ("id;x_mm;y_mm;z_mm\nT1;1500;2250;-3000\n", None),
+    "metres behind an underscore": ("id;x_m;y_m;z_m\nT1;1.5;2.25;-3\n", None),
+    "heights apart": ("name,E [m],N [m],H [mm]\nT1,1.5,2.25,-3000\n", None),
+    "deviations apart": (
+        "Punkt;E;N;H;s_x [mm];s_y [mm];s_z [mm]\nT1;1.5;2.25;-3;2;2;3\n",
+        [0.002, 0.002, 0.003],
+    ),
+    "deviations like the coordinates": ("name,X[mm],Y[mm],Z[mm],std\nT1,1500,2250,-3000,2\n", [0.002] * 3),
+    "one deviation": ("name,x,y,z,std (mm)\nT1,1.5,2.25,-3,2\n", [0.002] * 3),
+}
+
+
+@pytest.mark.parametrize(("text", "std"), UNITS_IN_NAMES.values(), ids=UNITS_IN_NAMES.keys())
+def test_units_in_the_names_of_columns_are_those_of_their_numbers(text: str, std: list[float] | None) -> None:
+    (point,) = points_of_table(PointTable(csv=text))
+    assert [point[axis] for axis in "xyz"] == pytest.approx([1.5, 2.25, -3.0])
+    assert point.get("std_m") == (None if std is None else pytest.approx(std))
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("name,x[gon],y,z\nT1,1,2,3\n", "line 1: the unit 'gon' of the column 'x.gon.'"),
+        ("name,x,y,z,std [furlong]\nT1,1,2,3,4\n", "'furlong'"),
+    ],
+)
+def test_a_unit_that_is_not_known_is_refused_with_its_column(text: str, what: str) -> None:
+    with pytest.raises(Exception, match=what.replace("'", ".")):
+        points_of_table(PointTable(csv=text))
+
+
+def test_a_unit_that_contradicts_the_stated_one_is_refused() -> None:
+    with pytest.raises(Exception, match="`unit` says m"):
+        points_of_table(PointTable(csv="name,x [mm],y,z\nT1,1,2,3\n", unit="m"))
+
+
 @pytest.mark.parametrize(
     ("text", "what"),
     [

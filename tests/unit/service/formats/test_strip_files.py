@@ -85,9 +85,22 @@ def test_trajectories_are_read_as_their_columns_say(tmp_path: Path, text: str, c
     np.testing.assert_allclose(np.degrees(found.angles_rad), [[1.0, 2.0, 90.0], [-1.0, 0.0, 91.0]])
 
 
+def test_units_in_the_names_of_a_trajectory_are_those_of_its_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "flight.txt"
+    x, y, z = BASE_M
+    head = "time[ms],x [mm],y [mm],z [m],roll[gon],pitch[gon],yaw[gon]\n"
+    path.write_text(head + f"100000,{x * 1e3},{y * 1e3},{z},10,20,100\n101000,{x * 1e3},{y * 1e3},{z},10,20,100\n")
+    found = read_trajectory(path, "flight.txt", None, "deg", BASE_M, 100.0)
+    np.testing.assert_allclose(found.times_s, [0.0, 1.0])
+    np.testing.assert_allclose(found.positions_m, np.zeros((2, 3)), atol=1e-6)
+    assert found.angles_rad is not None
+    np.testing.assert_allclose(np.degrees(found.angles_rad[0]), [9.0, 18.0, 90.0])
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("time,x[furlong],y,z\n1,2,3,4\n2,3,4,5\n", "'furlong' of the column 'x.furlong.'"),
         ("1 2 3 4 5\n2 3 4 5 6\n", "5 columns without names"),
         ("time x y z roll\n1 2 3 4 5\n2 3 4 5 6\n", "holds pitch, heading"),
         ("when x y z\n1 2 3 4\n2 3 4 5\n", "holds time"),
