@@ -31,8 +31,8 @@ READ_BYTES = 4 << 20
 AGAIN_WHEN_REPLACED = 3
 PROBED = "probes/answer"
 """A key that nobody stores anything under."""
-ANSWERS_WITHIN_S = 20.0
-"""A piece of 5 MB takes this long at 2 Mbit/s [s]."""
+ANSWERS_WITHIN_S = 10.0
+"""A piece of 5 MB takes this long at 4 Mbit/s [s]."""
 FINISHES_WITHIN_S = 120.0
 """For what the store does with a whole blob: to put its parts together, to copy it [s]."""
 OPTIONS = {"endpoint", "region", "addressing"}

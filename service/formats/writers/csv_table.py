@@ -6,10 +6,12 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-FORMULA = re.compile(r"(^\s*|[,;|])(?=[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
+FORMULA = re.compile(
+    r"(^|[,;|])(\s*)(?=[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])(?![+-]\s?([\d.]+([eE][+-]?\d+)?|inf)\s*($|[,;|]))"
+)
 """Where a spreadsheet would begin to read a formula: at the start of a cell, or behind what may divide cells."""
-BREAKS = re.compile(r"[\t\r\n\v\f]+")
-NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?$|-?(inf|nan)$")
+UNSEEN = re.compile(r"[\x00-\x1f\x7f\u200b-\u200f\u2028-\u202e\u2060\ufeff]+")
+"""Breaks of lines, and signs that nobody sees, behind which a formula could hide."""
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -26,8 +28,8 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def harmless(text: str) -> str:
-    """Return a text of one line that no spreadsheet takes for a formula; numbers stay as they are."""
-    return text if NUMBER.match(text) else FORMULA.sub(r"\1'", BREAKS.sub(" ", text))
+    """Return a text of one line that no spreadsheet takes for a formula; signed numbers in it stay as they are."""
+    return FORMULA.sub(r"\1\2'", UNSEEN.sub(" ", text))
 
 
 def _cell(value: Any) -> Any:

@@ -28,10 +28,7 @@ def with_stations_of_jobs(inputs: ModelT, stored: Stored) -> ModelT:
     faults: list[FieldFault] = []
     for name in type(inputs).model_fields:
         given, where = getattr(inputs, name), pointer_to("inputs", name)
-        if isinstance(given, list) and len(given) > stored.settings.max_stations and _are_stations(given):
-            most = stored.settings.max_stations
-            faults.append(FieldFault(where, f"{len(given)} stations, the limit of this service is {most}"))
-        elif isinstance(given, StationsOfJob):
+        if isinstance(given, StationsOfJob):
             found = _job(given.job_id, stored.jobs)
             if isinstance(found, str):
                 faults.append(FieldFault(f"{where}/jobID", found))
@@ -49,6 +46,12 @@ def with_stations_of_jobs(inputs: ModelT, stored: Stored) -> ModelT:
                 pose = station.world_from_scan if isinstance(station, PosedStation) else None
                 if isinstance(pose, PoseOfJob):
                     faults += _pose_faults(station.name, pose, stored.jobs, f"{where}/{k}/world_from_scan")
+    most = stored.settings.max_stations
+    for name in type(inputs).model_fields:
+        stations = changed.get(name, getattr(inputs, name))
+        if isinstance(stations, list) and len(stations) > most and _are_stations(stations):
+            detail = f"{len(stations)} stations, the limit of this service is {most}"
+            faults.append(FieldFault(pointer_to("inputs", name), detail))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
     return inputs.model_copy(update=changed) if changed else inputs

@@ -20,6 +20,10 @@ FORMULAS = [
     "\uff0b1",
     "\uff0d1",
     "\uff20A1",
+    "\ufeff=1",
+    "\u200b=1",
+    "\x00=1",
+    "1.5\n=1",
 ]
 
 
@@ -32,9 +36,12 @@ def test_a_name_that_looks_like_a_formula_is_marked_as_text(name: str) -> None:
 @pytest.mark.parametrize("between", [",", ";", "|"])
 def test_a_formula_behind_what_divides_cells_elsewhere_is_marked_too(between: str) -> None:
     assert harmless(f"a{between}=1+1") == f"a{between}'=1+1"
+    assert harmless(f"a{between} =1+1") == f"a{between} '=1+1"
 
 
-@pytest.mark.parametrize("text", ["P1", "1.5", "-1.5", "+3", "-1e-05", "a - b", "a; b", "-inf", "x=1", "2; -3.0"])
+@pytest.mark.parametrize(
+    "text", ["P1", "1.5", "-1.5", "+3", "-1e-05", "a - b", "a; b", "-inf", "x=1", "2; -3.0", "2;-3.0", "-.5"]
+)
 def test_plain_texts_and_numbers_stay_as_they_are(text: str) -> None:
     assert harmless(text) == text
 

@@ -222,4 +222,5 @@ def test_more_stations_than_the_service_takes_are_refused(stored: Stored) -> Non
     small = replace(stored, settings=stored.settings.model_copy(update={"max_stations": 2}))
     three = [{"name": f"S{k}", "scan": {"file": f"f{k}"}} for k in range(1, 4)]
     assert faults(small, three) == {"/inputs/stations": "3 stations, the limit of this service is 2"}
+    assert faults(small, {"jobID": "done"}) == {"/inputs/stations": "3 stations, the limit of this service is 2"}
     assert checked(small, three[:2])
