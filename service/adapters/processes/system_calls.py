@@ -64,6 +64,7 @@ OF_NETWORK = {
 }  # fmt: skip
 """What is needed besides to fetch a file."""
 CLONE, CLONE3, FCNTL, IOCTL = (56, 220), (435, 435), (72, 25), (16, 29)
+SETPRIORITY = (141, 140)
 TGKILL, PRLIMIT, SCHED_SETAFFINITY = (234, 131), (302, 261), (203, 122)
 CLONE_THREAD = 0x00010000
 OWNERS_OF_SIGNALS = (8, 10, 15)
@@ -105,6 +106,8 @@ def filter_program(machine: str, *, network: bool) -> bytes:
     program += _by_argument(TGKILL[column], 0, _one_of([own]), EPERM)
     program += _by_argument(PRLIMIT[column], 0, _one_of([0, own]), EPERM)
     program += _by_argument(SCHED_SETAFFINITY[column], 0, _one_of([0, own]), EPERM)
+    # of the thread that asks, 0: those that fetch a file step back by themselves
+    program += _by_argument(SETPRIORITY[column], 1, _one_of([0]), EPERM)
     program += _by_argument(IOCTL[column], 1, _one_of(DEVICE_REQUESTS), ENOTTY)
     others = [each for command in OWNERS_OF_SIGNALS for each in ((JUMP_EQUAL, 0, 1, command), _refused(EPERM))]
     program += _by_argument(FCNTL[column], 1, [*others, ALLOWED_CALL], EPERM)

@@ -4,7 +4,6 @@ import asyncio
 import contextvars
 import os
 import sys
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -23,8 +22,8 @@ def step_back(niceness: int) -> None:
 
 def _step_back() -> None:
     if sys.platform == "linux":
-        thread = threading.get_native_id()
-        os.setpriority(os.PRIO_PROCESS, thread, max(_niceness[0], os.getpriority(os.PRIO_PROCESS, thread)))
+        # 0 is the thread that asks
+        os.setpriority(os.PRIO_PROCESS, 0, max(_niceness[0], os.getpriority(os.PRIO_PROCESS, 0)))
 
 
 _threads = ThreadPoolExecutor(THREADS, "upload", _step_back)
