@@ -17,6 +17,7 @@ from service.ports import (
     JobStore,
     KeyStore,
     Queue,
+    RequestReader,
     SessionStore,
     Sources,
     StepRunner,
@@ -40,6 +41,8 @@ class Adapters:
     queue: Queue
     steps: StepRunner
     log: JobLog
+    requests: RequestReader | None = None
+    """Reads large requests; None: they are read as small ones are."""
 
     def of(self, owner: str) -> "Adapters":
         """Give them to one project: its files and jobs are all there are."""

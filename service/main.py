@@ -96,6 +96,7 @@ def app_from_environment() -> FastAPI:
         queue=DatabaseQueue(DatabaseExecutors(database), DatabaseSteps(database, settings.max_running_jobs)),
         steps=readers,
         log=DatabaseJobLog(database),
+        requests=readers,
     )
 
     access = AccessStores(

@@ -12,6 +12,8 @@ from pydantic_core import PydanticCustomError
 from schemas.requests.gama_networks import network_of_gama
 from schemas.requests.jag3d_networks import network_of_jag3d
 from schemas.values.base import RequestModel
+from schemas.values.text_counts import too_long
+from schemas.values.texts_elsewhere import require_reading_here
 
 
 def _network_of_riscan(root: Element) -> dict[str, Any]:
@@ -68,14 +70,17 @@ def network_dictionary(given: Any) -> Any:
     PydanticCustomError
         No XML, XML that declares entities, or what this service has no observation for, by name.
     """
-    if isinstance(given, dict) and given.get("format") == "jag3d":
-        return _of_jag3d(given)
-    if not isinstance(given, dict) or "xml" not in given:
+    if not isinstance(given, dict) or (given.get("format") != "jag3d" and "xml" not in given):
         return given
+    require_reading_here()
+    if given.get("format") == "jag3d":
+        return _of_jag3d(given)
     read = FORMATS.get(str(given.get("format")))
     unknown = set(given) - {"format", "xml"}
     if read is None or unknown or not isinstance(given["xml"], str):
         raise _fault(f"a network as text has `format`, one of {', '.join(FORMATS)}, and `xml`, and nothing else")
+    if (what := too_long(given["xml"])) is not None:
+        raise _fault(what)
     try:
         root = fromstring(given["xml"])
     except DefusedXmlException as error:
@@ -94,6 +99,8 @@ def _of_jag3d(given: dict[str, Any]) -> Any:
     except ValidationError as error:
         first = error.errors()[0]
         raise _fault(f"jag3d: {'/'.join(str(part) for part in first['loc'])}: {first['msg']}") from None
+    if (what := too_long(*(file.text for file in texts.files))) is not None:
+        raise _fault(what)
     try:
         return _as_tuples(network_of_jag3d([file.model_dump() for file in texts.files]))
     except ValueError as error:

@@ -9,6 +9,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
 from schemas.values.base import RequestModel
+from schemas.values.text_counts import too_many_cells
+from schemas.values.texts_elsewhere import require_reading_here
 from schemas.values.units import BY_NAME, unit_named, unit_words
 
 ColumnName: TypeAlias = Literal["name", "x", "y", "z", "std", "std_x", "std_y", "std_z", "use", "-"]
@@ -58,6 +60,8 @@ def points_of_table(table: PointTable) -> list[dict[str, Any]]:
     PydanticCustomError
         A column is not known or missing, a line has other columns than the first, or a value is no number, with lines.
     """
+    if (what := too_many_cells(table.csv, "".join(SEPARATORS), 2 * MOST_ROWS)) is not None:
+        raise _fault(what)
     rows = [(number, line) for number, line in enumerate(table.csv.lstrip("\ufeff").splitlines(), 1)
             if line.strip() and not line.lstrip().startswith("#")]  # fmt: skip
     if len(rows) > MOST_ROWS:
@@ -75,6 +79,7 @@ def point_dictionaries(given: Any) -> Any:
     """Give the points of a table in place of it; what is no table goes through as it is."""
     if not isinstance(given, dict) or "csv" not in given:
         return given
+    require_reading_here()
     try:
         table = TypeAdapter(PointTable).validate_python(given)
     except ValidationError as error:

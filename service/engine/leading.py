@@ -29,7 +29,7 @@ class Leader:
     async def lead(self, job_id: str) -> None:
         """Put the next stage of a job on the queue, or end the job, unless a step of it waits or is computed."""
         tools = self._tools
-        job = await patiently(self._patience_s, tools.jobs.get, job_id)
+        job = await patiently(self._patience_s, tools.jobs.whole, job_id)
         if job is None or job.status.finished:
             return
         plan = tools.plans.get(job.process_id)

@@ -10,7 +10,7 @@ from service.ports.callbacks import (
     ClaimedCallback,
     Subscription,
 )
-from service.ports.documents import Json
+from service.ports.documents import Json, JsonText, as_text
 from service.ports.files import FileStore, StoredAmount, StoredFile, admit_any_file
 from service.ports.idempotency import KEPT_ANSWERS, Answer, Claim, IdempotencyStore
 from service.ports.jobs import (
@@ -39,12 +39,24 @@ from service.ports.step_queue import (
     StepPlace,
     StepQueue,
 )
-from service.ports.steps import Plan, StepCall, StepContext, StepFailedError, StepProgress, StepRunner
+from service.ports.steps import (
+    REQUEST_BODY,
+    REQUEST_INPUTS,
+    Plan,
+    RequestReader,
+    StepCall,
+    StepContext,
+    StepFailedError,
+    StepProgress,
+    StepRunner,
+)
 from service.ports.uploads import OpenUpload, PendingUpload, UploadState, UploadStore
 from service.ports.workers import DeadExecutor, ExecutorRegistry, Queue
 
 __all__ = [
     "KEPT_ANSWERS",
+    "REQUEST_BODY",
+    "REQUEST_INPUTS",
     "USUAL_URGENCY",
     "Answer",
     "AuditEntry",
@@ -70,6 +82,7 @@ __all__ = [
     "JobStatus",
     "JobStore",
     "Json",
+    "JsonText",
     "Key",
     "KeyStore",
     "LeftBehind",
@@ -81,6 +94,7 @@ __all__ = [
     "Process",
     "Queue",
     "RemoteFile",
+    "RequestReader",
     "Scope",
     "SessionStore",
     "Sources",
@@ -103,5 +117,6 @@ __all__ = [
     "UploadStore",
     "admit_any",
     "admit_any_file",
+    "as_text",
     "narrowed",
 ]

@@ -6,7 +6,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Protocol
 
-from service.ports.documents import Json
+from service.ports.documents import Json, JsonText
 
 USUAL_URGENCY = 3
 
@@ -33,7 +33,7 @@ class Job:
     id: str
     process_id: str
     inputs: Json
-    """Validated inputs as in the request."""
+    """Validated inputs as in the request; only `JobStore.whole` reads them, elsewhere they are empty."""
     status: JobStatus
     created: datetime
     started: datetime | None = None
@@ -147,15 +147,24 @@ class JobStore(Protocol):
         PermissionError when this store is another project's.
         """
 
-    def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
+    def create_and_enqueue(
+        self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any, inputs: JsonText | None = None
+    ) -> None:
         """Insert the job and put it on the queue in one transaction: both or neither.
 
-        `admit` sees what is unfinished before; when it raises, the job is not kept. Nobody else creates a job of the
-        same project meanwhile.
+        Inputs that another process has written are given as their text, in place of those of the job. `admit` sees
+        what is unfinished before; when it raises, the job is not kept. Nobody else creates a job of the same project
+        meanwhile.
         """
 
     def get(self, job_id: str) -> Job | None:
-        """Fetch a job."""
+        """Fetch a job without its inputs, which may be tens of megabytes."""
+
+    def whole(self, job_id: str) -> Job | None:
+        """Fetch a job with its inputs."""
+
+    def inputs_text(self, job_id: str) -> JsonText | None:
+        """Fetch the inputs of a job as they are kept, without reading them."""
 
     async def look(self, job_id: str) -> JobState | None:
         """Tell where a job stands, as quickly as possible; the event loop is not held up by a store that is slow."""

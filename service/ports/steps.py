@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 from service.errors import ComputationFailedError, ServiceError
 from service.ports.blobs import StepFiles
@@ -106,3 +106,21 @@ class StepRunner(Protocol):
         ComputationFailedError
             The process died without a report; the message tells how, and its last words.
         """
+
+
+class RequestReader(Protocol):
+    """Read a request in a process of its own, with limits: what it says may be hostile, and is large."""
+
+    async def read(self, step: str, arguments: Json, body: BinaryIO, *, timeout_s: float) -> tuple[Json, bytes]:
+        """Give the output of a step, and the bytes that it made of a body.
+
+        The step finds the body as the blob `REQUEST_BODY`, and makes the blob `REQUEST_INPUTS`.
+
+        Raises
+        ------
+        StepFailedError, ComputationFailedError
+            As `StepRunner.run` says.
+        """
+
+
+REQUEST_BODY, REQUEST_INPUTS = "request/body", "request/inputs"

@@ -30,6 +30,7 @@ from service.processes.roofs import ROOFS
 from service.processes.simulate import SIMULATE
 from service.processes.terrain import TERRAIN
 from service.processes.transform import TRANSFORM
+from service.use_cases.limits.machine_shares import CHECK_REQUEST
 from service.use_cases.steps.fetching_plan import FetchingPlan
 from service.use_cases.steps.table import SHARED_STEPS
 
@@ -85,7 +86,11 @@ def _loaded_when_called(reference: str) -> Callable[[StepContext, Json], Json]:
     return run
 
 
-_REFERENCES = {**SHARED_STEPS, **{name: step for process in PROCESSES for name, step in process.steps.items()}}
+_REFERENCES = {
+    CHECK_REQUEST: "service.processes.checked_request:check_request",
+    **SHARED_STEPS,
+    **{name: step for process in PROCESSES for name, step in process.steps.items()},
+}
 STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     name: _loaded_when_called(reference) for name, reference in _REFERENCES.items()
 }

@@ -24,6 +24,7 @@ from service.use_cases.jobs.dismiss_job import dismiss_job
 from service.use_cases.jobs.find_job import (
     find_artifact,
     find_artifacts,
+    find_inputs,
     find_job,
     find_result,
     look_at_job,
@@ -119,10 +120,10 @@ def get_log(job_id: str, adapters: AdaptersDependency) -> Response:
     return PlainTextResponse("".join(lines), headers={"X-Content-Type-Options": "nosniff"})
 
 
-@router.get("/jobs/{job_id}/inputs", summary="Inputs of a job")
-def get_inputs(job_id: str, adapters: AdaptersDependency) -> dict[str, Any]:
+@router.get("/jobs/{job_id}/inputs", summary="Inputs of a job", response_model=dict[str, Any])
+def get_inputs(job_id: str, adapters: AdaptersDependency) -> Response:
     """Give what the job was asked for, defaults filled in, as it may be sent again with something changed."""
-    return find_job(job_id, adapters.jobs).inputs
+    return Response(find_inputs(job_id, adapters.jobs), media_type="application/json")
 
 
 @router.get("/jobs/{job_id}/artifacts", summary="Downloads of a job")

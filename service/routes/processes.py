@@ -28,14 +28,14 @@ from service.routes.multipart_related import NO_OUTPUT, OUTPUTS, raw_outputs
 from service.routes.paging import LimitParameter, OffsetParameter, page_size
 from service.routes.problems import PROBLEM_RESPONSES
 from service.routes.readable_router import ReadableRouter
-from service.routes.request_bodies import read_json
+from service.routes.request_bodies import json_body
 from service.use_cases.callbacks.check_subscriber import checked_subscription
-from service.use_cases.inputs.fetch_files import with_files_to_come
 from service.use_cases.jobs.describe_processes import (
     input_descriptions,
     output_descriptions,
 )
-from service.use_cases.jobs.submit_job import answer_at_once, check_execution, submit_job
+from service.use_cases.jobs.read_request import RequestDesk
+from service.use_cases.jobs.submit_job import answer_at_once, submit_job
 
 STATUS_INFO = {"$ref": "#/components/schemas/StatusInfo"}
 EXECUTE = "http://www.opengis.net/def/rel/ogc/1.0/execute"
@@ -112,12 +112,12 @@ async def execute(
 ) -> Response:
     """Run a process in the background: 201 with the job. `echo` answers at once (200) unless asked otherwise."""
     process = offered_process(process_id)
-    body = await read_json(request)
     asynchronous = _prefers_async(request)
-    now = datetime.now(UTC)
-    body, fetches = await asyncio.to_thread(with_files_to_come, body, sources, origin.make_id)
     stored = Stored(adapters.files, adapters.jobs, settings)
-    execution = await asyncio.to_thread(check_execution, process, body, stored, fetches)
+    desk = RequestDesk(stored, sources, belongings.owner, origin.make_id, adapters.requests)
+    async with json_body(request) as (body, size):
+        now = datetime.now(UTC)
+        execution = await desk.execution(process, body, size, at_once=not asynchronous)
     subscription = None
     if execution.subscriber is not None:
         subscription = await checked_subscription(execution.subscriber, callbacks, url.url, settings)

@@ -2,11 +2,13 @@
 
 import asyncio
 import re
+import tempfile
 from collections import deque
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from email.message import Message
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
@@ -22,7 +24,7 @@ from service.use_cases.limits.patient_reading import timely
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
-MAX_JSON_BYTES = 10_000_000
+MAX_JSON_BYTES, MAX_SHORT_JSON_BYTES = 10_000_000, 1_000_000
 MAX_COLUMNS_BYTES = 10_000
 SENT_FOR_ANY_PAGE = frozenset({"text/plain", "application/x-www-form-urlencoded"})
 """Types of bodies, besides `multipart/…`, that browsers send to other origins for any page (Fetch, 2.2.2)."""
@@ -55,8 +57,8 @@ def body_of(request: Request) -> AsyncIterator[bytes]:
     return timely(request.stream(), settings.body_timeout_s)
 
 
-async def read_json_body(request: Request) -> bytes:
-    """Read a JSON body; many clients say nothing of its type.
+def _require_json(request: Request, most: int) -> None:
+    """Require what may be a JSON body of so many bytes; many clients say nothing of its type.
 
     Raises
     ------
@@ -69,20 +71,42 @@ async def read_json_body(request: Request) -> bytes:
     if kind in SENT_FOR_ANY_PAGE or kind.startswith("multipart/"):
         raise UnsupportedMediaTypeError(f"{kind} is not taken here; send JSON as application/json")
     length = declared_length(request)
-    if length is not None and length > MAX_JSON_BYTES:
-        raise FileTooLargeError("the request body", length, MAX_JSON_BYTES)
-    return await read_within("the request body", body_of(request), MAX_JSON_BYTES)
+    if length is not None and length > most:
+        raise FileTooLargeError("the request body", length, most)
 
 
 async def read_json(request: Request) -> Any:
-    """Read and parse a JSON body; others are answered meanwhile.
+    """Read and parse a short JSON body; others are answered meanwhile.
 
     Raises
     ------
     UnsupportedMediaTypeError, FileTooLargeError, InvalidRequestError
-        As `read_json_body` and `parse_json` say.
+        As `_require_json` and `parse_json` say.
     """
-    return await asyncio.to_thread(parse_json, await read_json_body(request))
+    _require_json(request, MAX_SHORT_JSON_BYTES)
+    body = await read_within("the request body", body_of(request), MAX_SHORT_JSON_BYTES)
+    return await asyncio.to_thread(parse_json, body)
+
+
+@asynccontextmanager
+async def json_body(request: Request) -> AsyncIterator[tuple[BinaryIO, int]]:
+    """Give a JSON body as a file, and its size; a long one is not kept in memory while it waits to be read.
+
+    Raises
+    ------
+    UnsupportedMediaTypeError, FileTooLargeError
+        As `_require_json` says.
+    """
+    _require_json(request, MAX_JSON_BYTES)
+    settings = cast("Settings", request.app.state.settings)
+    with tempfile.SpooledTemporaryFile(max_size=MAX_SHORT_JSON_BYTES, dir=str(settings.data_dir)) as file:
+        size = 0
+        async for chunk in body_of(request):
+            size += len(chunk)
+            if size > MAX_JSON_BYTES:
+                raise FileTooLargeError("the request body", size, MAX_JSON_BYTES)
+            file.write(chunk)
+        yield cast("BinaryIO", file), size
 
 
 async def read_within(what: str, chunks: AsyncIterator[bytes], limit: int) -> bytes:

@@ -83,7 +83,7 @@ def test_others_are_answered_while_a_document_is_parsed(client: Client, monkeypa
         seen.append(threading.current_thread() is threading.main_thread())
         return {"inputs": {"stringInput": "a"}}
 
-    monkeypatch.setattr("service.routes.request_bodies.parse_json", parsed)
+    monkeypatch.setattr("service.use_cases.jobs.read_request.parse_json", parsed)
     assert execute(client, b"{}", "echo").status_code == 200
     assert seen == [False]
 

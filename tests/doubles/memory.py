@@ -21,6 +21,7 @@ from service.ports import (
     JobState,
     JobStatus,
     Json,
+    JsonText,
     LogLine,
     StepFigures,
     StoredAmount,
@@ -56,8 +57,11 @@ class MemoryJobStore:
         bound._owner = narrowed(self._owner, owner)
         return bound
 
-    def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
+    def create_and_enqueue(
+        self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any, inputs: JsonText | None = None
+    ) -> None:
         """Insert the job and put it on the queue: both or neither."""
+        job = job if inputs is None else replace(job, inputs=json.loads(inputs))
         if self._owner is not None:
             job = replace(job, owner=self._owner)
         with self._lock:
@@ -65,6 +69,15 @@ class MemoryJobStore:
             admit(UnfinishedJobs(unfinished.count(job.owner), len(unfinished)))
             self._enqueue(job)
             self._jobs[job.id] = job
+
+    def whole(self, job_id: str) -> Job | None:
+        """Fetch a job with its inputs."""
+        return self.get(job_id)
+
+    def inputs_text(self, job_id: str) -> JsonText | None:
+        """Fetch the inputs of a job as they are kept."""
+        job = self.get(job_id)
+        return None if job is None else JsonText(json.dumps(job.inputs))
 
     def get(self, job_id: str) -> Job | None:
         """Fetch a job."""

@@ -14,7 +14,7 @@ from service.adapters.database.job_filter import condition_of
 from service.adapters.database.job_states import DatabaseJobStates
 from service.adapters.database.tables import connect, job_files, job_steps, jobs, lock_name
 from service.adapters.database.totals import add_to_totals
-from service.ports import Job, JobFilter, JobState, JobStatus, Json, UnfinishedJobs, admit_any, narrowed
+from service.ports import Job, JobFilter, JobState, JobStatus, Json, JsonText, UnfinishedJobs, admit_any, narrowed
 from service.settings import Settings
 
 UNFINISHED = tuple(status.value for status in JobStatus if not status.finished)
@@ -22,9 +22,12 @@ INCREMENTAL = 2
 """Of SQLite's ways to give space back: when asked."""
 PAGES_AT_ONCE = 25_000
 """100 MB, in which no other process can write."""
-COLUMNS = tuple(each.name for each in fields(Job) if each.name not in {"file_ids", "status", "fetches"})
+COLUMNS = tuple(each.name for each in fields(Job) if each.name not in {"file_ids", "status", "fetches", "inputs"})
+# of a large network they are tens of megabytes, which only those pay for who need them
+ALL_BUT_INPUTS = tuple(column for column in jobs.c if column.name != "inputs")
 # clients ask for single jobs again and again: putting a statement together takes longer than executing it
-JOB = sa.select(jobs).where(jobs.c.id == sa.bindparam("id"))
+JOB = sa.select(*ALL_BUT_INPUTS).where(jobs.c.id == sa.bindparam("id"))
+WHOLE_JOB = sa.select(jobs).where(jobs.c.id == sa.bindparam("id"))
 FILES_OF_JOB = (
     sa.select(job_files.c.file_id).where(job_files.c.job_id == sa.bindparam("id")).order_by(job_files.c.position)
 )
@@ -109,14 +112,17 @@ class DatabaseJobStore:
         """Give the jobs of one project."""
         return DatabaseJobStore(self._engine, narrowed(self._owner, owner), self._states)
 
-    def create_and_enqueue(self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any) -> None:
+    def create_and_enqueue(
+        self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any, inputs: JsonText | None = None
+    ) -> None:
         """Insert the job, which puts it on the queue, in one transaction, in which `admit` is asked."""
         if self._owner is not None:
             job = replace(job, owner=self._owner)
-        row = asdict(job)
+        row = asdict(replace(job, inputs={}))
         row.pop("file_ids")
         row["status"] = job.status.value
-        row["input_bytes"] = len(json.dumps(job.inputs))
+        row["inputs"] = JsonText(json.dumps(job.inputs)) if inputs is None else inputs
+        row["input_bytes"] = len(row["inputs"])
         with self._engine.begin() as connection:
             lock_name(connection, f"jobs of {job.owner}")
             admit(_unfinished(connection, job.owner))
@@ -128,9 +134,21 @@ class DatabaseJobStore:
                 )
 
     def get(self, job_id: str) -> Job | None:
-        """Fetch a job."""
+        """Fetch a job without its inputs."""
         with _reading(self._engine) as connection:
             return self._job(connection, job_id)
+
+    def whole(self, job_id: str) -> Job | None:
+        """Fetch a job with its inputs."""
+        with _reading(self._engine) as connection:
+            return self._job(connection, job_id, WHOLE_JOB)
+
+    def inputs_text(self, job_id: str) -> JsonText | None:
+        """Fetch the inputs of a job as they are kept."""
+        query = sa.select(sa.cast(jobs.c.inputs, sa.Text)).where(jobs.c.id == job_id, self._mine)
+        with _reading(self._engine) as connection:
+            text = connection.execute(query).scalar()
+        return None if text is None else JsonText(text)
 
     async def look(self, job_id: str) -> JobState | None:
         """Tell where a job stands."""
@@ -139,7 +157,7 @@ class DatabaseJobStore:
     def find(self, which: JobFilter) -> tuple[Sequence[Job], int]:
         """List jobs, newest first, and the number of all that match."""
         condition = sa.and_(self._mine, condition_of(which))
-        query = sa.select(jobs).where(condition).order_by(jobs.c.created.desc(), jobs.c.id.desc())
+        query = sa.select(*ALL_BUT_INPUTS).where(condition).order_by(jobs.c.created.desc(), jobs.c.id.desc())
         with _reading(self._engine) as connection:
             number = connection.execute(sa.select(sa.func.count()).select_from(jobs).where(condition)).scalar_one()
             rows = connection.execute(query.limit(which.limit).offset(which.offset)).mappings().all()
@@ -218,8 +236,8 @@ class DatabaseJobStore:
         with self._engine.begin() as connection:
             return change_job(connection, job_id, self._mine, **values)
 
-    def _job(self, connection: sa.Connection, job_id: str) -> Job | None:
-        row = connection.execute(JOB, {"id": job_id}).mappings().one_or_none()
+    def _job(self, connection: sa.Connection, job_id: str, statement: sa.Select[Any] = JOB) -> Job | None:
+        row = connection.execute(statement, {"id": job_id}).mappings().one_or_none()
         if row is None or self._owner not in {None, row["owner"]}:
             return None
         return _job_of(row, connection.execute(FILES_OF_JOB, {"id": job_id}).scalars())
@@ -239,7 +257,8 @@ def change_job(
 ) -> Job | None:
     """Change an unfinished job; None when it is gone or final. The one place where status moves forward."""
     which = sa.and_(jobs.c.id == job_id, jobs.c.status.in_(UNFINISHED), sa.true() if condition is None else condition)
-    row = connection.execute(sa.update(jobs).where(which).values(values).returning(*jobs.c)).mappings().one_or_none()
+    change = sa.update(jobs).where(which).values(values).returning(*ALL_BUT_INPUTS)
+    row = connection.execute(change).mappings().one_or_none()
     if row is None:
         return None
     job = _job_of(row, connection.execute(FILES_OF_JOB, {"id": job_id}).scalars())
@@ -257,7 +276,8 @@ def change_job(
 
 def _job_of(row: sa.RowMapping, file_ids: Iterable[str]) -> Job:
     known = {name: row[name] for name in COLUMNS}
-    return Job(**known, status=JobStatus(row["status"]), file_ids=tuple(file_ids), fetches=tuple(row["fetches"] or ()))
+    known |= {"inputs": row.get("inputs", {}), "fetches": tuple(row["fetches"] or ())}  # inputs only where asked for
+    return Job(**known, status=JobStatus(row["status"]), file_ids=tuple(file_ids))
 
 
 def _unfinished(connection: sa.Connection, owner: str) -> UnfinishedJobs:

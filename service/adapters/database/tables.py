@@ -7,6 +7,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.ports import as_text
 from service.settings import Settings
 
 POOL_TIMEOUT_S = 10.0
@@ -302,6 +303,7 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) 
         kept = most if reserve else min(KEPT_BY_WORKERS, most)
         server = sa.create_engine(
             url,
+            json_serializer=as_text,
             pool_size=kept,
             max_overflow=most - kept,
             pool_timeout=POOL_TIMEOUT_S,
@@ -312,7 +314,7 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) 
         _ask_after_a_pause(server, fresh_s)
         return server
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    engine = sa.create_engine(url)
+    engine = sa.create_engine(url, json_serializer=as_text)
 
     @sa.event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: Any) -> None:

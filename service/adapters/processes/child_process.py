@@ -13,19 +13,20 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, BinaryIO
 
 import psutil
 import structlog
 
-from service.adapters.processes.handing import hand_out, pinned, take_in
+from service.adapters.processes.handing import hand_out, made_bytes, pinned, take_in
 from service.adapters.processes.nursery_client import NotWarmError, NurseryClient, WarmProcess, WarmUp
 from service.adapters.processes.process_limits import DEFAULT_STEPS, is_harmless, this_host
 from service.errors import ComputationFailedError, ServiceError, to_problem
-from service.ports import BlobStore, Json, StepFailedError
+from service.ports import REQUEST_BODY, REQUEST_INPUTS, BlobStore, Json, StepFailedError
 from service.settings import Settings
 from service.use_cases.steps.step_needs import FETCH, StepNeeds, needs_of
 
@@ -61,6 +62,14 @@ class _Conversation:
         return ", ".join(
             part for part in (self.doing and f"while {self.doing}", said and f"last words: {said}") if part
         )
+
+    def outcome(self, code: int) -> Json:
+        """Give the result of a child that has ended with a code, or raise what went wrong."""
+        if self.problem is not None:
+            raise StepFailedError(self.problem)
+        if self.result is None:
+            raise ComputationFailedError(", ".join(filter(None, (_ending(code), self.last_words()))))
+        return self.result
 
 
 class ChildProcesses:
@@ -105,31 +114,46 @@ class ChildProcesses:
     ) -> Json:
         """Give the step's output; see `service.ports.StepRunner`."""
         needs = needs_of(step, arguments)
-        request = {
-            "step": step,
-            "arguments": arguments,
-            "settings": self._settings.model_dump(mode="json", exclude=_unneeded_by(step)),
-        }
+        request = self._request(step, arguments)
         # in an object store, what is seldom needed is fetched when it is needed, and the step begun again
         for seldom in (False, True) if self._settings.storage_url.startswith("s3:") else (True,):
             heard = _Conversation()
-            directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
-            directory.mkdir()
-            try:
-                async with asyncio.timeout(timeout_s):
-                    code = await self._run(request, needs, heard, directory, seldom, on_progress or _ignore)
-            except TimeoutError:
-                error = ComputationFailedError(f"the computation took longer than {timeout_s:g} s and was stopped")
-                raise StepFailedError(to_problem(error)) from None
-            finally:
-                shutil.rmtree(directory, ignore_errors=True)
+            async with self._directory(timeout_s) as directory:
+                code = await self._run(request, needs, heard, directory, seldom, on_progress or _ignore)
             if not heard.wanted:
                 break
-        if heard.problem is not None:
-            raise StepFailedError(heard.problem)
-        if heard.result is None:
-            raise ComputationFailedError(", ".join(filter(None, (_ending(code), heard.last_words()))))
-        return heard.result
+        return heard.outcome(code)
+
+    async def read(self, step: str, arguments: Json, body: BinaryIO, *, timeout_s: float) -> tuple[Json, bytes]:
+        """Give the step's output and what it made of a body; see `service.ports.RequestReader`."""
+        heard = _Conversation()
+        async with self._directory(timeout_s) as directory:
+            own, copy = directory / "own", directory / "body"
+            own.mkdir()
+            await asyncio.to_thread(_copy, body, copy)
+            handed = {"paths": {REQUEST_BODY: str(copy)}, "on_request": [], "scratch": str(own)}
+            code = await self._converse({**self._request(step, arguments), **handed}, heard, _ignore)
+            output = heard.outcome(code)
+            made = await asyncio.to_thread(made_bytes, own, REQUEST_INPUTS)
+        return output, made
+
+    def _request(self, step: str, arguments: Json) -> Json:
+        settings = self._settings.model_dump(mode="json", exclude=_unneeded_by(step))
+        return {"step": step, "arguments": arguments, "settings": settings}
+
+    @asynccontextmanager
+    async def _directory(self, timeout_s: float) -> AsyncIterator[Path]:
+        """Give a directory for one run, which must end in time."""
+        directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
+        directory.mkdir()
+        try:
+            async with asyncio.timeout(timeout_s):
+                yield directory
+        except TimeoutError:
+            error = ComputationFailedError(f"the computation took longer than {timeout_s:g} s and was stopped")
+            raise StepFailedError(to_problem(error)) from None
+        finally:
+            shutil.rmtree(directory, ignore_errors=True)
 
     async def _run(
         self,
@@ -297,6 +321,12 @@ async def _lines(pipe: int) -> AsyncIterator[bytes]:
             yield line
     finally:
         transport.close()
+
+
+def _copy(body: BinaryIO, path: Path) -> None:
+    body.seek(0)
+    with path.open("wb") as file:
+        shutil.copyfileobj(body, file)
 
 
 def _ignore(_fraction: float, _message: str) -> None:

@@ -15,6 +15,8 @@ from service.errors import StorageError
 from service.ports import BlobStore, Json
 from service.use_cases.steps.step_needs import StepNeeds
 
+LONGEST_MADE = 256_000_000
+"""Bytes of what is taken into memory."""
 MADE = "blobs"
 """Folder below the directory of a process in which it makes blobs."""
 
@@ -100,3 +102,23 @@ def take_in(needs: StepNeeds, directory: Path, blobs: BlobStore) -> None:
             if not (needs.may_make(key) and stat.S_ISREG(found.st_mode) and found.st_nlink == 1):
                 raise StorageError(f"a computation made '{key}', which is not its own")
             blobs.put_file(key, path)
+
+
+def made_bytes(directory: Path, key: str) -> bytes:
+    """Give what a step that has ended made under a key.
+
+    Raises
+    ------
+    StorageError
+        It made nothing, or something else.
+    """
+    path = directory.resolve() / MADE / key
+    if not path.exists():
+        raise StorageError(f"a computation did not make '{key}'")
+    found = path.lstat()
+    # no symbolic link on the way: it would be followed with rights that the computation had not
+    if path.resolve() != path or not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+        raise StorageError(f"a computation made '{key}', which is not its own")
+    if found.st_size > LONGEST_MADE:
+        raise StorageError(f"a computation made '{key}' of {found.st_size} bytes, at most {LONGEST_MADE} are taken")
+    return path.read_bytes()

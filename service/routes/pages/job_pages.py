@@ -15,7 +15,7 @@ from service.ports import Job, JobFilter, JobStatus
 from service.processes import OFFERED_PROCESSES, PROCESSES
 from service.routes.page_answers import PageRoute, elsewhere, language_of, page
 from service.routes.pages.pieces_of_lists import Piece, piece_of
-from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result
+from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result, find_whole_job
 from service.use_cases.jobs.find_rows import LARGEST_DOCUMENT, list_of_result
 from service.web.links_graph import links_graph
 from service.web.result_view import result_view
@@ -48,7 +48,7 @@ def list_jobs(request: Request) -> Response:
 def show_job(request: Request) -> Response:
     """Show where a job stands, and follow it."""
     adapters = adapters_of(request)
-    return _job_page(request, find_job(request.path_params["job_id"], adapters.jobs), adapters)
+    return _job_page(request, find_whole_job(request.path_params["job_id"], adapters.jobs), adapters)
 
 
 def show_result(request: Request) -> Response:

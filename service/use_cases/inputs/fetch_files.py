@@ -36,35 +36,22 @@ class Fetch:
         return cls(**{**stored, "pointers": tuple(stored["pointers"])})
 
 
-def with_files_to_come(body: Any, sources: Sources, make_id: MakeIdentifier) -> tuple[Any, tuple[Fetch, ...]]:
+def with_files_to_come(body: Any, make_id: MakeIdentifier) -> tuple[Any, tuple[Fetch, ...]]:
     """Give the request with identifiers in place of addresses, and what is to be fetched: each address once.
 
     Parameters
     ----------
     body
         Parsed request; whatever has not the form of a reference by address stays as it is, to be refused as such.
-    sources
-        Know which addresses are allowed; nobody is asked yet.
     make_id
         Makes the identifiers.
-
-    Raises
-    ------
-    InvalidRequestError
-        With a pointer to every address that is not allowed.
     """
     if next(_references(body), None) is None:
         return body, ()
     changed = deepcopy(body)
     fetches: dict[str, Fetch] = {}
-    faults = []
     for reference, pointer, label in list(_references(changed)):
         href = reference.pop("href")
-        try:
-            sources.check(href)
-        except AddressRefusedError as error:
-            faults.append(FieldFault(f"{pointer}/href", str(error)))
-            continue
         known = fetches.get(href)
         fetch = Fetch(
             known.id if known else make_id(),
@@ -75,9 +62,25 @@ def with_files_to_come(body: Any, sources: Sources, make_id: MakeIdentifier) -> 
         )
         fetches[href] = fetch
         reference["file"] = fetch.id
+    return changed, tuple(fetches.values())
+
+
+def require_allowed(fetches: tuple[Fetch, ...], sources: Sources) -> None:
+    """Refuse files to come whose addresses are not allowed; nobody is asked yet.
+
+    Raises
+    ------
+    InvalidRequestError
+        With a pointer to every such address.
+    """
+    faults = []
+    for fetch in fetches:
+        try:
+            sources.check(fetch.href)
+        except AddressRefusedError as error:
+            faults += [FieldFault(f"{pointer}/href", str(error)) for pointer in fetch.pointers]
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
-    return changed, tuple(fetches.values())
 
 
 def without_absence(error: InvalidRequestError, fetches: tuple[Fetch, ...]) -> InvalidRequestError | None:

@@ -72,7 +72,7 @@ def _pose_faults(own_name: str, pose: PoseOfJob, jobs: JobStore, where: str) -> 
 
 def _job(job_id: str, jobs: JobStore) -> Job | str:
     """Give a job that has poses, or what is wrong with it."""
-    job = jobs.get(job_id) if is_identifier(job_id) else None
+    job = jobs.whole(job_id) if is_identifier(job_id) else None
     if job is None:
         return f"there is no job '{job_id}'"
     if job.process_id != GIVES_POSES:

@@ -15,7 +15,7 @@ from service.errors import (
     StorageError,
 )
 from service.names.identifiers import is_identifier
-from service.ports import BlobStore, Job, JobState, JobStatus, JobStore, Json
+from service.ports import BlobStore, Job, JobState, JobStatus, JobStore, Json, JsonText
 
 MEDIA_TYPES = {".e57": "model/e57", ".ply": "application/octet-stream", ".dxf": "image/vnd.dxf"}
 
@@ -43,6 +43,34 @@ def find_job(job_id: str, jobs: JobStore) -> Job:
     if job is None:
         raise NoSuchJobError(job_id)
     return job
+
+
+def find_whole_job(job_id: str, jobs: JobStore) -> Job:
+    """Fetch a job with its inputs.
+
+    Raises
+    ------
+    NoSuchJobError
+        There is no such job.
+    """
+    job = jobs.whole(job_id) if is_identifier(job_id) else None
+    if job is None:
+        raise NoSuchJobError(job_id)
+    return job
+
+
+def find_inputs(job_id: str, jobs: JobStore) -> JsonText:
+    """Fetch the inputs of a job as they are kept.
+
+    Raises
+    ------
+    NoSuchJobError
+        There is no such job.
+    """
+    text = jobs.inputs_text(job_id) if is_identifier(job_id) else None
+    if text is None:
+        raise NoSuchJobError(job_id)
+    return text
 
 
 async def look_at_job(job_id: str, jobs: JobStore) -> JobState:

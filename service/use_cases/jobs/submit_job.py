@@ -1,6 +1,5 @@
 """Turn an execution request into a job on the queue, or into an answer at once."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -13,7 +12,7 @@ from schemas.requests.subscriber import Subscriber
 from schemas.values.file_references import FileReference
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import MakeIdentifier, new_identifier
-from service.ports import USUAL_URGENCY, Job, JobStatus, Json, Process, Stored, Subscription
+from service.ports import USUAL_URGENCY, Job, JobStatus, Json, JsonText, Process, Stored, Subscription, as_text
 from service.settings import Settings
 from service.use_cases.access.sealed_secrets import seal_of
 from service.use_cases.inputs.fetch_files import Fetch, without_absence
@@ -27,7 +26,7 @@ class Execution:
     """A validated execution request."""
 
     process: Process[Any]
-    inputs: Json
+    inputs: Json | JsonText
     """As in the request, defaults filled in."""
     file_ids: tuple[str, ...]
     outputs: tuple[str, ...] | None
@@ -137,10 +136,11 @@ def submit_job(
     QuotaFullError, InsufficientStorageError
         The project has stored too much already, or the disk is nearly full.
     """
+    written = execution.inputs if isinstance(execution.inputs, JsonText) else None
     job = Job(
         id=origin.make_id(),
         process_id=execution.process.id,
-        inputs=execution.inputs,
+        inputs={} if isinstance(execution.inputs, JsonText) else execution.inputs,
         status=JobStatus.ACCEPTED,
         created=now,
         updated=now,
@@ -155,14 +155,14 @@ def submit_job(
     made_before = belongings.jobs.get(job.id)
     if made_before is None:
         belongings.require_within(settings)
-        belongings.require_record(settings, len(json.dumps(job.inputs)))
-        belongings.jobs.create_and_enqueue(job, admit_job(settings))
+        belongings.require_record(settings, len(as_text(execution.inputs)))
+        belongings.jobs.create_and_enqueue(job, admit_job(settings), written)
     return made_before or job
 
 
 async def answer_at_once(execution: Execution) -> Json | None:
     """Give the wanted outputs of a process that answers at once; None for all others."""
-    if execution.process.answer is None:
+    if execution.process.answer is None or isinstance(execution.inputs, JsonText):
         return None
     outputs = await execution.process.answer(execution.inputs)
     return {name: outputs[name] for name in execution.outputs or outputs if name in outputs}

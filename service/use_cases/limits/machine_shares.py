@@ -9,6 +9,8 @@ from service.settings import GIGABYTE, Settings
 
 INSPECT = "inspect-file"
 """The step that reads what has just been uploaded."""
+CHECK_REQUEST = "check-request"
+"""The step that reads a large request."""
 USABLE = 0.8
 """Of the memory; the rest is for processes that answer, the database, and the system's copies of files."""
 OF_INSPECTIONS = 1.0 / 3.0
@@ -46,6 +48,8 @@ class MachineShares:
         """Give the memory that a step may use [bytes]; of an inspection, for a file of a size."""
         if step == INSPECT:
             return min(self.places_for(file_bytes) * self.place_bytes, self.most_bytes)
+        if step == CHECK_REQUEST:
+            return min(self.place_bytes, self.most_bytes)
         return self.step_bytes
 
 

@@ -64,7 +64,7 @@ class FetchingRunner:
             raise StepFailedError(pointed(error, fetches)) from None
 
     async def _job(self, job_id: str) -> Job:
-        job: Job | None = await self.patience(self.jobs.get, job_id)
+        job: Job | None = await self.patience(self.jobs.whole, job_id)
         if job is None:
             raise NoSuchJobError(job_id)
         return job

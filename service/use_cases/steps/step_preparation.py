@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from service.ports import Json, StepProgress
-from service.use_cases.limits.machine_shares import INSPECT
+from service.use_cases.limits.machine_shares import CHECK_REQUEST, INSPECT
 from service.use_cases.steps.step_needs import EDGES, FEATURES_OF_SCAN, FETCH
 
 ADJUST_NETWORK = "adjust-network"
@@ -14,7 +14,7 @@ TERRAIN_STEPS = {"terrain", "drainage"}
 STRIP_STEPS, ROOF_STEPS = {"adjust-strips"}, {"model-roofs"}
 TRIANGLE_STEPS = {"simulate-station", "compare", "mesh-stations"}
 PAIR_STEPS = {"register-pair", "compare-method"}
-WITHOUT_KERNELS = {INSPECT, FETCH, "echo"}
+WITHOUT_KERNELS = {INSPECT, CHECK_REQUEST, FETCH, "echo"}
 
 
 def prepare(step: str, arguments: Json, progress: StepProgress) -> None:

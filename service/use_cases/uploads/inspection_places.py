@@ -1,4 +1,4 @@
-"""Places for inspections: so many at the same time on one machine, and so many of one project.
+"""Places for inspections, and for large requests: so many at the same time on one machine, and so many of one project.
 
 Places are locks of Linux on single bytes of a file in the data directory: all processes of a machine share them, and
 those of a process that dies are free at once. Within a process those who wait are let in in their order, and a large
@@ -24,6 +24,8 @@ from service.use_cases.limits.machine_shares import machine_shares
 
 GATE = 0
 """Byte that is locked by who collects places; the places are those that follow it."""
+GATE_OF_REQUESTS = 1 << 60
+"""The same for requests."""
 ROOM_OF_PROJECT = 1 << 16
 POLLING_S = 0.05
 ASK_AGAIN_S = 10
@@ -55,22 +57,52 @@ async def inspection_place(
         No place became free in time.
     """
     shares = machine_shares(settings)
+    gates = (
+        (_gate_of_project(owner), shares.places_of_project, 1),
+        (GATE, shares.places, shares.places_for(size)),
+    )
     wait_s = settings.inspect_wait_s if wait_s is None else wait_s
+    async with _places(settings, gates, f"the inspection of '{filename}'", wait_s):
+        yield
+
+
+@asynccontextmanager
+async def request_place(settings: Settings, owner: str) -> AsyncIterator[None]:
+    """Wait until a large request may be read: one of a project at a time, and as many as there are processors.
+
+    Raises
+    ------
+    BusyError
+        No place became free in time.
+    """
+    gates = (
+        (GATE_OF_REQUESTS + _gate_of_project(owner), 1, 1),
+        (GATE_OF_REQUESTS, os.cpu_count() or 1, 1),
+    )
+    async with _places(settings, gates, "the reading of a large request", settings.inspect_wait_s):
+        yield
+
+
+def _gate_of_project(owner: str) -> int:
+    return (1 + int.from_bytes(hashlib.sha256(owner.encode()).digest()[:5], "big")) * ROOM_OF_PROJECT
+
+
+@asynccontextmanager
+async def _places(
+    settings: Settings, gates: Sequence[tuple[int, int, int]], what: str, wait_s: float
+) -> AsyncIterator[None]:
+    """Hold places behind gates: of each its byte, how many places there are, and how many are wanted."""
     deadline = time.monotonic() + wait_s
     path = settings.data_dir.resolve() / LOCK
     if not path.exists():
         path = _of_this_process(path)
-    of_project = (1 + int.from_bytes(hashlib.sha256(owner.encode()).digest()[:5], "big")) * ROOM_OF_PROJECT
     async with AsyncExitStack() as held:
         try:
-            for gate, there, wanted in (
-                (of_project, shares.places_of_project, 1),
-                (GATE, shares.places, shares.places_for(size)),
-            ):
+            for gate, there, wanted in gates:
                 for descriptor in await _taken(path, gate, there, wanted, deadline):
                     held.callback(os.close, descriptor)
         except TimeoutError:
-            raise BusyError(f"the inspection of '{filename}'", wait_s, ASK_AGAIN_S) from None
+            raise BusyError(what, wait_s, ASK_AGAIN_S) from None
         yield
 
 

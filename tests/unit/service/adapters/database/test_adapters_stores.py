@@ -1,6 +1,7 @@
 """Jobs and files: the memory and the database adapters keep the same promises."""
 
 import asyncio
+import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import fields, replace
@@ -15,7 +16,18 @@ from service.adapters.database.files import DatabaseFileStore
 from service.adapters.database.job_log import DatabaseJobLog
 from service.adapters.database.jobs import DatabaseJobStore, migrate
 from service.adapters.database.tables import connect, metadata
-from service.ports import FileStore, Job, JobFilter, JobLog, JobState, JobStatus, JobStore, LogLine, StoredFile
+from service.ports import (
+    FileStore,
+    Job,
+    JobFilter,
+    JobLog,
+    JobState,
+    JobStatus,
+    JobStore,
+    JsonText,
+    LogLine,
+    StoredFile,
+)
 from service.settings import Settings
 from tests.doubles.memory import MemoryFileStore, MemoryJobLog, MemoryJobStore
 from tests.servers.databases import DATABASES, NewDatabase, databases_of
@@ -61,7 +73,19 @@ def files(request: pytest.FixtureRequest, make_engine: MakeEngine) -> FileStore:
 
 def test_a_job_comes_back_as_it_was_stored(jobs: JobStore) -> None:
     jobs.create_and_enqueue(JOB)
-    assert jobs.get("j1") == JOB
+    assert jobs.whole("j1") == JOB
+
+
+def test_inputs_that_another_process_has_written_are_kept_as_they_are(jobs: JobStore) -> None:
+    text = JsonText('{"a":  [1, 2]}')
+    jobs.create_and_enqueue(replace(JOB, inputs={}), inputs=text)
+    whole = jobs.whole("j1")
+    assert whole is not None
+    assert whole.inputs == {"a": [1, 2]}
+    assert json.loads(jobs.inputs_text("j1") or "") == {"a": [1, 2]}
+    assert jobs.inputs_bytes() > 0
+    assert jobs.inputs_text("j2") is None
+    assert jobs.of("bridge").inputs_text("j1") is None
 
 
 def state(job: Job | JobState | None) -> dict[str, Any]:
@@ -148,7 +172,7 @@ def test_a_failed_job_keeps_its_problem_and_says_why(jobs: JobStore) -> None:
 def test_an_unfinished_job_is_not_forgotten(jobs: JobStore) -> None:
     jobs.create_and_enqueue(JOB)
     jobs.delete("j1")
-    assert jobs.get("j1") == JOB
+    assert jobs.whole("j1") == JOB
 
 
 def test_a_finished_job_is_forgotten(jobs: JobStore) -> None:
@@ -162,7 +186,7 @@ def test_a_file_is_in_use_only_while_its_job_is_unfinished(jobs: JobStore) -> No
     jobs.create_and_enqueue(JOB)
     before = jobs.unfinished_using("f1")
     jobs.dismiss("j1", NOW)
-    assert (before, jobs.unfinished_using("f1")) == (JOB, None)
+    assert (before and before.id, jobs.unfinished_using("f1")) == ("j1", None)
 
 
 def test_a_file_comes_back_as_it_was_stored(files: FileStore) -> None:
