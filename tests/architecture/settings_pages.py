@@ -12,8 +12,9 @@ import re
 from pathlib import Path
 from textwrap import wrap
 
+from schemas.values.text_counts import MOST_ATTRIBUTES, MOST_LINES, MOST_TAGS
 from service.adapters.web.impatient_server import LARGEST_HEAD, MOST_HEADERS
-from service.routes.request_bodies import MAX_JSON_BYTES, MOST_PARTS
+from service.routes.request_bodies import MAX_JSON_BYTES, MAX_SHORT_JSON_BYTES, MOST_PARTS
 from service.settings import Settings
 from service.use_cases.inputs.validate_request import (
     DEEPEST,
@@ -74,6 +75,10 @@ LIMITS = {
 """Settings that limit something, by what they limit it for."""
 FIXED = {
     "bytes of a JSON body": MAX_JSON_BYTES,
+    "bytes of a JSON body that is answered at once (echo, keys)": MAX_SHORT_JSON_BYTES,
+    "lines of texts of other programs": MOST_LINES,
+    "tags of texts of other programs": MOST_TAGS,
+    "attributes of texts of other programs": MOST_ATTRIBUTES,
     "arrays and objects of a document": MOST_CONTAINERS,
     "commas and colons of a document": MOST_SEPARATORS,
     "members of one array or object": MOST_MEMBERS,
