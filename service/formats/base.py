@@ -1,7 +1,7 @@
 """What a reader of scan files is, and what it hands over."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +11,7 @@ from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, V
 from algorithms.scans.content import ScanContent
 from service.errors import UnreadableFileError
 from service.formats.instruments import Instrument
+from service.formats.point_selection import USUAL_POINTS, PointSelection
 from service.formats.units import DeclaredUnit
 
 RECORDS_AT_ONCE = 1 << 19
@@ -44,6 +45,8 @@ class ScanFile:
     """What its owner says the columns of a text table are, checked (`schemas.values.text_columns`); empty: nothing."""
     unit: str = ""
     """In which unit its owner says that the coordinates are, by name; empty: nothing."""
+    selection: PointSelection = USUAL_POINTS
+    """Points that are used, of formats that tell flags, classes and returns."""
 
     def unreadable(self, reason: str, place: str = "") -> UnreadableFileError:
         """Build the error that names this file."""
@@ -67,7 +70,10 @@ class ScanRecords:
     """What was already subtracted (formats that store integers and an offset); None is zero."""
     name: str = ""
     valid: Flags | None = None
-    """(n,) False for records without a return; None: all are meant as returns."""
+    """(n,) False for records without a return, and for those that the file marks as not to be used; None: all are
+    meant as returns."""
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    """Records that are not `valid` because the file marks them, counted by reason."""
     row: Array | None = None
     """(n,) integer row of each record; given together with `column`."""
     column: Array | None = None

@@ -1,5 +1,6 @@
 """From the records of any format to a `Scan`: what every reader must promise is checked once, here."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from algorithms.scans.scan import Scan, ScanGrid
 from schemas.values.units import BY_NAME, METRE
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanRecords
+from service.formats.point_selection import left_out_in_words
 from service.formats.units import DeclaredUnit
 
 LARGEST_COORDINATE_M = 1e8
@@ -48,7 +50,7 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
     if records.valid is not None:
         keep &= records.valid
         if not keep.any():
-            raise file.unreadable("every record of the scan is marked as without a return", place)
+            raise file.unreadable(none_left(records.left_out), place)
     if keep.all():
         chosen: Flags | slice = slice(None)
     else:
@@ -99,15 +101,23 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
     unit = records.unit
     converted = () if unit is None or unit.name == METRE.name else (conversion(unit),)
     undecided = (records.open_unit,) if records.open_unit else ()
+    marked = (left_out_in_words(records.left_out),) if records.left_out else ()
     return replace(
         info,
-        warnings=(*info.warnings, *converted, *undecided, *records.warnings),
+        warnings=(*info.warnings, *converted, *undecided, *marked, *records.warnings),
         unit=None if unit is None else unit.name,
         open_unit=records.open_unit or None,
         text_columns=records.text_columns,
         instrument=records.instrument,
         gps_time_s=records.gps_time_s,
     )
+
+
+def none_left(left_out: Mapping[str, int]) -> str:
+    """Say why no point of a scan is left."""
+    if left_out:
+        return f"no point of the scan is left: {left_out_in_words(left_out)}"
+    return "every record of the scan is marked as without a return"
 
 
 def refused_info(refused: RefusedScan) -> ScanInfo:

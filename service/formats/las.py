@@ -1,18 +1,20 @@
 """ASPRS LAS, LAZ and COPC through laspy and lazrs."""
 
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
 
-from algorithms.arrays import Array
+from algorithms.arrays import Array, Flags
 from service.formats.base import LargeScan, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
 from service.formats.las_units import las_unit
 from service.formats.laz_chunks import check_chunk_table, check_compression
+from service.formats.point_selection import PointSelection
 from service.formats.units import DeclaredUnit, UnknownUnit, can_be_degrees, no_degrees, not_understood, way_out
 
 POINTS_AT_ONCE = 1_000_000
@@ -47,7 +49,7 @@ class LasReader:
             if opened.count > limits.at_once:
                 yield LargeScan(0, opened.count)
                 return
-            cloud = _Cloud(chunk, opened.count) if cloud is None else cloud
+            cloud = _Cloud(chunk, opened.count, file.selection) if cloud is None else cloud
             cloud.take(chunk, opened.scales)
         if cloud is not None:
             records = replace(cloud.records(opened.offsets), instrument=opened.instrument)
@@ -57,14 +59,14 @@ class LasReader:
         """Yield the one cloud of a file piece by piece."""
         opened, largest = OpenedLas(file, limits), 0.0
         for chunk in opened.chunks() if index == 0 else ():
-            cloud = _Cloud(chunk, len(chunk))
+            cloud = _Cloud(chunk, len(chunk), file.selection)
             cloud.take(chunk, opened.scales)
             if not largest and cloud.channels is not None and cloud.channels.any():
                 largest = _largest_color(cloud.channels)  # of the first points that are not black
             color = None if cloud.channels is None else colors_8bit(cloud.channels, largest or 255.0)
             records = ScanRecords(
-                0, cloud.points, base_m=opened.offsets, intensity=cloud.intensity, color=color,
-                gps_time_s=cloud.span_s, instrument=opened.instrument,
+                0, cloud.points, base_m=opened.offsets, valid=cloud.valid, left_out=cloud.left_out,
+                intensity=cloud.intensity, color=color, gps_time_s=cloud.span_s, instrument=opened.instrument,
             )  # fmt: skip
             yield _with_unit(file, records, opened.unit)
 
@@ -153,12 +155,15 @@ def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | Unknow
 class _Cloud:
     """The arrays of a cloud, filled chunk by chunk."""
 
-    def __init__(self, chunk: Any, count: int) -> None:
+    def __init__(self, chunk: Any, count: int, selection: PointSelection) -> None:
         names = set(chunk.point_format.dimension_names)
         self.points = np.empty((count, 3))
         """As stored, scaled: the offset is added once, in float64, after the origin is known."""
         self.intensity = np.empty(count, dtype=np.float32)
         self.channels = np.empty((count, 3), dtype=np.uint16) if "red" in names else None
+        self.valid: Flags | None = None
+        self.left_out: Counter[str] = Counter()
+        self._selection = selection
         self._times = np.empty(count) if "gps_time" in names else None
         self._filled = 0
 
@@ -173,6 +178,11 @@ class _Cloud:
                 self.channels[part, channel] = chunk[name]
         if self._times is not None:
             self._times[part] = chunk["gps_time"]
+        chosen = self._selection.chosen(chunk, self.left_out)
+        if chosen is not None:
+            if self.valid is None:
+                self.valid = np.ones(len(self.points), dtype=np.bool_)
+            self.valid[part] = chosen
         self._filled = part.stop
 
     @property
@@ -191,6 +201,8 @@ class _Cloud:
             index=0,
             points=self.points,
             base_m=offsets,
+            valid=self.valid,
+            left_out=self.left_out,
             intensity=self.intensity,
             color=colors_8bit(channels, _largest_color(channels)) if coloured and channels is not None else None,
             gps_time_s=self.span_s,

@@ -1,5 +1,6 @@
 """A scan of a file as a cloud that is read piece by piece, each time it is needed."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -9,7 +10,7 @@ from algorithms.arrays import Array, Vector3
 from algorithms.progress import NoProgress, Progress
 from service.formats import NO_LIMITS, reader_of
 from service.formats.base import ReadLimits, ScanFile, ScanReader, ScanRecords
-from service.formats.finishing import LARGEST_COORDINATE_M, SPARSEST_GRID, finite, in_metres, local_origin
+from service.formats.finishing import LARGEST_COORDINATE_M, SPARSEST_GRID, finite, in_metres, local_origin, none_left
 from service.formats.writers.base import CloudFacts, PointPiece, StationCloud
 
 
@@ -47,7 +48,8 @@ def stream_scan(
             (progress or NoProgress()).report(0.5, f"reading {file.filename}")
     first = survey.first
     if first is None or survey.points == 0:
-        raise file.unreadable("the file holds no points under this index", f"scan {index}")
+        none = none_left(survey.left_out) if survey.left_out else "the file holds no points under this index"
+        raise file.unreadable(none, f"scan {index}")
     survey.refuse_absurd(file, f"scan {index}")
     grid = survey.grid
     origin_m = local_origin(survey.low_m, survey.high_m)
@@ -85,6 +87,8 @@ class Survey:
     high_m: Vector3 = field(default_factory=lambda: np.full(3, -np.inf))
     has_intensity: bool = False
     has_color: bool = False
+    left_out: Counter[str] = field(default_factory=Counter)
+    """Records that the file marks as not to be used, by reason."""
     gps_time_s: tuple[float, float] | None = None
     """Least and largest; None: the file has no times, or not of all pieces."""
     _least: float = np.inf
@@ -98,6 +102,7 @@ class Survey:
             self.first = replace(records, points=records.points[:0])
             self.gps_time_s = records.gps_time_s
         self.gps_time_s = _both(self.gps_time_s, records.gps_time_s)
+        self.left_out.update(records.left_out)
         self.has_intensity |= records.intensity is not None
         self.has_color |= records.color is not None
         if len(records.points) == 0:

@@ -6,7 +6,7 @@ import numpy as np
 
 from algorithms.scans.content_sums import ContentSums
 from service.formats.base import LargeScan, ReadLimits, ScanFile, ScanInfo, ScanReader
-from service.formats.finishing import finish, in_metres, scan_info, with_reading
+from service.formats.finishing import finish, in_metres, none_left, scan_info, with_reading
 from service.formats.streaming import Survey, usable
 from service.formats.thinned import Thinned
 
@@ -31,7 +31,8 @@ def surveyed_info(file: ScanFile, reader: ScanReader, limits: ReadLimits, large:
         survey.see(measured)
         sums.add(measured.points, np.zeros(3) if measured.base_m is None else measured.base_m)
     if kept is None or survey.first is None or survey.points == 0:
-        raise file.unreadable("no point of the scan has finite coordinates", place)
+        none = none_left(survey.left_out) if survey.left_out else "no point of the scan has finite coordinates"
+        raise file.unreadable(none, place)
     survey.refuse_absurd(file, place)
     part = scan_info(large.index, finish(file, kept.joined()), 0)
     grid = survey.grid
@@ -47,4 +48,4 @@ def surveyed_info(file: ScanFile, reader: ScanReader, limits: ReadLimits, large:
         has_color=survey.has_color,
         content=sums.content,
     )
-    return with_reading(whole, replace(survey.first, gps_time_s=survey.gps_time_s))
+    return with_reading(whole, replace(survey.first, gps_time_s=survey.gps_time_s, left_out=survey.left_out))
