@@ -99,7 +99,8 @@ def _motion(matrix: Element | None, name: str) -> Array:
     except ValueError:
         raise ValueError(f"riscan-project: {name!r} has no matrix of 16 numbers") from None
     rotation = values[:3, :3]
-    off = float(np.max(np.abs(rotation @ rotation.T - np.eye(3))))
+    # looked at first: products of what is far from 1 may overflow
+    off = float(np.max(np.abs(rotation @ rotation.T - np.eye(3)))) if np.all(np.abs(rotation) < 2.0) else np.inf
     if not np.all(np.isfinite(values)) or off > ORTHONORMAL or np.linalg.det(rotation) < 0.0:
         raise ValueError(f"riscan-project: the matrix of {name!r} is no rotation and shift")
     return values

@@ -11,7 +11,8 @@ from algorithms.deviations.polygons import triangulated
 from algorithms.deviations.triangles import Mesh, cleaned
 from algorithms.errors import InvalidInputError
 from service.errors import FileTooLargeError, UnreadableFileError
-from service.formats.obj_mesh import read_obj
+from service.formats.finishing import LARGEST_COORDINATE_M
+from service.formats.obj_mesh import TooManyCornersError, read_obj
 
 MESH_ENDINGS = {".ply": "ply", ".obj": "obj", ".stl": "stl"}
 MOST_TRIANGLES = 20_000_000
@@ -30,6 +31,9 @@ FAULTS = (
 """What trimesh raises at files that are not what their name says."""
 LISTS_OF_PLY = ("vertex_indices", "vertex_index")
 HEAD_BYTES = 1 << 16
+WHOLE = "the file as a whole"
+LARGEST = 1000.0 * LARGEST_COORDINATE_M
+"""In the unit of the file, which may be millimetres."""
 FACES_OF_PLY = re.compile(rb"^element\s+face\s+([1-9]\d*)\s*$", re.MULTILINE)
 
 
@@ -65,22 +69,25 @@ def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:
     """
     kind = MESH_ENDINGS.get(PurePath(filename).suffix.lower())
     if kind is None:
-        raise UnreadableFileError(filename, f"meshes are read from files named {', '.join(MESH_ENDINGS)}", "")
+        reason = f"meshes are read from files named {', '.join(MESH_ENDINGS)}"
+        raise UnreadableFileError(filename, reason, "the name of the file")
     try:
         with np.errstate(all="ignore"):
             vertices, triangles = _obj(path) if kind == "obj" else _others(path, kind)
-    except OverflowError as fault:
-        raise FileTooLargeError(filename, int(str(fault)), 3 * MOST_TRIANGLES, "corners of faces") from None
+    except TooManyCornersError as fault:
+        raise FileTooLargeError(filename, fault.count, 3 * MOST_TRIANGLES, "corners of faces") from None
     except FAULTS as fault:
-        raise UnreadableFileError(filename, f"it is no {kind.upper()} file that can be read: {fault}", "") from None
+        raise UnreadableFileError(filename, f"it is no {kind.upper()} file that can be read: {fault}", WHOLE) from None
     if vertices.shape != (len(vertices), 3) or (len(triangles) and triangles.shape != (len(triangles), 3)):
-        raise UnreadableFileError(filename, "it is no file that can be read: vertices have three coordinates", "")
+        raise UnreadableFileError(filename, "vertices have three coordinates, faces three corners", WHOLE)
+    if np.abs(vertices, where=np.isfinite(vertices), out=np.zeros_like(vertices)).max(initial=0.0) > LARGEST:
+        raise UnreadableFileError(filename, f"a coordinate is beyond {LARGEST:.0e}", "vertices")
     if len(triangles) > MOST_TRIANGLES:
         raise FileTooLargeError(filename, len(triangles), MOST_TRIANGLES, "triangles")
     try:
         return cleaned(vertices, triangles)
     except InvalidInputError as fault:
-        raise UnreadableFileError(filename, str(fault), "") from None
+        raise UnreadableFileError(filename, str(fault), "faces") from None
 
 
 def _obj(path: Path) -> tuple[Array, Array]:

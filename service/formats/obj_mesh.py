@@ -15,6 +15,20 @@ BESIDE = re.compile(rb"/[^ \t]*")
 Faces: TypeAlias = tuple[Array, Array, Array]
 
 
+class TooManyCornersError(Exception):
+    """Say how many corners the faces of a file have.
+
+    Parameters
+    ----------
+    count
+        Of corners.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        super().__init__(count)
+
+
 def read_obj(content: bytes, most_corners: int) -> Faces:
     """Return vertices (v, 3), the vertices of all corners (c,) and the corners of each face (f,). O(bytes).
 
@@ -25,7 +39,7 @@ def read_obj(content: bytes, most_corners: int) -> Faces:
     ------
     ValueError
         A vertex has less than three coordinates, or a face names a vertex that does not exist.
-    OverflowError
+    TooManyCornersError
         There are more corners than asked for.
     """
     text = CONTINUED.sub(b" ", content)
@@ -36,7 +50,7 @@ def read_obj(content: bytes, most_corners: int) -> Faces:
     rows = [BESIDE.sub(b"", each[1]).split() for each in faces]
     counts = np.array([len(row) for row in rows], dtype=np.int64)
     if counts.sum() > most_corners:
-        raise OverflowError(int(counts.sum()))
+        raise TooManyCornersError(int(counts.sum()))
     numbers = np.array([corner for row in rows for corner in row], dtype=np.bytes_).astype(np.int64)
     before = np.searchsorted(places, np.array([each.start() for each in faces], dtype=np.int64))
     corners = np.where(numbers < 0, np.repeat(before, counts) + numbers, numbers - 1)

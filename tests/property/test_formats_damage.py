@@ -1,5 +1,7 @@
 """Truncated and mutated files: a scan or a refusal, never another exception."""
 
+import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,12 +9,24 @@ import numpy as np
 import pytest
 
 from service.errors import FileTooLargeError, UnreadableFileError
-from service.formats import ReadLimits, inspect_file
+from service.formats import ReadLimits, inspect_upload
 from service.formats.writers import write_scans
-from tests.scenes.hostile.hostile_seeds import COLUMNS, COUNT, some_scan, write_las, write_pcd
+from tests.scenes.hostile.hostile_mutations import damaged
+from tests.scenes.hostile.hostile_seeds import (
+    COLUMNS,
+    COUNT,
+    MADE_HERE,
+    MESH_WRITERS,
+    some_scan,
+    whole_files,
+    write_las,
+    write_pcd,
+)
 
 LIMITS = ReadLimits(max_points=100_000)
 TRIES = 40
+DAMAGED_MESHES = int(os.environ.get("TIELINE_FUZZ", "240"))
+"""Each has its number for a seed."""
 
 
 def write_csv(path: Path) -> None:
@@ -52,7 +66,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 def outcome(path: Path, filename: str, content: bytes) -> str:
     path.write_bytes(content)
     try:
-        inspect_file(path, filename, LIMITS)
+        inspect_upload(path, filename, LIMITS)
     except UnreadableFileError as error:
         return "refused" if error.filename == filename and error.reason and error.place else "refused without words"
     except FileTooLargeError:
@@ -97,6 +111,15 @@ def test_a_mutated_file_is_read_or_refused(
             content[rng.integers(0, min(len(content), reach or len(content)))] = rng.integers(0, 256)
         outcomes.add(outcome(tmp_path / "stored", filename, bytes(content)))
     assert outcomes <= {"read", "refused"}
+
+
+def test_a_damaged_mesh_is_read_or_refused(tmp_path: Path) -> None:
+    (tmp_path / "whole").mkdir()
+    meshes = whole_files(tmp_path / "whole", {**MESH_WRITERS, **MADE_HERE})
+    damage = [damaged(meshes, number) for number in range(DAMAGED_MESHES)]
+    outcomes = Counter(outcome(tmp_path / "stored", name, content) for name, content in damage)
+    assert set(outcomes) == {"read", "refused"}
+    assert min(outcomes.values()) > DAMAGED_MESHES // 20
 
 
 @pytest.mark.parametrize("digits", [b"9" * 6, b"9" * 12, b"9" * 30, b"-1", b"1e9", b"nan", b""])

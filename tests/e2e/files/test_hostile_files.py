@@ -23,7 +23,7 @@ from service.settings import Settings
 from tests.measures.patience import patience
 from tests.scenes.hostile.hostile_bombs import bombs
 from tests.scenes.hostile.hostile_mutations import damaged
-from tests.scenes.hostile.hostile_seeds import WRITERS, whole_files
+from tests.scenes.hostile.hostile_seeds import MADE_HERE, MESH_WRITERS, WRITERS, whole_files
 
 pytestmark = pytest.mark.service
 
@@ -100,6 +100,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, bytes]:
     return whole_files(tmp_path_factory.mktemp("whole"))
 
 
+@pytest.fixture(scope="module")
+def whole_meshes(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, bytes]:
+    return whole_files(tmp_path_factory.mktemp("meshes"), {**MESH_WRITERS, **MADE_HERE})
+
+
 def fault_of(name: str, answer: Mapping[str, Any]) -> str:
     """Say what is wrong with an outcome: a refusal names the file, the reason and the place; empty: nothing."""
     if "found" in answer:
@@ -116,8 +121,25 @@ def test_the_whole_file_is_read(inspection: Inspection, whole: Mapping[str, byte
     assert "found" in inspection.of(name, whole[name])
 
 
+@pytest.mark.parametrize("name", MESH_WRITERS)
+def test_the_whole_mesh_is_read(inspection: Inspection, whole_meshes: Mapping[str, bytes], name: str) -> None:
+    assert "found" in inspection.of(name, whole_meshes[name])
+
+
 @pytest.mark.parametrize("first", range(0, DAMAGED_FILES, AT_ONCE))
 def test_damaged_files_are_read_or_refused(inspection: Inspection, whole: Mapping[str, bytes], first: int) -> None:
+    assert faults_of(inspection, whole, first) == {}
+
+
+@pytest.mark.parametrize("first", range(0, DAMAGED_FILES // 11, AT_ONCE))
+def test_damaged_meshes_are_read_or_refused(
+    inspection: Inspection, whole_meshes: Mapping[str, bytes], first: int
+) -> None:
+    assert faults_of(inspection, whole_meshes, first) == {}
+
+
+def faults_of(inspection: Inspection, whole: Mapping[str, bytes], first: int) -> Mapping[int, tuple[str, str, int]]:
+    """Inspect some damaged files; give what is wrong with the outcomes, by number."""
     faults = {}
     for number in range(first, min(first + AT_ONCE, DAMAGED_FILES)):
         name, content = damaged(whole, number)
@@ -125,7 +147,7 @@ def test_damaged_files_are_read_or_refused(inspection: Inspection, whole: Mappin
         fault = fault_of(name, answer)
         if fault or not inspection.is_bounded(answer, content):
             faults[number] = (name, fault, answer["grown"])
-    assert faults == {}
+    return faults
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Whole, small files of every format that is read: what hostile files are made from."""
 
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -7,8 +8,12 @@ from typing import Any
 import laspy
 import numpy as np
 
+from algorithms.deviations.rasters import Grid
+from algorithms.deviations.triangles import Mesh
 from algorithms.scans.scan import Scan, ScanGrid
+from service.formats.mesh_writers import write_ply
 from service.formats.writers import write_scans
+from service.formats.writers.geotiff import geotiff
 from tests.unit.service.formats.test_formats_e57_photos import Picture, written
 
 ROWS, COLUMNS = 14, 20
@@ -111,8 +116,72 @@ WRITERS: Mapping[str, Callable[[Path], None]] = {
 }
 
 
-def whole_files(folder: Path) -> Mapping[str, bytes]:
+def some_mesh() -> Mesh:
+    """Give a box with a roof: triangles, and edges that are not shared."""
+    corners = np.array([[x, y, z] for x in (0.0, 4.0) for y in (0.0, 3.0) for z in (0.0, 2.5)])
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [1, 5, 7]]
+    return Mesh(corners, np.array(faces, dtype=np.int64))
+
+
+def write_polygons(path: Path) -> None:
+    corners = "".join(f"v {x} {y} 0.5\nvn 0 0 1\n" for x, y in ((0, 0), (4, 0), (4, 3), (2, 1), (0, 3)))
+    faces = "f -5//-5 -4//-4 -3//-3 -2//-2 -1//-1\nf 1 2 3\n"
+    path.write_text(f"mtllib a.mtl\no wall\n{corners}usemtl stone\n{faces}")
+
+
+def write_polygon_ply(path: Path) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 5\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    path.write_text(head + "0 0 0\n4 0 0\n4 3 0\n2 1 0\n0 3 0\n5 0 1 2 3 4\n3 0 1 2\n")
+
+
+def write_stl(path: Path) -> None:
+    mesh = some_mesh()
+    corners = mesh.vertices[mesh.triangles].astype("<f4")
+    facets = b"".join(bytes(12) + triangle.tobytes() + bytes(2) for triangle in corners)
+    path.write_bytes(b"box".ljust(80) + len(corners).to_bytes(4, "little") + facets)
+
+
+def write_ascii_stl(path: Path) -> None:
+    mesh = some_mesh()
+    facets = "".join(
+        "facet normal 0 0 1\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in mesh.vertices[triangle])
+        + "endloop\nendfacet\n" for triangle in mesh.triangles
+    )  # fmt: skip
+    path.write_text(f"solid box\n{facets}endsolid box\n")
+
+
+def write_heights(path: Path) -> None:
+    heights = np.add.outer(np.arange(9.0), 0.1 * np.arange(7.0))
+    path.write_bytes(geotiff(heights, Grid(0.0, 0.0, 0.5, *heights.shape), (700_000.0, 5_300_000.0)))
+
+
+def write_city(path: Path) -> None:
+    corners = [[x, y, z] for z in (0, 2500) for x, y in ((0, 0), (4000, 0), (4000, 3000), (0, 3000))]
+    rings = [[3, 2, 1, 0], [4, 5, 6, 7], *([k, (k + 1) % 4, (k + 1) % 4 + 4, k + 4] for k in range(4))]
+    solid = {"type": "Solid", "lod": "2", "boundaries": [[[ring] for ring in rings]]}
+    scale = {"scale": [0.001, 0.001, 0.001], "translate": [0.0, 0.0, 0.0]}
+    city = {"type": "CityJSON", "version": "2.0", "transform": scale, "vertices": corners}
+    path.write_text(json.dumps({**city, "CityObjects": {"A": {"type": "Building", "geometry": [solid]}}}))
+
+
+MESH_WRITERS: Mapping[str, Callable[[Path], None]] = {
+    "polygons.obj": write_polygons,
+    "binary.stl": write_stl,
+    "ascii.stl": write_ascii_stl,
+    "faces.ply": lambda path: write_ply(path, some_mesh(), np.zeros(3), None),
+    "polygons.ply": write_polygon_ply,
+}
+"""Apart, so that damaged files keep their numbers."""
+MADE_HERE: Mapping[str, Callable[[Path], None]] = {
+    "heights.tif": write_heights,
+    "city.json": write_city,
+}
+"""What this service writes and does not read: it is refused as what it is not."""
+
+
+def whole_files(folder: Path, writers: Mapping[str, Callable[[Path], None]] = WRITERS) -> Mapping[str, bytes]:
     """Write one file of each kind, and give their contents by name."""
-    for name, write in WRITERS.items():
+    for name, write in writers.items():
         write(folder / name)
-    return {name: (folder / name).read_bytes() for name in WRITERS}
+    return {name: (folder / name).read_bytes() for name in writers}
