@@ -9,8 +9,8 @@ from typing import Any
 FORMULA = re.compile(
     r"(^|[,;|])(\s*)(?='*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])(?![+-]\s?([\d.]+([eE][+-]?\d+)?|inf)\s*($|[,;|]))"
 )
-"""Where a spreadsheet would begin to read a formula: at the start of a cell, or behind what may divide cells. A text that
-has an apostrophe before it already gets another one, so that both are told apart when they are read again."""
+"""Where a spreadsheet would begin to read a formula: at the start of a cell, or behind what may divide cells. Where an
+apostrophe stands before it already it gets another one, so that both are told apart when they are read again."""
 UNSEEN = re.compile(r"[\x00-\x1f\x7f\u200b-\u200f\u2028-\u202e\u2060\ufeff]+")
 """Breaks of lines, and signs that nobody sees, behind which a formula could hide."""
 
