@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, CorePoints, CoreScalars, Points, Scalars, Vector3
+from algorithms.arrays import Array, CorePoints, CoreScalars, Points, Scalars
 from algorithms.deviations import point_index_kernels as kernels
 from algorithms.deviations.point_index import PointIndex, index_points
 from algorithms.scans.point_blocks import over_blocks
@@ -64,24 +64,6 @@ def core_normals(points: Points, cores: CorePoints, radii_m: Sequence[float]) ->
             len(cores), least=LEAST_CORES,
         )  # fmt: skip
     return normals, planarity
-
-
-def oriented(normals: Points, cores: Points, *, towards_m: Vector3 | None, along: Vector3) -> Points:
-    """Turn normals (k, 3) towards a place, usually the instrument, or where none is given to the side of a direction.
-
-    Parameters
-    ----------
-    normals, cores
-        (k, 3) normals and where they stand.
-    towards_m
-        (3,) place that all normals shall look to, or None.
-    along
-        (3,) direction; normals across it keep their sign.
-    """
-    sides = np.einsum(
-        "ij,ij->i", normals, np.broadcast_to(along, normals.shape) if towards_m is None else towards_m - cores
-    )
-    return np.where(sides[:, None] < 0.0, -normals, normals)
 
 
 def sections(

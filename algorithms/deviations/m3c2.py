@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from algorithms.arrays import CorePoints, Flags, Generator, OtherPoints, Points, Scalars, Vector3
-from algorithms.deviations.cylinders import core_normals, oriented, sections
+from algorithms.arrays import CorePoints, Flags, Generator, OtherPoints, Points, Scalars
+from algorithms.deviations.cylinders import core_normals, sections
 from algorithms.deviations.joint_poses import JointPoses, StationPairs
 from algorithms.deviations.options import Average, M3C2Options, WavesOf
+from algorithms.deviations.orientation import Side, orientation
 from algorithms.deviations.point_index import index_points
 from algorithms.deviations.waviness import UNMEASURED, Waviness, neighbourhood_waviness, scene_waviness
 from algorithms.errors import InvalidInputError
@@ -22,7 +23,6 @@ from algorithms.progress import NoProgress, Progress
 
 MEDIAN_VARIANCE = np.pi / 2.0
 """Variance of a median over that of the mean, normal distribution."""
-UPWARDS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ def m3c2(
     poses: JointPoses | StationPairs,
     options: M3C2Options,
     *,
-    towards_m: Vector3 | None = None,
     normals: CorePoints | None = None,
+    stated: Side | None = None,
     rng: Generator,
     progress: Progress | None = None,
 ) -> M3C2:
@@ -86,10 +86,10 @@ def m3c2(
         Poses of the stations that measured the two clouds, in the same frame.
     options
         Sizes and levels.
-    towards_m
-        (3,) place that normals shall look to, usually the first station; None: upwards.
     normals
-        (k, 3) unit normals known from elsewhere; None: fitted.
+        (k, 3) unit normals to the positive side; None: fitted.
+    stated
+        To which side fitted normals are turned; None: as `orientation` finds it without an instrument.
     rng
         Draws where the waviness is measured.
     progress
@@ -106,7 +106,7 @@ def m3c2(
     listener.report(0.0, "normals of the core points")
     if normals is None:
         found, _ = core_normals(first, cores, options.normal_radii_m)
-        normals = oriented(found, cores, towards_m=towards_m, along=UPWARDS)
+        normals = orientation(found, cores, None, stated).normals
     listener.report(0.4, "sorting both clouds")
     radius, half = options.cylinder_radius_m, options.max_distance_m
     indices = [index_points(points, 2.0 * radius) for points in (first, second)]

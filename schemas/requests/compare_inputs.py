@@ -54,6 +54,23 @@ class PlaneInput(RequestModel):
         return self
 
 
+class PositiveSide(RequestModel):
+    """To which side of the reference cloud deviations are positive: one of both."""
+
+    point_m: Place | None = None
+    """The side from which this place is seen, such as where the instrument stood; world [m]."""
+    direction: Place | None = None
+    """The side to which this direction points, of any length, world."""
+
+    @model_validator(mode="after")
+    def _one(self) -> "PositiveSide":
+        if (self.point_m is None) == (self.direction is None):
+            raise PydanticCustomError("positive_side", "give one of point_m and direction")
+        if self.direction is not None and sum(part * part for part in self.direction) < LEAST_LENGTH**2:
+            raise PydanticCustomError("positive_side", "the direction has a length")
+        return self
+
+
 class CompareInputs(PosedInputs):
     """What is compared with what: a cloud with another cloud, with a mesh or with planes."""
 
@@ -76,6 +93,9 @@ class CompareInputs(PosedInputs):
     """Edge of the voxels of which one reference point each becomes a core point of `m3c2` [m]."""
     max_distance_m: float = Field(default=0.5, gt=0.0, le=1000.0)
     """Points farther from the reference have no deviation (not of `m3c2`, which has its own) [m]."""
+    towards: PositiveSide | None = Field(default=None, title="Positive side")
+    """Which side of the reference cloud is positive. Null: that of the instruments, where they are known; above, where
+    it is a terrain; else the sign is arbitrary, and the mean null. Meshes and planes have sides of their own."""
     tolerance_m: float = Field(default=0.01, gt=0.0, le=1000.0)
     """For the share of deviations within it [m]."""
     joint_covariance: Annotated[list[Row12], Field(min_length=12, max_length=12)] | None = None

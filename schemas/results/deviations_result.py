@@ -23,8 +23,8 @@ class DeviationFigures(Document):
 
     count: int
     """Deviations."""
-    mean_m: float
-    """Mean, with sign [m]."""
+    mean_m: float | None
+    """Mean, with sign [m]; null: which side is positive is arbitrary, and so are all signs."""
     std_m: float
     """Standard deviation about the mean [m]."""
     rms_m: float
@@ -168,6 +168,9 @@ class CompareDocument(Document):
     """Points, or core points, to which the reference has nothing within reach."""
     without_sign: int
     """Deviations whose side is unknown: beside holes of a mesh, at what is no surface. They count as positive."""
+    positive_side: Literal["stated", "instruments", "up", "arbitrary", "reference"]
+    """What says which side of the reference is positive: the request, the instruments' places, above a terrain, the
+    sides of the mesh or planes; `arbitrary`: nothing does, and all signs could be the opposite ones."""
     figures: DeviationFigures
     """All deviations; of `m3c2` those of core points that both clouds have points at."""
     histogram: DeviationHistogram

@@ -6,6 +6,7 @@ from scipy import stats
 
 from algorithms.deviations.m3c2 import M3C2, m3c2
 from algorithms.deviations.options import M3C2Options
+from algorithms.deviations.orientation import Side
 from tests.scenes.deviation_scenes import CloudPair, pair_without_change
 
 pytestmark = pytest.mark.slow
@@ -17,7 +18,7 @@ PAIRS = 200
 def compared(pair: CloudPair, seed: int) -> M3C2:
     cores = pair.first[:: len(pair.first) // 300]
     rng = np.random.default_rng(seed)
-    return m3c2(pair.first, pair.second, cores, pair.poses, OPTIONS, towards_m=np.zeros(3), rng=rng)
+    return m3c2(pair.first, pair.second, cores, pair.poses, OPTIONS, stated=Side(point_m=np.zeros(3)), rng=rng)
 
 
 @pytest.mark.parametrize("pose_share", [0.0, 1.0], ids=["exact poses", "poses with errors"])

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -10,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Flags, Points, Scalars, Vector3
 from algorithms.deviations.colour_classes import deviation_classes
-from algorithms.deviations.cylinders import oriented
+from algorithms.deviations.cylinders import core_normals
 from algorithms.deviations.joint_poses import StationPairs
 from algorithms.deviations.m3c2 import M3C2, m3c2
 from algorithms.deviations.options import M3C2Options
+from algorithms.deviations.orientation import Orientation, OrientedBy, Side, orientation
 from algorithms.deviations.rasters import viewed_along
 from algorithms.deviations.signed_distances import (
     PlaneSet,
@@ -74,6 +76,8 @@ class _Compared:
     m3c2: M3C2 | None = None
     mesh: MeshFigures | None = None
     nearest: Array | None = None
+    sides: Orientation | None = None
+    """None: the reference itself has sides."""
     remarks: list[str] = field(default_factory=list)
 
 
@@ -90,7 +94,7 @@ def compare(context: StepContext, arguments: Json) -> Json:
     if reference is not None and inputs["method"] == "m3c2":
         compared = _by_m3c2(context, inputs, reference, cloud, origin)
     elif reference is not None:
-        compared = _by_nearest(inputs, reference, cloud)
+        compared = _by_nearest(inputs, reference, cloud, origin)
     elif arguments["mesh"] is not None:
         compared = _by_mesh(context, inputs, arguments["mesh"], cloud, origin)
     else:
@@ -119,7 +123,13 @@ def compare(context: StepContext, arguments: Json) -> Json:
         points=len(cloud.points),
         without_deviation=int((~np.isfinite(compared.deviations_m)).sum()),
         without_sign=int((np.isfinite(compared.deviations_m) & ~compared.signed).sum()),
-        figures=deviation_figures(compared.deviations_m, compared.places + origin, inputs["tolerance_m"]),
+        positive_side=_positive_side(compared),
+        figures=deviation_figures(
+            compared.deviations_m,
+            compared.places + origin,
+            inputs["tolerance_m"],
+            signed=compared.sides is None or not compared.sides.is_arbitrary,
+        ),
         histogram=_histogram(histogram),
         m3c2=_m3c2_figures(compared.m3c2, inputs["m3c2"]),
         mesh=compared.mesh,
@@ -158,23 +168,37 @@ def _by_m3c2(
     if len(cloud.poses) > 1:
         second = cloud.labels[np.asarray(cKDTree(cloud.points).query(cores)[1])]
     pairs = pose_pairs(context, reference, cloud, inputs.get("joint_covariance"), origin, remarks)
+    fitted, _ = core_normals(reference.points, cores, options.normal_radii_m)
+    sides = orientation(fitted, cores, reference.instruments_of(first), _stated(inputs, origin))
     found = m3c2(
-        reference.points, cloud.points, cores, StationPairs(pairs, first, second), options,
-        towards_m=reference.sensors_m[0] if len(reference.poses) == 1 else None,
+        reference.points, cloud.points, cores, StationPairs(pairs, first, second), options, normals=sides.normals,
         rng=np.random.default_rng(SEED), progress=context.progress,
     )  # fmt: skip
     if options.waviness_std_m is None and found.waviness.samples == 0:
         remarks.append("too few core points tell errors that neighbouring points share: the levels do not know them")
-    return _Compared("m3c2", cores, found.distances_m, np.isfinite(found.distances_m), m3c2=found, remarks=remarks)
+    return _Compared(
+        "m3c2", cores, found.distances_m, np.isfinite(found.distances_m), m3c2=found, remarks=remarks, sides=sides
+    )
 
 
-def _by_nearest(inputs: Json, reference: StationsInWorld, cloud: StationsInWorld) -> _Compared:
+def _stated(inputs: Json, origin: Vector3) -> Side | None:
+    """Give the positive side as the request states it."""
+    towards = inputs.get("towards")
+    if towards is None:
+        return None
+    if towards.get("point_m") is not None:
+        return Side(point_m=np.asarray(towards["point_m"], dtype=np.float64) - origin)
+    return Side(direction=np.asarray(towards["direction"], dtype=np.float64))
+
+
+def _by_nearest(inputs: Json, reference: StationsInWorld, cloud: StationsInWorld, origin: Vector3) -> _Compared:
     radius = max(inputs["m3c2"]["normal_radii_m"])
     normals = cloud_normals(reference.points, radius)
-    towards = reference.sensors_m[reference.labels]
-    normals = oriented(normals, reference.points - towards, towards_m=np.zeros(3), along=np.array([0.0, 0.0, 1.0]))
-    found = from_cloud(cloud.points, reference.points, normals, inputs["max_distance_m"])
-    return _of_distances(cloud.points, found)
+    sides = orientation(normals, reference.points, reference.instruments_of(reference.labels), _stated(inputs, origin))
+    found = from_cloud(cloud.points, reference.points, sides.normals, inputs["max_distance_m"])
+    compared = _of_distances(cloud.points, found)
+    compared.sides = sides
+    return compared
 
 
 def _by_mesh(context: StepContext, inputs: Json, file: Json, cloud: StationsInWorld, origin: Vector3) -> _Compared:
@@ -242,6 +266,28 @@ def _require_deviations(compared: _Compared, inputs: Json, origin: Vector3) -> N
         f"points are about ({middle[0]:.1f}, {middle[1]:.1f}, {middle[2]:.1f}) m. Check that both are in the same "
         "coordinate system and unit, or allow larger distances"
     )
+
+
+SIDES: Mapping[OrientedBy, Literal["stated", "instruments", "up", "arbitrary"]] = {
+    OrientedBy.STATED: "stated",
+    OrientedBy.INSTRUMENTS: "instruments",
+    OrientedBy.UP: "up",
+    OrientedBy.NEIGHBOURS: "arbitrary",
+}
+ABOVE = "where the instruments stood is not known, and the reference is a terrain: what lies above it is positive"
+ARBITRARY = (
+    "the sign is arbitrary: where the instruments stood is not known, and the reference is no terrain. Both sides are "
+    "told apart, but nothing says which is positive: state `towards`, a point or a direction"
+)
+
+
+def _positive_side(compared: _Compared) -> Literal["stated", "instruments", "up", "arbitrary", "reference"]:
+    """Tell what the sign means, with a remark where nobody has said it."""
+    if compared.sides is None:
+        return "reference"
+    remarks = {OrientedBy.UP: [ABOVE], OrientedBy.NEIGHBOURS: [ARBITRARY]}
+    compared.remarks += remarks.get(compared.sides.by, [])
+    return SIDES[compared.sides.by]
 
 
 def _limit(deviations_m: Scalars) -> float:

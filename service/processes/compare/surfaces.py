@@ -9,6 +9,8 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Labels, Matrix6, Points, Vector3
 from algorithms.deviations.joint_poses import JointPoses
 from algorithms.geometry.poses import PoseEstimate
+from algorithms.scans.scan import Scan
+from algorithms.scans.sensor_position import estimate_sensor_position
 from service.errors import InvalidRequestError
 from service.formats import read_scan
 from service.names.content_keys import content_key
@@ -17,6 +19,7 @@ from service.use_cases.documents.comparison_documents import reference_pose
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.job_poses import job_result
 
+SEED, MOST_DRAWN = 20, 40_000
 IN_WORLD = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
 """The pose of a scan whose coordinates are those of the world."""
 
@@ -34,7 +37,11 @@ class StationsInWorld:
     jobs: tuple[tuple[str, str] | None, ...]
     """Job and name there of each station whose pose is of a job."""
     sensors_m: Points
-    """(stations, 3) where the instruments stood, reduced [m]."""
+    """(stations, 3) where the instruments stood, reduced [m]; NaN where nobody knows."""
+
+    def instruments_of(self, labels: Labels) -> Points | None:
+        """Give where the instruments of some stations stood, (n, 3) reduced [m]; None where one is not known."""
+        return self.sensors_m[labels] if np.isfinite(self.sensors_m).all() else None
 
 
 def read_stations(
@@ -71,7 +78,7 @@ def read_stations(
             origin_m = np.round(moved_origin + pose.rotation.apply(scan.points.mean(axis=0)))
         parts.append(pose.rotation.apply(scan.points) + (moved_origin - origin_m))
         labels.append(np.full(len(scan), number, dtype=np.int32))
-        sensor = np.zeros(3) - scan.origin_m if scan.sensor_m is None else scan.sensor_m
+        sensor = instrument_of(scan)
         sensors.append(pose.rotation.apply(sensor) + (moved_origin - origin_m))
         poses.append(pose)
         of_job = isinstance(given, dict) and "jobID" in given
@@ -82,6 +89,20 @@ def read_stations(
         np.concatenate(parts), np.concatenate(labels), tuple(poses), tuple(jobs), np.asarray(sensors)
     )
     return found, origin_m
+
+
+def instrument_of(scan: Scan) -> Vector3:
+    """Give where the instrument of a scan stood in its reduced frame (3,) [m]; NaN where nobody knows.
+
+    Formats that name no instrument: the origin of the file is its place, if all is seen from there.
+    """
+    if scan.sensor_m is not None:
+        return scan.sensor_m
+    rng = np.random.default_rng(SEED)
+    drawn = scan.points[np.sort(rng.permutation(len(scan.points))[:MOST_DRAWN])]
+    found = estimate_sensor_position(drawn, np.zeros_like(drawn), candidate_m=-scan.origin_m, rng=rng)
+    confirmed = found.confirms_candidate and found.position_m is not None
+    return np.asarray(found.position_m) if confirmed else np.full(3, np.nan)
 
 
 def pose_pairs(

@@ -157,3 +157,57 @@ def test_what_is_missing_or_impossible_is_named(
     answer = service.post("/processes/compare/execution", json={"inputs": {"cloud": station(files["after"]), **change}})
     assert answer.status_code == 400
     assert any(fault["pointer"].startswith(pointer) for fault in answer.json()["errors"])
+
+
+def rolling(seed: int, lower_m: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(0.0, 40.0, (20_000, 2))
+    z = 0.5 * np.sin(xy[:, 0] / 9) + 0.4 * np.cos(xy[:, 1] / 7) + 0.03 * xy[:, 0] - lower_m
+    return np.column_stack([xy, z + rng.normal(0.0, 0.01, len(xy))])
+
+
+def wall(seed: int, moved_m: float) -> np.ndarray:
+    """Scatter points over a wall of 12 m that looks to the south."""
+    rng = np.random.default_rng(seed)
+    xz = rng.uniform(0.0, 1.0, (20_000, 2)) * [12.0, 5.0]
+    return np.column_stack([xz[:, 0], rng.normal(0.0, 0.003, len(xz)) - moved_m, xz[:, 1]])
+
+
+WIDE = {"cylinder_radius_m": 0.5, "normal_radii_m": [1.5]}
+SINKING = [
+    ("ground in UTM", rolling, ORIGIN_M, None, -0.05, "up"),
+    ("ground about the origin of its file", rolling, np.zeros(3), None, -0.05, "up"),
+    ("ground above that origin", rolling, np.array([0.0, 0.0, 100.0]), None, -0.05, "up"),
+    ("ground below that origin", rolling, np.array([0.0, 0.0, -100.0]), None, -0.05, "up"),
+    ("ground, the underside stated", rolling, ORIGIN_M, {"direction": [0.0, 0.0, -1.0]}, 0.05, "stated"),
+    ("wall that came towards a stated place", wall, ORIGIN_M, {"point_m": [5e5, 5.8e6 - 50.0, 100.0]}, 0.05, "stated"),
+    ("wall that went away", wall, ORIGIN_M, {"direction": [0.1, 1.0, 0.0]}, -0.05, "stated"),
+    ("wall about the origin of its file", wall, np.array([-6.0, 0.01, -2.0]), None, None, "arbitrary"),
+    ("wall in UTM", wall, ORIGIN_M, None, None, "arbitrary"),
+]
+
+
+@pytest.mark.parametrize("method", ["m3c2", "nearest"])
+@pytest.mark.parametrize("case", SINKING, ids=[case[0] for case in SINKING])
+def test_what_moved_has_one_sign_everywhere_or_an_arbitrary_one(
+    service: RunningService, tmp_path: Path, case: tuple[object, ...], method: str
+) -> None:
+    _, surface, origin, towards, mean_m, side = case
+    stations = []
+    for number, moved in enumerate((0.0, 0.05)):
+        path = tmp_path / f"{number}.las"
+        cloud = laspy.LasData(laspy.LasHeader(point_format=3, version="1.4"))
+        cloud.header.offsets, cloud.header.scales = origin, [0.0001] * 3
+        cloud.x, cloud.y, cloud.z = (surface(number, moved) + origin).T  # type: ignore[operator]
+        cloud.write(path)
+        stations.append(station(str(service.upload(path)["id"])))
+    inputs = {"reference": stations[0], "cloud": stations[1], "method": method, "towards": towards, "m3c2": WIDE}
+    found = compared(service, {**inputs, "core_spacing_m": 1.0})
+    assert found["positive_side"] == side
+    assert found["figures"]["std_m"] < 0.02
+    if mean_m is None:
+        assert found["figures"]["mean_m"] is None
+        assert abs(found["figures"]["quantiles"][3]["deviation_m"]) == pytest.approx(0.05, abs=0.005)
+        assert any("arbitrary" in remark for remark in found["remarks"])
+    else:
+        assert found["figures"]["mean_m"] == pytest.approx(mean_m, abs=0.005)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.deviations.joint_poses import JointPoses, exact_poses, of_pair, of_stations
 from algorithms.deviations.m3c2 import M3C2, m3c2
 from algorithms.deviations.options import Average, M3C2Options, WavesOf
+from algorithms.deviations.orientation import Side
 from algorithms.errors import InvalidInputError
 from algorithms.geometry.poses import PoseEstimate
 from tests.scenes.deviation_scenes import STATIONS_M, correlated_poses, pair_without_change, plain_m3c2, waving_floor
@@ -84,7 +85,7 @@ def test_moving_everything_changes_no_distance() -> None:
     here = compared(first, second, first[CORES])
     moved = [turn.apply(cloud) + shift for cloud in (first, second)]
     there = m3c2(
-        *moved, moved[0][CORES], exact_poses(), PLAIN, towards_m=turn.apply([1.0, 1.0, 50.0]) + shift,
+        *moved, moved[0][CORES], exact_poses(), PLAIN, stated=Side(point_m=turn.apply([1.0, 1.0, 50.0]) + shift),
         rng=np.random.default_rng(1),
     )  # fmt: skip
     assert np.abs(np.abs(here.distances_m) - np.abs(there.distances_m)).max() < 1e-9
@@ -154,7 +155,7 @@ def test_errors_that_neighbouring_points_share_are_measured(waves: WavesOf) -> N
     pair = pair_without_change(4, points=8000, pose_share=0.0)
     found = m3c2(
         pair.first, pair.second, pair.first[::40], pair.poses, M3C2Options(0.08, 0.3, (0.3,), waves=waves),
-        towards_m=np.zeros(3), rng=np.random.default_rng(4),
+        stated=Side(point_m=np.zeros(3)), rng=np.random.default_rng(4),
     ).waviness  # fmt: skip
     assert found.samples >= 20
     assert found.std_m == pytest.approx(np.sqrt(2.0) * 0.001, rel=0.2)
@@ -167,7 +168,7 @@ def test_a_third_of_the_scene_that_changed_makes_no_waves(waves: WavesOf) -> Non
     pair.second[pair.second[:, 1] > 2.0] += [0.0, 0.02, 0.0]
     found = m3c2(
         pair.first, pair.second, pair.first[::40], pair.poses, M3C2Options(0.08, 0.3, (0.3,), waves=waves),
-        towards_m=np.zeros(3), rng=np.random.default_rng(5),
+        stated=Side(point_m=np.zeros(3)), rng=np.random.default_rng(5),
     ).waviness  # fmt: skip
     assert found.std_m < 5e-4
 
