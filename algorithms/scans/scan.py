@@ -1,6 +1,7 @@
 """What a scan is."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -49,6 +50,22 @@ def _median_step(lines: GridIndex) -> float:
     return float(np.median(steps)) if len(steps) else np.inf
 
 
+@dataclass(frozen=True)
+class ScalarField:
+    """A further number of each point, such as its class, its standard deviation or its distance from a model."""
+
+    name: str
+    """Small letters, digits and `_`, at most 32: it names the column in every format."""
+    description: str
+    """What it is, with its unit; at most 32 characters of ASCII, which LAS keeps."""
+    kind: str = "f4"
+    """Type of numpy: f4, f8, u1, u2, u4, i1, i2 or i4."""
+    absent: int = 0
+    """Number of points that have none."""
+    title: str = ""
+    """Name in the file that it is from, where LAS keeps that; empty: `name`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scan:
     """One set-up's measurements."""
@@ -71,6 +88,12 @@ class Scan:
     """Where the instrument stood, in the coordinates of `points` [m]; None when the file does not tell."""
     world_from_scan: RigidTransform | None = None
     """Pose stored in the file (maps full coordinates, not reduced ones)."""
+    attributes: Mapping[ScalarField, Array] = field(default_factory=dict)
+    """(n,) further numbers of the points, which nothing is computed from; empty unless they were asked for."""
+    crs_wkt: str | None = None
+    """Coordinate reference system of the file's coordinates, WKT 1; None: not told, or not asked for."""
+    notes: tuple[str, ...] = ()
+    """Points and attributes of the file that are not in the scan, in words."""
 
     def __len__(self) -> int:
         return len(self.points)

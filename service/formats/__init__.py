@@ -17,6 +17,7 @@ from service.formats.meshes import mesh_format, read_mesh
 from service.formats.pcd import PcdReader
 from service.formats.photo import Photo, PhotoInfo, PhotoReader
 from service.formats.ply import PlyReader
+from service.formats.point_selection import USUAL_POINTS, PointSelection
 from service.formats.ptx import PtxReader
 from service.formats.text import TextReader
 from service.formats.text_layout import HEAD_BYTES
@@ -197,6 +198,8 @@ def read_scan(
     *,
     columns: str = "",
     unit: str = "",
+    selection: PointSelection = USUAL_POINTS,
+    attributes: bool = False,
 ) -> Scan:
     """Read one scan of a file: metres, float64 relative to a stored origin, scan frame.
 
@@ -212,6 +215,10 @@ def read_scan(
         What the columns of a text table are; empty: as found.
     unit
         In which unit the coordinates are; empty: as the file says, else metres.
+    selection
+        Points that are used, of formats that tell flags, classes and returns.
+    attributes
+        Whether further numbers of the points and the coordinate reference system are read.
 
     Raises
     ------
@@ -220,7 +227,7 @@ def read_scan(
     FileTooLargeError
         The scan has more points than `limits` allow.
     """
-    file = ScanFile(path, filename, columns, unit)
+    file = ScanFile(path, filename, columns, unit, selection, attributes)
     with np.errstate(all="ignore"):
         for records in reader_of(file).scans(file, replace(limits, at_once=limits.max_points), index):
             if isinstance(records, RefusedScan):

@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Flags, Floats32, Matrix4, Points, Vector3
 from algorithms.scans.content import ScanContent
+from algorithms.scans.scan import ScalarField
 from service.errors import UnreadableFileError
 from service.formats.instruments import Instrument
 from service.formats.point_selection import USUAL_POINTS, PointSelection
@@ -47,6 +48,8 @@ class ScanFile:
     """In which unit its owner says that the coordinates are, by name; empty: nothing."""
     selection: PointSelection = USUAL_POINTS
     """Points that are used, of formats that tell flags, classes and returns."""
+    attributes: bool = False
+    """Whether attributes of points and the coordinate reference system are read, which nothing is computed from."""
 
     def unreadable(self, reason: str, place: str = "") -> UnreadableFileError:
         """Build the error that names this file."""
@@ -74,6 +77,12 @@ class ScanRecords:
     meant as returns."""
     left_out: Mapping[str, int] = field(default_factory=dict)
     """Records that are not `valid` because the file marks them, counted by reason."""
+    attributes: Mapping[ScalarField, Array] = field(default_factory=dict)
+    """(n,) further numbers of the records, where `ScanFile.attributes` asks for them."""
+    crs_wkt: str | None = None
+    """Coordinate reference system of the coordinates, WKT 1, where `ScanFile.attributes` asks for it."""
+    lost: tuple[str, ...] = ()
+    """What the file has beside that and was not read, in words, where `ScanFile.attributes` asks for it."""
     row: Array | None = None
     """(n,) integer row of each record; given together with `column`."""
     column: Array | None = None
@@ -251,6 +260,7 @@ def cut(records: ScanRecords | RefusedScan) -> Iterator[ScanRecords]:
             records,
             times_s=None,
             points=records.points[part].copy(),
+            attributes={each: values[part] for each, values in records.attributes.items()},
             valid=None if records.valid is None else records.valid[part],
             row=None if records.row is None else records.row[part],
             column=None if records.column is None else records.column[part],

@@ -74,7 +74,15 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         times_s=None if records.times_s is None else records.times_s[chosen],
         sensor_m=_sensor(records, low_m, high_m, origin_m),
         world_from_scan=records.world_from_scan,
+        attributes={each: values[chosen] for each, values in records.attributes.items()},
+        crs_wkt=records.crs_wkt,
+        notes=reading_notes(records),
     )
+
+
+def reading_notes(records: ScanRecords) -> tuple[str, ...]:
+    """Say which points were left out, and what of them was not read."""
+    return (*([left_out_in_words(records.left_out)] if records.left_out else []), *records.lost)
 
 
 def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:

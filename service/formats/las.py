@@ -9,12 +9,13 @@ from typing import Any, final
 import numpy as np
 
 from algorithms.arrays import Array, Flags
+from algorithms.scans.scan import ScalarField
 from service.formats.base import LargeScan, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
-from service.formats.las_units import las_unit
+from service.formats.las_attributes import attributes_of, lost_attributes
+from service.formats.las_units import las_crs, las_unit
 from service.formats.laz_chunks import check_chunk_table, check_compression
-from service.formats.point_selection import PointSelection
 from service.formats.units import DeclaredUnit, UnknownUnit, can_be_degrees, no_degrees, not_understood, way_out
 
 POINTS_AT_ONCE = 1_000_000
@@ -49,24 +50,25 @@ class LasReader:
             if opened.count > limits.at_once:
                 yield LargeScan(0, opened.count)
                 return
-            cloud = _Cloud(chunk, opened.count, file.selection) if cloud is None else cloud
-            cloud.take(chunk, opened.scales)
+            cloud = _Cloud(chunk, opened.count, file) if cloud is None else cloud
+            cloud.take(chunk, opened)
         if cloud is not None:
-            records = replace(cloud.records(opened.offsets), instrument=opened.instrument)
+            records = replace(cloud.records(opened.offsets), instrument=opened.instrument, **opened.told)
             yield _with_unit(file, records, opened.unit)
 
     def pieces(self, file: ScanFile, limits: ReadLimits, index: int) -> Iterator[ScanRecords]:
         """Yield the one cloud of a file piece by piece."""
         opened, largest = OpenedLas(file, limits), 0.0
         for chunk in opened.chunks() if index == 0 else ():
-            cloud = _Cloud(chunk, len(chunk), file.selection)
-            cloud.take(chunk, opened.scales)
+            cloud = _Cloud(chunk, len(chunk), file)
+            cloud.take(chunk, opened)
             if not largest and cloud.channels is not None and cloud.channels.any():
                 largest = _largest_color(cloud.channels)  # of the first points that are not black
             color = None if cloud.channels is None else colors_8bit(cloud.channels, largest or 255.0)
             records = ScanRecords(
                 0, cloud.points, base_m=opened.offsets, valid=cloud.valid, left_out=cloud.left_out,
                 intensity=cloud.intensity, color=color, gps_time_s=cloud.span_s, instrument=opened.instrument,
+                attributes=cloud.attributes, **opened.told,
             )  # fmt: skip
             yield _with_unit(file, records, opened.unit)
 
@@ -81,6 +83,8 @@ class OpenedLas:
         self.scales, self.offsets = np.ones(3), np.zeros(3)
         self.unit: DeclaredUnit | UnknownUnit | None = None
         self.instrument: Instrument | None = None
+        self.told: dict[str, Any] = {}
+        """Coordinate reference system, and what of the points is not read, for `ScanRecords`."""
 
     def chunks(self) -> Iterator[Any]:
         """Read the points some at a time, as laspy gives them.
@@ -129,6 +133,10 @@ class OpenedLas:
         check_count(file, self.count, smallest, self._limits, "header")
         check_packing(file, self.count, "header")
         self.unit = las_unit(file, header.vlrs)
+        if file.attributes:
+            crs_wkt, why_none = las_crs(file, header.vlrs)
+            lost = [f"not read: {each}" for each in lost_attributes(header)]
+            self.told = {"crs_wkt": crs_wkt, "lost": (*lost, *([why_none] if why_none else []))}
         stated = Instrument(model=system_of_las(header.system_identifier), file_date=day_of(header.creation_date))
         self.instrument = stated_instrument(stated)
         return parallel
@@ -155,7 +163,7 @@ def _with_unit(file: ScanFile, records: ScanRecords, unit: DeclaredUnit | Unknow
 class _Cloud:
     """The arrays of a cloud, filled chunk by chunk."""
 
-    def __init__(self, chunk: Any, count: int, selection: PointSelection) -> None:
+    def __init__(self, chunk: Any, count: int, file: ScanFile) -> None:
         names = set(chunk.point_format.dimension_names)
         self.points = np.empty((count, 3))
         """As stored, scaled: the offset is added once, in float64, after the origin is known."""
@@ -163,22 +171,27 @@ class _Cloud:
         self.channels = np.empty((count, 3), dtype=np.uint16) if "red" in names else None
         self.valid: Flags | None = None
         self.left_out: Counter[str] = Counter()
-        self._selection = selection
+        self.attributes: dict[ScalarField, Array] = {}
+        self._file = file
         self._times = np.empty(count) if "gps_time" in names else None
         self._filled = 0
 
-    def take(self, chunk: Any, scales: Array) -> None:
+    def take(self, chunk: Any, opened: OpenedLas) -> None:
         """Copy the next points."""
         part = slice(self._filled, self._filled + len(chunk))
         for axis, name in enumerate("XYZ"):
-            np.multiply(chunk[name], scales[axis], out=self.points[part, axis])
+            np.multiply(chunk[name], opened.scales[axis], out=self.points[part, axis])
         self.intensity[part] = chunk["intensity"]
         if self.channels is not None:
             for channel, name in enumerate(("red", "green", "blue")):
                 self.channels[part, channel] = chunk[name]
         if self._times is not None:
             self._times[part] = chunk["gps_time"]
-        chosen = self._selection.chosen(chunk, self.left_out)
+        for each, values in attributes_of(chunk, opened.header) if self._file.attributes else ():
+            if each not in self.attributes:
+                self.attributes[each] = np.full(len(self.points), each.absent, each.kind)
+            self.attributes[each][part] = values
+        chosen = self._file.selection.chosen(chunk, self.left_out)
         if chosen is not None:
             if self.valid is None:
                 self.valid = np.ones(len(self.points), dtype=np.bool_)
@@ -203,6 +216,7 @@ class _Cloud:
             base_m=offsets,
             valid=self.valid,
             left_out=self.left_out,
+            attributes=self.attributes,
             intensity=self.intensity,
             color=colors_8bit(channels, _largest_color(channels)) if coloured and channels is not None else None,
             gps_time_s=self.span_s,

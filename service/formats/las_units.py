@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from schemas.values.crs import UnusableCrsError, wkt_1
 from schemas.values.units import Unit
 from service.formats.base import ScanFile
 from service.formats.crs_units import LONGEST_WKT, unit_of_crs
@@ -31,6 +32,8 @@ LINEAR_UNITS = {
     1033: (0.01, "centimetre"),
 }
 """Codes of units in GeoTIFF and EPSG -> metres and name."""
+WKT_1_BEGINS = ("PROJCS[", "COMPD_CS[")
+NOT_KEPT = "the coordinate reference system of the file is not kept"
 VLR_CRS, VLR_KEYS = "the coordinate reference system of its header", "the GeoTIFF keys of its header"
 
 
@@ -50,13 +53,44 @@ def las_unit(file: ScanFile, records: Iterable[Any]) -> DeclaredUnit | UnknownUn
     records
         The variable-length records of its header, as laspy gives them.
     """
-    of_header = [_Record(int(each.record_id), _content(each)) for each in records if _is_projection(each)]
-    found = {record.number: record.content for record in (*_extended(file), *of_header)}
+    found = _records(file, records)
     if WKT in found:
         unit = unit_of_crs(found[WKT].decode("utf-8", "replace"), VLR_CRS)
         if unit is not None:
             return unit
     return _unit_of_keys(_keys(found)) if KEYS in found else None
+
+
+def las_crs(file: ScanFile, records: Iterable[Any]) -> tuple[str | None, str]:
+    """Return the coordinate reference system of a LAS file as WKT 1, or None and why it cannot be kept.
+
+    Parameters
+    ----------
+    file
+        The file, whose header was checked.
+    records
+        The variable-length records of its header, as laspy gives them.
+    """
+    found = _records(file, records)
+    definition = found[WKT].decode("utf-8", "replace").strip("\0 \n") if WKT in found else ""
+    if not definition and KEYS in found:
+        keys = _keys(found)
+        codes = [int(code) for key in (PROJECTED, VERTICAL) if 0 < (code := keys.get(key, 0)) < USER_DEFINED]
+        if not codes or keys.get(PROJECTED) is None:
+            return None, f"{NOT_KEPT}: its GeoTIFF keys name no EPSG code"
+        definition = "EPSG:" + "+".join(map(str, codes))
+    if not definition:
+        return None, ""
+    try:
+        text = wkt_1(definition)
+    except UnusableCrsError as fault:
+        return None, f"{NOT_KEPT}: {fault}"
+    return definition if definition.startswith(WKT_1_BEGINS) else text, ""
+
+
+def _records(file: ScanFile, records: Iterable[Any]) -> dict[int, bytes]:
+    of_header = [_Record(int(each.record_id), _content(each)) for each in records if _is_projection(each)]
+    return {record.number: record.content for record in (*_extended(file), *of_header)}
 
 
 def _is_projection(record: Any) -> bool:

@@ -8,9 +8,18 @@ import numpy as np
 
 from algorithms.arrays import Array, Vector3
 from algorithms.progress import NoProgress, Progress
+from algorithms.scans.scan import ScalarField
 from service.formats import NO_LIMITS, reader_of
 from service.formats.base import ReadLimits, ScanFile, ScanReader, ScanRecords
-from service.formats.finishing import LARGEST_COORDINATE_M, SPARSEST_GRID, finite, in_metres, local_origin, none_left
+from service.formats.finishing import (
+    LARGEST_COORDINATE_M,
+    SPARSEST_GRID,
+    finite,
+    in_metres,
+    local_origin,
+    none_left,
+    reading_notes,
+)
 from service.formats.writers.base import CloudFacts, PointPiece, StationCloud
 
 
@@ -53,7 +62,7 @@ def stream_scan(
     survey.refuse_absurd(file, f"scan {index}")
     grid = survey.grid
     origin_m = local_origin(survey.low_m, survey.high_m)
-    stream = _Stream(reader, file, limits, index, origin_m, grid)
+    stream = _Stream(reader, file, limits, index, origin_m, grid, tuple(survey.fields))
     return StationCloud(
         name=first.name,
         pieces=stream.pieces,
@@ -61,10 +70,13 @@ def stream_scan(
         world_from_scan=first.world_from_scan,
         has_intensity=survey.has_intensity,
         has_color=survey.has_color,
+        scalars=stream.fields,
         rows=None if grid is None else grid.rows,
         columns=None if grid is None else grid.columns,
         sensor_in_scan_m=first.sensor_in_scan_m,
         facts=CloudFacts(survey.points, survey.low_m, survey.high_m, survey.intensity_limits),
+        crs_wkt=first.crs_wkt,
+        notes=reading_notes(replace(first, left_out=survey.left_out)),
     )
 
 
@@ -87,6 +99,8 @@ class Survey:
     high_m: Vector3 = field(default_factory=lambda: np.full(3, -np.inf))
     has_intensity: bool = False
     has_color: bool = False
+    fields: dict[ScalarField, None] = field(default_factory=dict)
+    """Attributes that any piece has, in order."""
     left_out: Counter[str] = field(default_factory=Counter)
     """Records that the file marks as not to be used, by reason."""
     gps_time_s: tuple[float, float] | None = None
@@ -99,10 +113,11 @@ class Survey:
     def see(self, records: ScanRecords) -> None:
         """Take a piece into account."""
         if self.first is None:
-            self.first = replace(records, points=records.points[:0])
+            self.first = replace(records, points=records.points[:0], attributes={})
             self.gps_time_s = records.gps_time_s
         self.gps_time_s = _both(self.gps_time_s, records.gps_time_s)
         self.left_out.update(records.left_out)
+        self.fields.update(dict.fromkeys(records.attributes))
         self.has_intensity |= records.intensity is not None
         self.has_color |= records.color is not None
         if len(records.points) == 0:
@@ -160,6 +175,7 @@ class _Stream:
     index: int
     origin_m: Vector3
     grid: _Grid | None
+    fields: tuple[ScalarField, ...]
 
     def pieces(self) -> Iterator[PointPiece]:
         """Read the scan from its first record on."""
@@ -169,7 +185,8 @@ class _Stream:
             row = column = None
             if self.grid is not None and found.row is not None and found.column is not None:
                 row, column = found.row - self.grid.first_row, found.column - self.grid.first_column
-            yield PointPiece(found.points + (base_m - self.origin_m), found.intensity, found.color, row, column)
+            own = {each.name: values for each, values in found.attributes.items()}
+            yield PointPiece(found.points + (base_m - self.origin_m), found.intensity, found.color, row, column, own)
 
 
 def usable(records: ScanRecords) -> ScanRecords:
@@ -187,4 +204,5 @@ def usable(records: ScanRecords) -> ScanRecords:
         column=None if records.column is None else records.column[keep],
         intensity=None if records.intensity is None else records.intensity[keep],
         color=None if records.color is None else records.color[keep],
+        attributes={each: values[keep] for each, values in records.attributes.items()},
     )

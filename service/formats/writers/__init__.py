@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from algorithms.progress import NoProgress
-from algorithms.scans.scan import Scan
+from algorithms.scans.scan import ScalarField, Scan
 from service.errors import UnwritableError
 from service.formats.writers.base import (
     CloudFacts,
     PointPiece,
-    ScalarField,
     ScanWriter,
     StationCloud,
     StationImage,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.arrays import Array, Colors, Floats32, Points, Vector3
 from algorithms.geometry.cameras import Camera
 from algorithms.progress import Progress
-from algorithms.scans.scan import Scan
+from algorithms.scans.scan import ScalarField, Scan
 
 POINTS_AT_ONCE = 1 << 19
 """Points of a piece."""
@@ -37,18 +37,6 @@ class PointPiece:
 
     def __len__(self) -> int:
         return len(self.points)
-
-
-@dataclass(frozen=True)
-class ScalarField:
-    """A further number of each point, such as its standard deviation or its distance from a model."""
-
-    name: str
-    """Small letters, digits and `_`, at most 32: it names the column in every format."""
-    description: str
-    """What it is, with its unit; at most 32 characters of ASCII, which LAS keeps."""
-    kind: str = "f4"
-    """Type of numpy: f4, f8, u1, u2, u4, i1, i2 or i4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +92,8 @@ class StationCloud:
     """Known beforehand; None: `surveyed` finds out by reading the points once."""
     crs_wkt: str | None = None
     """Coordinate reference system of the world frame as WKT 1; None: unknown."""
+    notes: tuple[str, ...] = ()
+    """Points and attributes of its file that are not among the pieces, in words."""
 
     @property
     def pose(self) -> RigidTransform:
@@ -195,6 +185,7 @@ def cloud_of(scan: Scan, *, name: str = "") -> StationCloud:
                 None if scan.color is None else scan.color[part],
                 None if row is None else row[part],
                 None if column is None else column[part],
+                {each.name: values[part] for each, values in scan.attributes.items()},
             )
 
     return StationCloud(
@@ -204,6 +195,7 @@ def cloud_of(scan: Scan, *, name: str = "") -> StationCloud:
         world_from_scan=scan.world_from_scan,
         has_intensity=scan.intensity is not None,
         has_color=scan.color is not None,
+        scalars=tuple(scan.attributes),
         rows=None if row is None or scan.grid is None else scan.grid.rows,
         columns=None if row is None or scan.grid is None else scan.grid.columns,
         sensor_in_scan_m=None if scan.sensor_m is None else scan.sensor_m + scan.origin_m,

@@ -16,6 +16,7 @@ from service.formats.writers.base import StationCloud, Written
 from service.formats.writers.las import DATE_OFFSET, las_notes
 from service.formats.writers.las_records import (
     LAS_KINDS,
+    MOST_RETURNS,
     SCALE_M,
     STATIONS_RECORD,
     STATIONS_USER,
@@ -33,6 +34,10 @@ RECORD_HEAD = struct.Struct("<2x16sHH32s")
 """User, number, length and description of a record; 20 bytes before the end of its head stands the length."""
 RECORDS_OFFSET = 100
 """Number of records in the header."""
+ENCODING_OFFSET = 6
+"""Global encoding, whose first bit says that times are standard GPS times."""
+RETURNS_OFFSET = 255
+"""Points of each return in the header."""
 
 
 @final
@@ -50,10 +55,12 @@ class CopcWriter:
         layout = LasLayout.of(everything, path.name)
         points = _LasPoints(everything, layout, _Cube.around(everything, layout))
         with whole_file(path) as partial, tempfile.TemporaryFile(dir=path.parent) as spool:
+            counts = np.zeros(MOST_RETURNS, dtype="<u8")
             nodes = octree_nodes(points, spool, SHAPE, ProgressSection(progress, 0.0, 0.5))
-            written = _write_nodes(partial, points, nodes, ProgressSection(progress, 0.5, 1.0))
+            counted = _counting(nodes, counts)
+            written = _write_nodes(partial, points, counted, ProgressSection(progress, 0.5, 1.0))
             require_length(partial, written)
-            _name_extra_bytes(partial, layout, everything)
+            _complete(partial, layout, everything, counts)
         return Written(everything.points, las_notes(everything))
 
 
@@ -117,7 +124,6 @@ def _write_nodes(path: Path, points: _LasPoints, nodes: Iterator[tuple[Key, Arra
     info.center_x, info.center_y, info.center_z = centre_m.tolist()
     info.halfsize, info.spacing = half_m, 2.0 * half_m / CELLS
     header.min, header.max = copclib.Vector3(*low_m.tolist()), copclib.Vector3(*high_m.tolist())
-    header.points_by_return = [clouds.points, *[0] * 14]
     writer = copclib.FileWriter(str(path), config)
     end, done, total = 0, 0, max(1, clouds.points)
     for key, records in nodes:
@@ -129,13 +135,23 @@ def _write_nodes(path: Path, points: _LasPoints, nodes: Iterator[tuple[Key, Arra
     return end
 
 
-def _name_extra_bytes(path: Path, layout: LasLayout, clouds: PlacedClouds) -> None:
-    """Describe the extra bytes: copclib leaves room for each byte, but has no way to say what they are.
+def _counting(nodes: Iterator[tuple[Key, Array]], counts: Array) -> Iterator[tuple[Key, Array]]:
+    """Yield nodes, and add up the points of each number of a return."""
+    for key, records in nodes:
+        counts += np.bincount(records["returns"] & MOST_RETURNS, minlength=MOST_RETURNS + 1)[1:].astype(counts.dtype)
+        yield key, records
 
-    What is left of its record becomes one of its own, with the names of the stations where they have room.
+
+def _complete(path: Path, layout: LasLayout, clouds: PlacedClouds, counts: Array) -> None:
+    """Write counts and kind of time into the header, and describe the extra bytes, for which copclib has no way.
+
+    What is left of its record of extra bytes becomes one of its own, with the names of the stations where they have
+    room.
     """
     descriptors = b"".join(
-        struct.pack("<2xBB32s4x120x32s", LAS_KINDS[s.kind], 0, s.name.encode(), s.description.encode()[:32])
+        struct.pack(
+            "<2xBB32s4x120x32s", LAS_KINDS[s.kind], 0, (s.title or s.name).encode(), s.description.encode()[:32]
+        )
         for s in layout.scalars
     )
     with path.open("r+b") as file:
@@ -153,6 +169,12 @@ def _name_extra_bytes(path: Path, layout: LasLayout, clouds: PlacedClouds) -> No
         file.write(struct.pack("<I", records + 1))
         file.seek(DATE_OFFSET)
         file.write(bytes(4))
+        file.seek(RETURNS_OFFSET)
+        file.write(counts.tobytes())
+        file.seek(ENCODING_OFFSET)
+        encoding = struct.unpack("<H", file.read(2))[0] | int(layout.is_standard_time)
+        file.seek(ENCODING_OFFSET)
+        file.write(struct.pack("<H", encoding))
 
 
 def _record(file: BinaryIO) -> tuple[int, int, int]:

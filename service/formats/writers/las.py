@@ -62,7 +62,10 @@ def _header(clouds: PlacedClouds, layout: LasLayout) -> Any:
     header.scales, header.offsets = np.full(3, SCALE_M), layout.offset_m
     header.generating_software = "tieline"
     for field in layout.scalars:
-        header.add_extra_dim(laspy.ExtraBytesParams(field.name, field.kind, description=field.description))
+        name = field.title or field.name
+        header.add_extra_dim(laspy.ExtraBytesParams(name, field.kind, description=field.description))
+    if layout.is_standard_time:
+        header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
     if clouds.crs_wkt:
         header.vlrs.append(WktCoordinateSystemVlr(clouds.crs_wkt))
         header.global_encoding.wkt = True

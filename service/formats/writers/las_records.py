@@ -8,23 +8,28 @@ from typing import Any
 import numpy as np
 
 from algorithms.arrays import Array, Vector3
+from algorithms.scans.scan import ScalarField
 from service.errors import UnwritableError
-from service.formats.writers.base import PointPiece, ScalarField, StationCloud
+from service.formats import las_attributes as own
+from service.formats.writers.base import PointPiece, StationCloud
 from service.formats.writers.intensities import LARGEST_16_BIT, unit_intensities
 from service.formats.writers.placed import PlacedClouds, in_world, scalar_of
 
 SCALE_M = 1e-4
 """Resolution of the coordinates [m]."""
-WITH_COLOR, PLAIN = 7, 6
+WITH_INFRARED, WITH_COLOR, PLAIN = 8, 7, 6
 """Point formats of LAS 1.4."""
 STATIONS_USER, STATIONS_RECORD = "tieline", 1
 """The record with the names of the stations, as JSON."""
-CLASSIFICATION = "classification"
-"""The field that LAS has for itself."""
-TO_16_BIT = 257
-"""Colours of 8 bits in 16."""
-ONE_RETURN = 0b0001_0001
-"""First return of one."""
+MOST_RETURNS = 15
+"""Largest number in the bits of a return."""
+FLAG_BITS = {
+    **{field.name: bit for bit, field in enumerate(own.FLAGS)},
+    own.CHANNEL.name: 4,
+    own.DIRECTION.name: 6,
+    own.EDGE.name: 7,
+}
+"""Bit at which each field stands in the byte of the flags (LAS 1.4 R15, table 16)."""
 LAS_KINDS = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 9, "f8": 10}
 """Types of extra bytes (LAS 1.4 R15, table 24)."""
 
@@ -38,6 +43,8 @@ class LasLayout:
     """Near the data, whole metres [m]."""
     scalars: tuple[ScalarField, ...]
     """Extra bytes."""
+    is_standard_time: bool = False
+    """Whether times are adjusted standard GPS times, not of a week."""
 
     @staticmethod
     def of(clouds: PlacedClouds, what: str) -> "LasLayout":
@@ -55,8 +62,15 @@ class LasLayout:
             raise UnwritableError(
                 what, f"the points lie {2 * half_m / 1000:.0f} km apart; 32 bits of 0.1 mm reach 429 km"
             )
-        extra = tuple(field for field in clouds.scalars if field.name != CLASSIFICATION)
-        return LasLayout(WITH_COLOR if clouds.has_color else PLAIN, offset_m, extra)
+        names = {field.name for field in clouds.scalars}
+        places = {field.name for field in own.OWN_FIELDS}
+        is_standard_time = own.ADJUSTED_TIME.name in names
+        if is_standard_time:
+            places -= {own.WEEK_TIME.name}  # a file tells one kind of time
+        extra = tuple(field for field in clouds.scalars if field.name not in places)
+        plain = WITH_COLOR if clouds.has_color else PLAIN
+        chosen = WITH_INFRARED if own.INFRARED.name in names else plain
+        return LasLayout(chosen, offset_m, extra, is_standard_time)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -66,8 +80,10 @@ class LasLayout:
             ("classification", "u1"), ("user_data", "u1"), ("scan_angle", "<i2"), ("point_source_id", "<u2"),
             ("gps_time", "<f8"),
         ]  # fmt: skip
-        if self.point_format == WITH_COLOR:
+        if self.point_format >= WITH_COLOR:
             fields += [("red", "<u2"), ("green", "<u2"), ("blue", "<u2")]
+        if self.point_format >= WITH_INFRARED:
+            fields += [("nir", "<u2")]
         return np.dtype(fields + [(f"extra_{field.name}", f"<{field.kind}") for field in self.scalars])
 
     def records(self, number: int, cloud: StationCloud, piece: PointPiece) -> Array:
@@ -76,7 +92,7 @@ class LasLayout:
         Parameters
         ----------
         number
-            Of the station, from 0: its `point_source_id` is one more.
+            Of the station, from 0: the `point_source_id` of points that have none of their own is one more.
         cloud, piece
             The station and its points.
         """
@@ -89,16 +105,31 @@ class LasLayout:
         if piece.intensity is not None:
             limits = None if cloud.facts is None else cloud.facts.intensity_limits
             records["intensity"] = np.rint(unit_intensities(piece.intensity, limits) * LARGEST_16_BIT)
-        if piece.color is not None and self.point_format == WITH_COLOR:
-            for channel, name in enumerate(("red", "green", "blue")):
-                records[name] = piece.color[:, channel].astype(np.uint16) * TO_16_BIT
-        records["returns"] = ONE_RETURN
+        if piece.color is not None and self.point_format >= WITH_COLOR:
+            for channel, (name, deep) in enumerate(zip(("red", "green", "blue"), own.COLORS_16, strict=True)):
+                colors = piece.scalars.get(deep.name)
+                records[name] = piece.color[:, channel].astype(np.uint16) * own.TO_16_BIT if colors is None else colors
         records["point_source_id"] = min(number + 1, 65535)
-        if CLASSIFICATION in piece.scalars:
-            records[CLASSIFICATION] = piece.scalars[CLASSIFICATION]
+        self._put_attributes(records, piece)
         for field in self.scalars:
             records[f"extra_{field.name}"] = scalar_of(piece, field)
         return records
+
+    def _put_attributes(self, records: Array, piece: PointPiece) -> None:
+        """Write what records have a place for."""
+        returns, count = (scalar_of(piece, field) for field in (own.RETURN_NUMBER, own.RETURNS))
+        records["returns"] = np.minimum(returns, MOST_RETURNS) | (np.minimum(count, MOST_RETURNS) << 4)
+        for name, bit in FLAG_BITS.items():
+            if name in piece.scalars:
+                records["flags"] |= np.asarray(piece.scalars[name], dtype=np.uint8) << bit
+        for field in (own.CLASSIFICATION, own.USER_DATA, own.SOURCE, own.INFRARED):
+            if field.name in piece.scalars and field.name in (records.dtype.names or ()):
+                records[field.name] = piece.scalars[field.name]
+        if own.SCAN_ANGLE.name in piece.scalars:
+            records["scan_angle"] = np.rint(piece.scalars[own.SCAN_ANGLE.name] / own.ANGLE_STEP_DEG)
+        time = own.ADJUSTED_TIME if self.is_standard_time else own.WEEK_TIME
+        if time.name in piece.scalars:
+            records["gps_time"] = piece.scalars[time.name]
 
 
 def names_record(clouds: Sequence[StationCloud]) -> bytes:

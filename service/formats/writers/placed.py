@@ -7,7 +7,8 @@ import numpy as np
 
 from algorithms.arrays import Array, Points, Vector3
 from algorithms.progress import Progress
-from service.formats.writers.base import STATION, PointPiece, ScalarField, StationCloud, surveyed
+from algorithms.scans.scan import ScalarField
+from service.formats.writers.base import STATION, PointPiece, StationCloud, surveyed
 
 STATION_FIELD = ScalarField(STATION, "number of the station, from 0", "u2")
 
@@ -95,9 +96,9 @@ def in_world(cloud: StationCloud, piece: PointPiece, base_m: Vector3) -> Points:
 
 
 def scalar_of(piece: PointPiece, scalar: ScalarField) -> Array:
-    """Give the numbers of a field, zeros where the station has none."""
+    """Give the numbers of a field, those of points without it where the station has none."""
     values = piece.scalars.get(scalar.name)
-    return np.zeros(len(piece), dtype=scalar.kind) if values is None else np.asarray(values, dtype=scalar.kind)
+    return np.full(len(piece), scalar.absent, scalar.kind) if values is None else np.asarray(values, scalar.kind)
 
 
 def _numbered(cloud: StationCloud, number: int) -> StationCloud:

@@ -12,12 +12,11 @@ from algorithms.progress import Progress
 from service.formats.writers.base import PointPiece, StationCloud, Written
 from service.formats.writers.grids import ColumnOrder
 from service.formats.writers.placed import placed
-from service.formats.writers.text import text_lines
+from service.formats.writers.text import no_columns, text_lines
 from service.formats.writers.whole_files import whole_file
 
 LINE = "%.6f %.6f %.6f %.9g"
 """Coordinates to the micrometre."""
-NO_SCALARS = "PTX has no columns for further numbers, such as standard deviations"
 
 
 @final
@@ -48,7 +47,7 @@ class PtxWriter:
                         _write_points(stream, cloud, piece)
                         done += len(piece)
         shared = f"{left_out} points are left out: PTX has room for one in a cell of the scanner's grid"
-        notes = [*([NO_SCALARS] if everything.scalars else []), *([shared] if left_out else [])]
+        notes = [*no_columns("PTX", everything), *([shared] if left_out else [])]
         return Written(everything.points - left_out, tuple(notes))
 
 

@@ -17,10 +17,11 @@ from service.formats.writers.whole_files import whole_file
 LINES_AT_ONCE = 100_000
 COORDINATE = "%.5f"
 """Hundredths of a millimetre."""
+NUMBERS = {"f4": "%.6g", "f8": "%.16g"}
+"""How numbers of a kind are printed; times of 10 digits before the point keep microseconds."""
 LEAST_PTS, LARGEST_PTS = -2048.0, 2047.0
 """Range of intensities in PTS."""
 NO_POSES = "the points are in the world frame: a table of points has no place for poses and grids"
-NO_SCALARS = "PTS has no columns for further numbers, such as standard deviations; XYZ has"
 STRETCHED = "intensities were brought to -2048 … 2047, as PTS has them"
 
 
@@ -43,7 +44,7 @@ class XyzWriter:
         if everything.has_color:
             names, line = [*names, "red", "green", "blue"], [*line, "%d", "%d", "%d"]
         for scalar in everything.scalars:
-            names, line = [*names, scalar.name], [*line, "%.6g" if scalar.kind.startswith("f") else "%d"]
+            names, line = [*names, scalar.name], [*line, NUMBERS.get(scalar.kind, "%d")]
         with whole_file(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
             stream.write("//" + " ".join(names) + "\n")
             for _, cloud, piece in everything.pieces(progress):
@@ -78,7 +79,13 @@ class PtsWriter:
                 for lines in text_lines(columns, line):
                     stream.write(lines)
         notes = [NO_POSES, *([STRETCHED] if everything.has_intensity else [])]
-        return Written(everything.points, (*notes, NO_SCALARS) if everything.scalars else tuple(notes))
+        return Written(everything.points, (*notes, *no_columns("PTS", everything)))
+
+
+def no_columns(what: str, clouds: PlacedClouds) -> tuple[str, ...]:
+    """Say which further numbers of the points a format loses."""
+    names = ", ".join(scalar.name for scalar in clouds.scalars)
+    return (f"{what} has no columns for further numbers ({names}); E57, PLY, PCD, XYZ and LAZ have",) if names else ()
 
 
 def text_lines(columns: Sequence[Array], line: str) -> Sequence[str]:

@@ -19,10 +19,11 @@ def clean(context: StepContext, arguments: Json) -> Json:
         A step left no point at all.
     """
     job_id = arguments["job_id"]
-    cleaned = cleaned_frame(context, arguments["stations"], arguments["options"])
+    is_wanted = arguments["wanted"] is not None
+    cleaned = cleaned_frame(context, arguments["stations"], arguments["options"], attributes=is_wanted)
     files: list[Artifact] | None = None
     notes: tuple[str, ...] = ()
-    if arguments["wanted"] is not None:
+    if is_wanted:
         files, notes = _write(context, job_id, arguments["wanted"]["format"], cleaned)
     document = CleaningDocument(
         points_before=sum(len(station.scan) for station in cleaned.frame.stations),
@@ -41,7 +42,7 @@ def clean(context: StepContext, arguments: Json) -> Json:
         ],
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
-        remarks=[*cleaned.cleaned.remarks, *notes],
+        remarks=[*cleaned.frame.notes(), *cleaned.cleaned.remarks, *notes],
         cleaned=files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())

@@ -32,7 +32,7 @@ def colour(context: StepContext, arguments: Json) -> Json:
     """
     job_id, stations = arguments["job_id"], arguments["stations"]
     options = TypeAdapter(ColouringOptions).validate_python(arguments["options"])
-    frame = read_stations(context, stations)
+    frame = read_stations(context, stations, attributes=arguments["wanted"] is not None)
     photos = [photo for station in stations for photo in placed_photos(context, station, frame)]
     if not photos:
         raise InvalidInputError("photos", "no station has a photo with camera and pose")
@@ -53,7 +53,7 @@ def colour(context: StepContext, arguments: Json) -> Json:
         turned=_turned(photos, result),
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
-        remarks=[*_remarks(stations, photos), *_contradictions(photos, result), *notes],
+        remarks=[*frame.notes(), *_remarks(stations, photos), *_contradictions(photos, result), *notes],
         coloured_cloud=files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())

@@ -16,6 +16,7 @@ from algorithms.terrain.models import Canopy, TerrainModels, canopy_over, residu
 from algorithms.terrain.options import EVERY_FILTER, SlopeFilter, TerrainFilter
 from schemas.results.registration_result import Artifact
 from schemas.results.terrain_result import ComparedFilter, GroundResiduals, HeightFigures, TerrainDocument
+from service.formats.las_attributes import CLASSIFICATION
 from service.formats.writers import ScalarField, writer_of
 from service.ports import Json, StepContext
 from service.processes.terrain.pictures import Files, drawn
@@ -26,6 +27,7 @@ from service.use_cases.steps.run_features import read_stored_scan
 OBJECT, GROUND, LOW = 1, 2, 7
 """Classes of LAS: unclassified, ground, low point."""
 CLASSES = ScalarField("classification", "class: 2 ground, 7 low", "u1")
+CLASSES_BEFORE = ScalarField("class_before", "class in the uploaded file", "u1")
 HEIGHTS = ScalarField("above_ground_m", "height above the terrain [m]", "f4")
 READ, LEARNED, FILTERED, COMPARED, MODELLED, DRAWING = 0.2, 0.3, 0.55, 0.7, 0.8, 0.9
 WITHIN_M = 0.1
@@ -41,7 +43,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         Too few points, too many cells, or no ground was found.
     """
     job_id, inputs = arguments["job_id"], arguments["inputs"]
-    frame = read_stations(context, arguments["stations"])
+    frame = read_stations(context, arguments["stations"], attributes=arguments["wanted"] is not None)
     points = np.concatenate([station.points() for station in frame.stations])
     chosen = _chosen(context, arguments)
     ground = ground_of(points, chosen, inputs["cell_m"], ProgressSection(context.progress, LEARNED, FILTERED))
@@ -75,7 +77,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         compared=compared,
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
-        remarks=_remarks(ground, models),
+        remarks=[*frame.notes(), *_remarks(ground, models)],
         artifacts=_artifacts(job_id, files),
         classified=_classified(context, arguments, frame, points, ground, models),
     )
@@ -184,12 +186,13 @@ def _classified(
         start = part.stop
         if len(station.scan) == 0:
             continue
-        clouds.append(
-            cloud_in_world(
-                station, frame.origin_m, np.arange(len(station.scan)), points[part],
-                scalars={CLASSES.name: classes[part], HEIGHTS.name: above[part]}, fields=(CLASSES, HEIGHTS),
-            )
-        )  # fmt: skip
+        scalars: dict[str, Array] = {CLASSES.name: classes[part], HEIGHTS.name: above[part]}
+        fields: tuple[ScalarField, ...] = (CLASSES, HEIGHTS)
+        before = station.scan.attributes.get(CLASSIFICATION)
+        if before is not None:
+            scalars[CLASSES_BEFORE.name], fields = before, (*fields, CLASSES_BEFORE)
+        numbers = np.arange(len(station.scan))
+        clouds.append(cloud_in_world(station, frame.origin_m, numbers, points[part], scalars=scalars, fields=fields))
     filename = f"classified{writer.ending}"
     with output_file(context, arguments["job_id"], filename) as path:
         writer.write(path, clouds, NoProgress())

@@ -11,6 +11,7 @@ from algorithms.cleaning.cleaned_stations import CleanedStation, CleanedStations
 from algorithms.cleaning.options import CleaningOptions
 from algorithms.progress import ProgressSection
 from schemas.results.cleaning_figures import CleaningStep
+from service.formats.las_attributes import CLASSIFICATION
 from service.formats.writers import ScalarField, StationCloud
 from service.ports import Json, StepContext
 from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, read_stations
@@ -42,7 +43,9 @@ class CleanedFrame:
         fields: tuple[ScalarField, ...] = (),
     ) -> StationCloud:
         """Give what is left of a station as a cloud with classes and further numbers."""
-        classes = np.where(left.moved, MOVED_CLASS, 0).astype(np.uint8)
+        given = station.scan.attributes.get(CLASSIFICATION)
+        own = np.zeros(len(left.numbers), dtype=np.uint8) if given is None else given[left.numbers]
+        classes = np.where(left.moved, MOVED_CLASS, own).astype(np.uint8)
         return cloud_in_world(
             station,
             self.frame.origin_m,
@@ -67,7 +70,9 @@ class CleanedFrame:
         ]
 
 
-def cleaned_frame(context: StepContext, stations: Sequence[Json], options: Json) -> CleanedFrame:
+def cleaned_frame(
+    context: StepContext, stations: Sequence[Json], options: Json, *, attributes: bool = False
+) -> CleanedFrame:
     """Read stations and clean them; memory is O(points of all stations).
 
     Parameters
@@ -76,6 +81,8 @@ def cleaned_frame(context: StepContext, stations: Sequence[Json], options: Json)
         Name, scan and `world_from_scan` of each, the latter None where the file's coordinates are the world's.
     options
         Members of `CleaningOptions`.
+    attributes
+        Whether further numbers of the points are read, for a file that is written.
 
     Raises
     ------
@@ -83,6 +90,6 @@ def cleaned_frame(context: StepContext, stations: Sequence[Json], options: Json)
         A step left no point at all.
     """
     steps = TypeAdapter(CleaningOptions).validate_python(options)
-    frame = read_stations(context, stations)
+    frame = read_stations(context, stations, attributes=attributes)
     progress = ProgressSection(context.progress, READ, CLEANED)
     return CleanedFrame(frame, clean_stations(frame.stations, frame.origin_m, steps, progress))

@@ -8,10 +8,14 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Indices, Points, Vector3
 from algorithms.cleaning.cleaned_stations import PlacedScan, placed
+from service.formats.las_attributes import COLORS_16
 from service.formats.writers import PointPiece, ScalarField, StationCloud
 from service.formats.writers.base import POINTS_AT_ONCE
 from service.ports import Json, StepContext
 from service.use_cases.steps.run_features import read_stored_scan
+
+MOVED = "the coordinate reference system of the file is not named: its points were moved out of it"
+TWO_SYSTEMS = "no coordinate reference system is named: the files state different ones"
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +26,10 @@ class CommonFrame:
     origin_m: Vector3
     """Of the reduced common frame, in the world [m]."""
 
+    def notes(self) -> list[str]:
+        """Return what of the files is not in the scans, in words, for each station."""
+        return [f"{each.scan.name}: {note}" for each in self.stations for note in each.scan.notes]
+
 
 def pose_of(station: Json) -> RigidTransform:
     """Give world_from_scan; identity where the coordinates of the file are those of the world."""
@@ -29,16 +37,49 @@ def pose_of(station: Json) -> RigidTransform:
     return RigidTransform.identity() if pose is None else RigidTransform.from_matrix(np.array(pose["matrix"]))
 
 
-def read_stations(context: StepContext, stations: Sequence[Json]) -> CommonFrame:
-    """Read all stations; the origin of the common frame is the middle of the first."""
+def read_stations(context: StepContext, stations: Sequence[Json], *, attributes: bool = False) -> CommonFrame:
+    """Read all stations; the origin of the common frame is the middle of the first.
+
+    Parameters
+    ----------
+    attributes
+        Whether the further numbers of the points are read, which go into a file that is written.
+    """
     scans = []
     for number, station in enumerate(stations):
         context.progress.report(0.2 * number / len(stations), f"reading {station['name']}")
-        scans.append(replace(read_stored_scan(context, station["scan"]), name=station["name"]))
+        scan = read_stored_scan(context, station["scan"], attributes=attributes)
+        scans.append(replace(scan, name=station["name"]))
     poses = [pose_of(station) for station in stations]
     middle = scans[0].bounds_m.mean(axis=0) if len(scans[0]) else scans[0].origin_m
     origin = np.rint(poses[0].apply(middle))
+    crs_wkt, note = world_crs([scan.crs_wkt for scan in scans], poses)
+    scans = [
+        replace(scan, crs_wkt=crs_wkt, notes=(*scan.notes, note) if note and scan.crs_wkt else scan.notes)
+        for scan in scans
+    ]
     return CommonFrame([placed(scan, pose, origin) for scan, pose in zip(scans, poses, strict=True)], origin)
+
+
+def world_crs(stated: Sequence[str | None], poses: Sequence[RigidTransform]) -> tuple[str | None, str]:
+    """Return the coordinate reference system of the world as files of stations state it, or None and why.
+
+    Parameters
+    ----------
+    stated
+        System of each file's coordinates, WKT 1.
+    poses
+        World from scan of each: those that do not move have coordinates of the world.
+    """
+    unmoved = {crs for crs, pose in zip(stated, poses, strict=True) if crs and is_identity(pose)}
+    if len(unmoved) == 1:
+        return unmoved.pop(), ""
+    return None, (TWO_SYSTEMS if unmoved else MOVED) if any(stated) else ""
+
+
+def is_identity(pose: RigidTransform) -> bool:
+    """Tell whether a pose leaves all points where they are."""
+    return bool((pose.as_matrix() == np.eye(4)).all())
 
 
 def cloud_in_world(
@@ -66,7 +107,10 @@ def cloud_in_world(
     scalars, fields
         (m,) further numbers by name, and what they are.
     """
-    scan, extra = station.scan, dict(scalars or {})
+    scan = station.scan
+    repainted = set() if colors is None else {each.name for each in COLORS_16}
+    attributes = [each for each in scan.attributes if each.name not in {*(scalars or {}), *repainted}]
+    extra = {each.name: scan.attributes[each][numbers] for each in attributes} | dict(scalars or {})
     own = None if scan.color is None else scan.color[numbers]
     shown = own if colors is None else colors
 
@@ -86,5 +130,7 @@ def cloud_in_world(
         origin_m=origin_m,
         has_intensity=scan.intensity is not None,
         has_color=shown is not None,
-        scalars=fields,
+        scalars=(*attributes, *fields),
+        crs_wkt=scan.crs_wkt,
+        notes=scan.notes,
     )

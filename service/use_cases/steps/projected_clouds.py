@@ -34,7 +34,7 @@ class WorldSystem:
     def cloud(self, cloud: StationCloud) -> StationCloud:
         """Give a cloud of the world frame in this system, point by point: no rigid motion does that."""
         if self.projection is None:
-            return replace(cloud, crs_wkt=self.crs_wkt)
+            return replace(cloud, crs_wkt=self.crs_wkt or (None if self.notes else cloud.crs_wkt))
         frame, pose = self.projection, cloud.pose
         origin = np.round(frame.from_local(pose.apply(cloud.origin_m)[None])[0])
         sensor = cloud.sensor_in_scan_m

@@ -16,6 +16,7 @@ from algorithms.quality.position_std import PositionStd
 from schemas.results.registration_result import RegisteredFile
 from service.errors import InvalidRequestError
 from service.formats.base import ScanFile
+from service.formats.point_selection import ALL_POINTS, USUAL_POINTS
 from service.formats.streaming import stream_scan
 from service.formats.writers import PointPiece, ScalarField, StationCloud, Written, writer_of
 from service.formats.writers.base import STANDARD_DEVIATION
@@ -27,6 +28,7 @@ from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.cleaned_clouds import CLEANED, cleaned_frame
 from service.use_cases.steps.job_poses import result_with_stations
 from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.placed_stations import world_crs
 from service.use_cases.steps.projected_clouds import WorldSystem, world_system
 from service.use_cases.steps.registered_calls import E57, POSES
 from service.use_cases.steps.registered_images import images_of
@@ -36,6 +38,10 @@ STD_FIELD = ScalarField(STANDARD_DEVIATION, "std of position, 3-D [mm]", "f4")
 BYTES_PER_POINT = 24
 """About what a point takes in a file, for the room that is asked for beforehand."""
 MEDIA_BY_ENDING = {".json": "application/json", ".csv": "text/csv"}
+KEEPS_FLAGS = ("laz", "copc")
+"""Formats in which withheld points and noise are marked as such."""
+NAMES_SYSTEM = ("laz", "copc", "e57", "ply")
+"""Formats that name a coordinate reference system."""
 SAME_FILE = "the uploaded file with other poses: points, images and all else are as they were, byte for byte"
 NO_NOISE = "the standard deviations have no part for the noise of the ranges: nobody told it (`range_std_m`)"
 
@@ -131,10 +137,15 @@ def _write_points(
             cloud, said = _cloud(context, station, options, ProgressSection(reading, *_share(number, len(stations))))
             clouds.append(cloud)
             notes += said
+        crs_wkt, why_none = world_crs([cloud.crs_wkt for cloud in clouds], [cloud.pose for cloud in clouds])
+        notes += [why_none] if why_none and system.crs_wkt is None and not system.notes else []
+        clouds = [replace(cloud, crs_wkt=crs_wkt) for cloud in clouds]
         points = sum(cloud.facts.points for cloud in clouds if cloud.facts is not None)
         with output_file(context, job_id, name, BYTES_PER_POINT * points) as path:
             clouds = [system.cloud(cloud) for cloud in clouds]
             written = writer.write(path, clouds, ProgressSection(context.progress, 0.3, 1.0))
+        if options["format"] not in NAMES_SYSTEM and any(cloud.crs_wkt for cloud in clouds):
+            notes.append(f"the coordinate reference system is not in the file: {writer.name} has no place for it")
         written = Written(written.points, tuple(dict.fromkeys((*written.notes, *notes, *system.notes))))
     return [_described(context, job_id, name, writer.media_type, options["format"], stations, written)]
 
@@ -153,8 +164,8 @@ def _write_cleaned(
         }
         for station in stations
     ]
-    cleaned = cleaned_frame(context, sides, options["cleaning"])
-    clouds, notes, steps = {}, list(cleaned.cleaned.remarks), cleaned.steps()
+    cleaned = cleaned_frame(context, sides, options["cleaning"], attributes=True)
+    clouds, notes, steps = {}, [*cleaned.frame.notes(), *cleaned.cleaned.remarks], cleaned.steps()
     for scan, left in cleaned.stations():
         station = placed[scan.scan.name]
         scalars: dict[str, Array] = {}
@@ -199,8 +210,12 @@ def _cloud(
     context: StepContext, station: _Placed, options: Json, progress: ProgressSection
 ) -> tuple[StationCloud, list[str]]:
     """Give the points of a station with its pose, and what is to be said of them."""
-    cloud = stream_scan(station.file, station.scan["index"], read_limits(context), progress)
+    # formats with a place for flags keep all points as they are marked
+    selection = ALL_POINTS if options["format"] in KEEPS_FLAGS else USUAL_POINTS
+    file = replace(station.file, selection=selection, attributes=True)
+    cloud = stream_scan(file, station.scan["index"], read_limits(context), progress)
     images, notes = images_of(context, station.file, station.scan["index"], station.photos, options["format"])
+    notes = [*(f"{station.name}: {note}" for note in cloud.notes), *notes]
     cloud = replace(
         cloud,
         name=station.name,

@@ -202,8 +202,11 @@ def _scan_in_memory(context: StepContext, arguments: Json) -> tuple[Scan, tuple[
     return scan, (words,)
 
 
-def read_stored_scan(context: StepContext, arguments: Json) -> Scan:
-    """Read a scan by `sha256`, `filename` and `index`, with the `columns` and the `unit` that were stated for it."""
+def read_stored_scan(context: StepContext, arguments: Json, *, attributes: bool = False) -> Scan:
+    """Read a scan by `sha256`, `filename` and `index`, with the `columns` and the `unit` that were stated for it.
+
+    Its further numbers, which nothing is computed from, are read where `attributes` says so.
+    """
     from service.formats import read_scan
 
     return read_scan(
@@ -213,4 +216,5 @@ def read_stored_scan(context: StepContext, arguments: Json) -> Scan:
         read_limits(context),
         columns=arguments.get("columns") or "",
         unit=arguments.get("unit") or "",
+        attributes=attributes,
     )

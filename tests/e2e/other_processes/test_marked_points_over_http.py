@@ -5,7 +5,9 @@ from typing import Any
 
 import laspy
 import numpy as np
+import pyproj
 import pytest
+from laspy.vlrs.known import WktCoordinateSystemVlr
 
 from tests.e2e.other_processes.test_clean_and_colour_over_http import run
 from tests.e2e.running.running_service import Document, RunningService
@@ -56,3 +58,92 @@ def test_withheld_points_and_noise_are_no_terrain(
         heights = np.array([line.split() for line in lines[6:]], dtype=float)
         x = head["xllcorner"] + head["cellsize"] * (np.arange(heights.shape[1]) + 0.5)
         assert np.abs(heights - SLOPE * x).max() < 0.2
+
+
+def with_attributes(path: Path, point_format: int) -> Any:
+    """Write a slope in UTM whose points have classes, times, returns, angles and strips; return what is in it."""
+    rng = np.random.default_rng(SEED)
+    count = 5000
+    header = laspy.LasHeader(point_format=point_format, version="1.4" if point_format >= 6 else "1.2")
+    header.scales, header.offsets = [0.001] * 3, [500_000.0, 5_400_000.0, 400.0]
+    header.vlrs.append(WktCoordinateSystemVlr(pyproj.CRS.from_epsg(25832).to_wkt("WKT1_GDAL")))
+    header.add_extra_dim(laspy.ExtraBytesParams("Echo width", "f4", "[ns]"))
+    cloud: Any = laspy.LasData(header)
+    xy = rng.uniform(0.0, 60.0, (count, 2))
+    cloud.x, cloud.y = 500_000.0 + xy[:, 0], 5_400_000.0 + xy[:, 1]
+    cloud.z = 400.0 + 0.05 * xy[:, 0] + rng.normal(0.0, 0.01, count)
+    cloud.classification, cloud.gps_time = rng.choice([2, 5, 6], count), 3e5 + np.arange(count) * 1e-5
+    cloud.number_of_returns, cloud.return_number = np.full(count, 3), rng.integers(1, 4, count)
+    cloud.point_source_id, cloud.user_data = rng.integers(11, 15, count), np.full(count, 9)
+    cloud.withheld = rng.random(count) < 0.1
+    cloud["Echo width"] = rng.uniform(3.0, 5.0, count)
+    cloud.write(path)
+    return cloud
+
+
+def fetched(service: RunningService, artifact: Document, folder: Path) -> Any:
+    path = folder / str(artifact["name"])
+    path.write_bytes(service.get(str(artifact["href"])).content)
+    return laspy.read(path)
+
+
+CARRIED = ("gps_time", "number_of_returns", "return_number", "point_source_id", "user_data", "Echo width")
+
+
+@pytest.mark.parametrize(("point_format", "name"), [(1, "laz"), (6, "copc")])
+def test_attributes_and_reference_system_stay(
+    service: RunningService, tmp_path: Path, point_format: int, name: str
+) -> None:
+    path = tmp_path / f"attributes-{point_format}.las"
+    given = with_attributes(path, point_format)
+    stations = [{"name": "S", "scan": {"file": service.upload(path)["id"]}}]
+    withheld = np.asarray(given.withheld) != 0
+    (file,) = run(service, "transform", {"stations": stations, "format": name})["files"]
+    back = fetched(service, file, tmp_path)
+    order, of_given = np.argsort(back.gps_time), np.argsort(given.gps_time)
+    for each in (*CARRIED, "classification", "withheld"):
+        np.testing.assert_array_equal(np.asarray(back[each])[order], np.asarray(given[each])[of_given], err_msg=each)
+    assert back.header.parse_crs().to_epsg() == 25832
+
+    cleaned = run(
+        service, "clean", {"stations": stations, "cleaning": {}}, {"cleaned": {"format": name}, "remarks": {}}
+    )
+    classified = run(
+        service, "terrain", {"stations": stations, "maps": False},
+        {"classified": {"format": name}, "remarks": {}, "points": {}},
+    )  # fmt: skip
+    for result, kind, classes in ((cleaned, "cleaned", "classification"), (classified, "classified", "class_before")):
+        (file,) = result[kind]
+        back = fetched(service, file, tmp_path)
+        assert back.header.parse_crs().to_epsg() == 25832
+        assert any(f"{withheld.sum()} withheld" in remark for remark in result["remarks"])
+        of_time = np.searchsorted(np.asarray(given.gps_time), np.asarray(back.gps_time))
+        assert not withheld[of_time].any()
+        for each in CARRIED:
+            np.testing.assert_array_equal(np.asarray(back[each]), np.asarray(given[each])[of_time], err_msg=each)
+        np.testing.assert_array_equal(np.asarray(back[classes]), np.asarray(given.classification)[of_time])
+
+
+def test_what_a_format_cannot_hold_and_a_pose_moves_is_said(service: RunningService, tmp_path: Path) -> None:
+    path = tmp_path / "attributes.laz"
+    given = with_attributes(path, 6)
+    station = {"name": "S", "scan": {"file": service.upload(path)["id"]}}
+    (file,) = run(service, "transform", {"stations": [station], "format": "pts"})["files"]
+    said = " / ".join(file["notes"])
+    assert file["points"] == (np.asarray(given.withheld) == 0).sum()
+    assert all(word in said for word in ("withheld", "gps_time", "coordinate reference system"))
+    moved = np.eye(4)
+    moved[:3, 3] = 1.0
+    posed = {**station, "world_from_scan": moved.tolist()}
+    (file,) = run(service, "transform", {"stations": [posed], "format": "laz"})["files"]
+    assert any("coordinate reference system of the file is not named" in note for note in file["notes"])
+
+
+def test_a_file_of_withheld_points_alone_is_refused_in_words(service: RunningService, tmp_path: Path) -> None:
+    path = tmp_path / "nothing.las"
+    cloud = with_attributes(path, 6)
+    cloud.withheld = np.ones(len(cloud), np.uint8)
+    cloud.write(path)
+    answer = service.post("/files", files={"file": (path.name, path.read_bytes())})
+    assert answer.status_code == 400
+    assert "no point of the scan is left: points left out as the file marks them: 5000 withheld" in answer.text
