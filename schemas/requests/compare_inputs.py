@@ -8,7 +8,7 @@ from pydantic_core import PydanticCustomError
 from algorithms.deviations.options import M3C2Options, RasterOptions
 from schemas.requests.execution import FileOutputRequest
 from schemas.requests.method_options import options_model
-from schemas.requests.posed_stations import PosedInputs, PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations, SelectedPoints
 from schemas.values.base import RequestModel
 from schemas.values.file_references import FileReference
 from schemas.values.station_names import StationName
@@ -71,7 +71,7 @@ class PositiveSide(RequestModel):
         return self
 
 
-class CompareInputs(PosedInputs):
+class CompareInputs(SelectedPoints, PosedInputs):
     """What is compared with what: a cloud with another cloud, with a mesh or with planes."""
 
     cloud: PosedStations = Field(title="Cloud")

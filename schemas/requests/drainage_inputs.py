@@ -2,11 +2,11 @@
 
 from pydantic import Field
 
-from schemas.requests.posed_stations import PosedInputs, PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations, SelectedPoints
 from schemas.requests.terrain_inputs import FilterRequest
 
 
-class DrainageInputs(PosedInputs):
+class DrainageInputs(SelectedPoints, PosedInputs):
     """A registered cloud, z upwards, on whose terrain it rains."""
 
     stations: PosedStations

@@ -66,6 +66,19 @@ PosedStations: TypeAlias = Annotated[
 """Stations one by one, or those of a job."""
 
 
+class SelectedPoints(RequestModel):
+    """Points of LAS, LAZ and COPC files that are used."""
+
+    classes: list[Annotated[int, Field(ge=0, le=255)]] | None = Field(default=None, min_length=1, max_length=256)
+    """Classes of LAS that are used, such as `[2]` for the ground; null: all but noise (7 and 18)."""
+    returns: Literal["all", "first", "last"] = "all"
+    """Returns of each pulse that are used."""
+    withheld: bool = False
+    """Use points that the file marks as withheld too."""
+    overlap: bool = True
+    """Use points that the file marks as overlap of strips (in old point formats class 12)."""
+
+
 class PosedInputs(RequestModel):
     """What all processes ask of scans with poses."""
 

@@ -8,7 +8,7 @@ from pydantic_core import PydanticCustomError
 from algorithms.roofs.options import RoofOptions
 from schemas.requests.execution import FileOutputRequest
 from schemas.requests.method_options import options_model
-from schemas.requests.posed_stations import PosedInputs, PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations, SelectedPoints
 from schemas.values.base import RequestModel
 from schemas.values.station_names import StationName
 
@@ -46,7 +46,7 @@ class GroundPlan(RequestModel):
     """Height of the ground [m]; null: a low quantile of the points within 3 m around the plan."""
 
 
-class RoofsInputs(PosedInputs):
+class RoofsInputs(SelectedPoints, PosedInputs):
     """Registered scans or strips, and the ground plans, where they are known."""
 
     stations: PosedStations

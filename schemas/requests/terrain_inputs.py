@@ -9,7 +9,7 @@ from pydantic import Field
 from algorithms.terrain.options import Opening, TerrainFilter
 from schemas.requests.execution import FileOutputRequest
 from schemas.requests.method_options import options_model
-from schemas.requests.posed_stations import PosedInputs, PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations, SelectedPoints
 from schemas.requests.register_inputs import ScanReference
 from schemas.values.base import RequestModel
 
@@ -46,7 +46,7 @@ class TrainingTerrain(RequestModel):
     """Points on buildings, plants and all else above it."""
 
 
-class TerrainInputs(PosedInputs):
+class TerrainInputs(SelectedPoints, PosedInputs):
     """A registered cloud, z upwards, and how its ground is found."""
 
     stations: PosedStations

@@ -52,5 +52,7 @@ class RoofsDocument(PosedDocument):
 
     buildings: list[ModelledBuilding]
     """In the order of the plans."""
+    remarks: list[str] = Field(default=[])
+    """Points that take no part, with their number and the reason."""
     building_models: list[Artifact] | None = Field(default=None, exclude_if=lambda value: value is None)
     """The file, where it was wanted."""

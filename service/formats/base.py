@@ -103,6 +103,8 @@ class ScanRecords:
     """What the file says of instrument and time; None: nothing."""
     gps_time_s: tuple[float, float] | None = None
     """Least and largest time of a point; None: the file has no times."""
+    point_sources: frozenset[int] | None = None
+    """Flight lines that the points name as their source; None: the format has none."""
     times_s: Floats32 | None = None
     """(n,) when each record was measured, from some moment on [s], NaN where it does not tell; None: the file has no
     times, or all are the same, or the records come in pieces."""
@@ -161,6 +163,8 @@ class ScanInfo:
     """What the file says of instrument and time; None: nothing."""
     gps_time_s: tuple[float, float] | None = None
     """Least and largest time of a point; None: the file has no times."""
+    point_sources: int | None = None
+    """Number of flight lines that the points name as their source; None: the format has none."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -185,6 +189,7 @@ class ScanInfo:
             "text_columns": self.text_columns,
             "instrument": None if self.instrument is None else self.instrument.to_json(),
             "gps_time_s": None if self.gps_time_s is None else list(self.gps_time_s),
+            "point_sources": self.point_sources,
         }
 
 

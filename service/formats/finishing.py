@@ -13,7 +13,7 @@ from algorithms.scans.scan import Scan, ScanGrid
 from schemas.values.units import BY_NAME, METRE
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanRecords
-from service.formats.point_selection import left_out_in_words
+from service.formats.point_selection import left_out_in_words, unselected_in_words
 from service.formats.units import DeclaredUnit
 
 LARGEST_COORDINATE_M = 1e8
@@ -76,13 +76,15 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         world_from_scan=records.world_from_scan,
         attributes={each: values[chosen] for each, values in records.attributes.items()},
         crs_wkt=records.crs_wkt,
-        notes=reading_notes(records),
+        notes=reading_notes(file, records),
     )
 
 
-def reading_notes(records: ScanRecords) -> tuple[str, ...]:
+def reading_notes(file: ScanFile, records: ScanRecords) -> tuple[str, ...]:
     """Say which points were left out, and what of them was not read."""
-    return (*([left_out_in_words(records.left_out)] if records.left_out else []), *records.lost)
+    # formats that tell classes and returns tell point sources
+    unmarked = unselected_in_words(file.selection) if records.point_sources is None else ""
+    return tuple(said for said in (left_out_in_words(records.left_out), unmarked, *records.lost) if said)
 
 
 def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
@@ -118,6 +120,7 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
         text_columns=records.text_columns,
         instrument=records.instrument,
         gps_time_s=records.gps_time_s,
+        point_sources=None if records.point_sources is None else len(records.point_sources),
     )
 
 

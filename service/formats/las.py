@@ -68,7 +68,7 @@ class LasReader:
             records = ScanRecords(
                 0, cloud.points, base_m=opened.offsets, valid=cloud.valid, left_out=cloud.left_out,
                 intensity=cloud.intensity, color=color, gps_time_s=cloud.span_s, instrument=opened.instrument,
-                attributes=cloud.attributes, **opened.told,
+                point_sources=frozenset(cloud.point_sources), attributes=cloud.attributes, **opened.told,
             )  # fmt: skip
             yield _with_unit(file, records, opened.unit)
 
@@ -172,6 +172,7 @@ class _Cloud:
         self.valid: Flags | None = None
         self.left_out: Counter[str] = Counter()
         self.attributes: dict[ScalarField, Array] = {}
+        self.point_sources: set[int] = set()
         self._file = file
         self._times = np.empty(count) if "gps_time" in names else None
         self._filled = 0
@@ -196,6 +197,9 @@ class _Cloud:
             if self.valid is None:
                 self.valid = np.ones(len(self.points), dtype=np.bool_)
             self.valid[part] = chosen
+        sources = np.asarray(chunk["point_source_id"])
+        counts = np.bincount(sources if chosen is None else sources[chosen], minlength=1)
+        self.point_sources.update(np.flatnonzero(counts).tolist())
         self._filled = part.stop
 
     @property
@@ -217,6 +221,7 @@ class _Cloud:
             valid=self.valid,
             left_out=self.left_out,
             attributes=self.attributes,
+            point_sources=frozenset(self.point_sources),
             intensity=self.intensity,
             color=colors_8bit(channels, _largest_color(channels)) if coloured and channels is not None else None,
             gps_time_s=self.span_s,

@@ -18,7 +18,6 @@ OLD_FORMATS = 6
 NOISE = f"noise (classes {LOW_NOISE} and {HIGH_NOISE})"
 WITHHELD = "withheld"
 OVERLAP = "overlap"
-OTHER_CLASS = "of other classes"
 OTHER_RETURN = "of other returns"
 
 
@@ -34,6 +33,19 @@ class PointSelection:
     """Use points that the file marks as withheld too."""
     overlap: bool = True
     """Use points that the file marks as overlap."""
+
+    @staticmethod
+    def of(stated: Mapping[str, Any] | None) -> "PointSelection":
+        """Return what the members of a request state; None: the usual points."""
+        if stated is None:
+            return USUAL_POINTS
+        classes = stated["classes"]
+        return PointSelection(**{**stated, "classes": None if classes is None else tuple(classes)})
+
+    @property
+    def asks(self) -> bool:
+        """Whether it chooses by what only files with classes and returns tell."""
+        return self.classes is not None or self.returns != "all" or not self.overlap
 
     def chosen(self, chunk: Any, left_out: Counter[str]) -> Flags | None:
         """Return (n,) points of a chunk that are used, None for all; count the others by reason.
@@ -59,7 +71,9 @@ class PointSelection:
         if self.classes is None:
             leave_out((classes == LOW_NOISE) | (classes == HIGH_NOISE), NOISE)
         else:
-            leave_out(~np.isin(classes, self.classes), OTHER_CLASS)
+            for other in np.flatnonzero(np.bincount(classes[keep], minlength=256)).tolist():
+                if other not in self.classes:
+                    leave_out(classes == other, f"of class {other}")
         if not self.overlap:
             leave_out(overlapping(chunk, classes), OVERLAP)
         if self.returns != "all":
@@ -88,3 +102,8 @@ def left_out_in_words(left_out: Mapping[str, int]) -> str:
         return ""
     counts = ", ".join(f"{count} {reason}" for reason, count in left_out.items())
     return f"points left out as the file marks them: {counts}"
+
+
+def unselected_in_words(selection: PointSelection) -> str:
+    """Return that a file tells nothing of what a selection asks for; empty where it asks for nothing."""
+    return "the file tells no classes, returns or overlap: all its points are used" if selection.asks else ""

@@ -76,7 +76,7 @@ def stream_scan(
         sensor_in_scan_m=first.sensor_in_scan_m,
         facts=CloudFacts(survey.points, survey.low_m, survey.high_m, survey.intensity_limits),
         crs_wkt=first.crs_wkt,
-        notes=reading_notes(replace(first, left_out=survey.left_out)),
+        notes=reading_notes(file, replace(first, left_out=survey.left_out)),
     )
 
 
@@ -103,6 +103,8 @@ class Survey:
     """Attributes that any piece has, in order."""
     left_out: Counter[str] = field(default_factory=Counter)
     """Records that the file marks as not to be used, by reason."""
+    point_sources: frozenset[int] | None = None
+    """Of all pieces; None: the format has none."""
     gps_time_s: tuple[float, float] | None = None
     """Least and largest; None: the file has no times, or not of all pieces."""
     _least: float = np.inf
@@ -117,6 +119,8 @@ class Survey:
             self.gps_time_s = records.gps_time_s
         self.gps_time_s = _both(self.gps_time_s, records.gps_time_s)
         self.left_out.update(records.left_out)
+        if records.point_sources is not None:
+            self.point_sources = (self.point_sources or frozenset()) | records.point_sources
         self.fields.update(dict.fromkeys(records.attributes))
         self.has_intensity |= records.intensity is not None
         self.has_color |= records.color is not None

@@ -48,4 +48,7 @@ def surveyed_info(file: ScanFile, reader: ScanReader, limits: ReadLimits, large:
         has_color=survey.has_color,
         content=sums.content,
     )
-    return with_reading(whole, replace(survey.first, gps_time_s=survey.gps_time_s, left_out=survey.left_out))
+    read = replace(
+        survey.first, gps_time_s=survey.gps_time_s, left_out=survey.left_out, point_sources=survey.point_sources
+    )
+    return with_reading(whole, read)

@@ -86,10 +86,10 @@ def compare(context: StepContext, arguments: Json) -> Json:
     started = time.perf_counter()
     inputs, job_id = arguments["inputs"], arguments["job_id"]
     remarks = [f"station '{name}' was left out: {why}" for name, why in arguments["left_out"].items()]
-    cloud, origin = read_stations(context, arguments["cloud"], None)
+    cloud, origin = read_stations(context, arguments["cloud"], None, remarks)
     reference = None
     if arguments["reference"]:
-        reference, _ = read_stations(context, arguments["reference"], origin)
+        reference, _ = read_stations(context, arguments["reference"], origin, remarks)
     read = time.perf_counter()
     if reference is not None and inputs["method"] == "m3c2":
         compared = _by_m3c2(context, inputs, reference, cloud, origin)

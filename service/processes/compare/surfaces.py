@@ -12,12 +12,10 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.scans.scan import Scan
 from algorithms.scans.sensor_position import estimate_sensor_position
 from service.errors import InvalidRequestError
-from service.formats import read_scan
-from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.use_cases.documents.comparison_documents import reference_pose
-from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.job_poses import job_result
+from service.use_cases.steps.run_features import read_stored_scan
 
 SEED, MOST_DRAWN = 20, 40_000
 IN_WORLD = PoseEstimate(RigidTransform.identity(), np.zeros((6, 6)))
@@ -45,7 +43,7 @@ class StationsInWorld:
 
 
 def read_stations(
-    context: StepContext, stations: Sequence[Json], origin_m: Vector3 | None
+    context: StepContext, stations: Sequence[Json], origin_m: Vector3 | None, remarks: list[str]
 ) -> tuple["StationsInWorld", Vector3]:
     """Read the scans of stations and move them into the world.
 
@@ -57,6 +55,8 @@ def read_stations(
         Scan and pose of each.
     origin_m
         Subtracted from the coordinates; None: whole metres near the first station's points.
+    remarks
+        Grow by what was left out of the scans.
 
     Returns
     -------
@@ -65,12 +65,8 @@ def read_stations(
     parts, labels, poses, jobs, sensors = [], [], [], [], []
     for number, station in enumerate(stations):
         context.progress.report(0.3 * number / len(stations), f"reading {station['name']}")
-        where = station["scan"]
-        path = context.blobs.local_path(content_key(where["sha256"]))
-        scan = read_scan(
-            path, where["filename"], where["index"], read_limits(context),
-            columns=where.get("columns") or "", unit=where.get("unit") or "",
-        )  # fmt: skip
+        scan = read_stored_scan(context, station["scan"])
+        remarks += [f"{station['name']}: {note}" for note in scan.notes]
         given = station["world_from_scan"]
         pose = IN_WORLD if given is None else reference_pose(given)
         moved_origin = np.asarray(pose.target_from_source.apply(scan.origin_m))

@@ -74,7 +74,10 @@ def let_it_rain(context: StepContext, arguments: Json) -> Json:
         hollows=_largest(hollows, grid, frame.origin_m),
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
-        remarks=[f"in {bridged:.1%} of the cells the terrain is bridged: too few points are near"] if bridged else [],
+        remarks=[
+            *frame.notes(),
+            *([f"in {bridged:.1%} of the cells the terrain is bridged: too few points are near"] if bridged else []),
+        ],
         artifacts=[
             Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
             for name, (media, data) in files.items()

@@ -60,7 +60,11 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
             writer.write(path, buildings, frame.origin_m)
         files = [artifact(context, job_id, filename, writer.media_type)]
     document = RoofsDocument(
-        buildings=documents, left_out=arguments["left_out"], poses_from=arguments["poses_from"], building_models=files
+        buildings=documents,
+        left_out=arguments["left_out"],
+        poses_from=arguments["poses_from"],
+        remarks=frame.notes(),
+        building_models=files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"buildings": len(buildings)}

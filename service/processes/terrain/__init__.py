@@ -34,7 +34,10 @@ class TerrainPlan:
                 for station in inputs["stations"]
             ],
             "inputs": {name: value for name, value in inputs.items() if name not in {"stations", "training"}},
-            "training": {name: scan_of(job, {"scan": scan}) for name, scan in (inputs.get("training") or {}).items()},
+            "training": {
+                name: scan_of(job, {"scan": scan}, selecting=False)
+                for name, scan in (inputs.get("training") or {}).items()
+            },
             **about_poses(job),
             "wanted": (job.get("wanted") or {}).get("classified"),
         }

@@ -203,11 +203,12 @@ def _scan_in_memory(context: StepContext, arguments: Json) -> tuple[Scan, tuple[
 
 
 def read_stored_scan(context: StepContext, arguments: Json, *, attributes: bool = False) -> Scan:
-    """Read a scan by `sha256`, `filename` and `index`, with the `columns` and the `unit` that were stated for it.
+    """Read a scan by `sha256`, `filename` and `index`, with `columns`, `unit` and `selection` as they were stated.
 
     Its further numbers, which nothing is computed from, are read where `attributes` says so.
     """
     from service.formats import read_scan
+    from service.formats.point_selection import PointSelection
 
     return read_scan(
         context.blobs.local_path(content_key(arguments["sha256"])),
@@ -216,5 +217,6 @@ def read_stored_scan(context: StepContext, arguments: Json, *, attributes: bool 
         read_limits(context),
         columns=arguments.get("columns") or "",
         unit=arguments.get("unit") or "",
+        selection=PointSelection.of(arguments.get("selection")),
         attributes=attributes,
     )

@@ -54,11 +54,18 @@ def photos_of(job: Json, station: Json) -> list[Json]:
     ]
 
 
-def scan_of(job: Json, station: Json) -> Json:
-    """Give where the scan of a station is."""
+SELECTING = ("classes", "returns", "withheld", "overlap")
+"""Inputs that say which points are used (`schemas.requests.posed_stations.SelectedPoints`)."""
+
+
+def scan_of(job: Json, station: Json, *, selecting: bool = True) -> Json:
+    """Give where the scan of a station is, and which of its points the job uses unless that is not to be told."""
     file = job["files"][station["scan"]["file"]]
     scan = station["scan"]
     stated = {"columns": scan.get("columns"), "unit": scan.get("unit")}
+    inputs = job.get("inputs") or {}
+    if selecting and "returns" in inputs:
+        stated["selection"] = {name: inputs[name] for name in SELECTING}
     return {"sha256": file["sha256"], "filename": file["name"], "index": scan["index"], **stated}
 
 

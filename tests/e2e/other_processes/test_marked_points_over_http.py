@@ -147,3 +147,68 @@ def test_a_file_of_withheld_points_alone_is_refused_in_words(service: RunningSer
     answer = service.post("/files", files={"file": (path.name, path.read_bytes())})
     assert answer.status_code == 400
     assert "no point of the scan is left: points left out as the file marks them: 5000 withheld" in answer.text
+
+
+HOUSE = {"name": "house", "corners_m": [(20.0, 20.0), (40.0, 20.0), (40.0, 35.0), (20.0, 35.0)], "ground_m": 0.0}
+
+
+def house_below_a_tree(path: Path) -> dict[int, int]:
+    """Write ground (class 2), a flat roof 5 m above it (6) and a crown 9 m above (5), whose pulses go on below."""
+    rng = np.random.default_rng(SEED)
+    xy = rng.uniform(0.0, 60.0, (N, 2))
+    roof = (xy[:, 0] > 20.0) & (xy[:, 0] < 40.0) & (xy[:, 1] > 20.0) & (xy[:, 1] < 35.0)
+    crown = rng.random(N) < 0.4
+    classes = np.where(crown, 5, np.where(roof, 6, 2)).astype(np.uint8)
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [0.001] * 3
+    cloud: Any = laspy.LasData(header)
+    cloud.x, cloud.y = xy.T
+    cloud.z = np.select([crown, roof], [9.0, 5.0], 0.0) + rng.normal(0.0, 0.01, N)
+    cloud.classification = classes
+    cloud.return_number, cloud.number_of_returns = np.where(crown, 1, 2), np.full(N, 2)
+    cloud.write(path)
+    return {each: int((classes == each).sum()) for each in (2, 5, 6)}
+
+
+def test_requests_choose_classes_and_returns(service: RunningService, tmp_path: Path) -> None:
+    counts = house_below_a_tree(tmp_path / "house.laz")
+    stations = [{"name": "house", "scan": {"file": service.upload(tmp_path / "house.laz")["id"]}}]
+
+    rain = run(service, "drainage", {"stations": stations, "classes": [2]}, {"points": {}, "remarks": {}})
+    assert rain["points"] == counts[2]
+    assert any(f"{counts[6]} of class 6" in remark for remark in rain["remarks"])
+
+    inputs = {"stations": stations, "returns": "last", "maps": False}
+    result = run(service, "terrain", inputs, {"points": {}, "models": {}, "remarks": {}})
+    assert result["points"] == counts[2] + counts[6]
+    assert next(each for each in result["models"] if each["name"] == "dsm")["highest_m"] < 5.1
+    assert f"house: points left out as the file marks them: {counts[5]} of other returns" in result["remarks"]
+
+    plane = {"name": "roof", "point_m": [30.0, 27.0, 5.0], "normal": [0.0, 0.0, 1.0]}
+    inputs = {"cloud": stations, "planes": [plane], "classes": [6], "max_distance_m": 20.0}
+    compared = run(service, "compare", inputs, {"points": {}, "figures": {}, "remarks": {}})
+    assert compared["points"] == compared["figures"]["count"] == counts[6]
+    assert any(f"{counts[5]} of class 5" in remark for remark in compared["remarks"])
+
+    inputs = {"stations": stations, "plans": [HOUSE], "classes": [2, 6]}
+    roofs = run(service, "roofs", inputs, {"buildings": {}, "remarks": {}})
+    assert roofs["buildings"][0]["volume_m3"] == pytest.approx(20.0 * 15.0 * 5.0, rel=0.01)
+    assert roofs["remarks"] == [f"house: points left out as the file marks them: {counts[5]} of class 5"]
+
+
+def test_a_class_that_no_point_has_is_refused_with_those_there_are(service: RunningService, tmp_path: Path) -> None:
+    counts = house_below_a_tree(tmp_path / "house.las")
+    stations = [{"name": "house", "scan": {"file": service.upload(tmp_path / "house.las")["id"]}}]
+    job = service.execute("drainage", {"stations": stations, "classes": [9]})
+    assert service.finished(job)["status"] == "failed"
+    problem = service.get(f"/jobs/{job}/results").json()
+    assert "no point of the scan is left" in problem["detail"]
+    assert f"{counts[6]} of class 6" in problem["detail"]
+
+
+def test_files_without_classes_are_used_whole_and_it_is_said(service: RunningService, tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "plain.xyz", np.random.default_rng(SEED).uniform(0.0, [40.0, 40.0, 0.1], (4000, 3)))
+    stations = [{"name": "plain", "scan": {"file": service.upload(tmp_path / "plain.xyz")["id"]}}]
+    rain = run(service, "drainage", {"stations": stations, "classes": [2]}, {"points": {}, "remarks": {}})
+    assert rain["points"] == 4000
+    assert "plain: the file tells no classes, returns or overlap: all its points are used" in rain["remarks"]
