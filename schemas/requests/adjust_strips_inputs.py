@@ -21,14 +21,18 @@ else:
 
 Coordinate: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
 Std: TypeAlias = Annotated[float, Field(gt=0.0, le=100.0)]
+MOST_STRIPS = 300
 ColumnWord: TypeAlias = Annotated[str, Field(min_length=1, max_length=40)]
 
 
 class StripFile(FileReference):
-    """A strip: LAS or LAZ in metres, z upwards, with the GPS time of every point."""
+    """A strip, or a tile of several: LAS or LAZ in metres, z upwards, with the GPS time of every point."""
 
     name: StationName | None = None
     """What it is called in the result; null: as its file, without the ending."""
+    one_strip: bool = False
+    """Take the file for one strip whatever its points say; false: points of several point sources are as many strips,
+    and strips that several tiles share are joined."""
 
 
 class TrajectoryFile(FileReference):
@@ -65,8 +69,8 @@ def _control_of_table(given: object) -> object:
 class AdjustStripsInputs(RequestModel):
     """Strips of one flight or several, which overlap."""
 
-    strips: list[StripFile] = Field(min_length=1, max_length=300, title="Strips")
-    """The strips, at least two, or one and control."""
+    strips: list[StripFile] = Field(min_length=1, max_length=MOST_STRIPS, title="Strips")
+    """The strips, at least two, or one and control; tiles that hold several strips are divided by point source."""
     trajectories: list[TrajectoryFile] = Field(default_factory=list, max_length=100, title="Trajectories")
     """Where the scanner was, in the coordinates and times of the strips: each strip takes the one that covers its
     times. Without any, strips are turned about the middle line of their points, and no bore-sight is estimated."""

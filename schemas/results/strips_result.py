@@ -42,9 +42,11 @@ class AdjustedStrip(Document):
     """A strip and what corrects it."""
 
     name: str
-    """As stated, or of its file."""
+    """As stated, or of its file; of a tile with several strips followed by the point source."""
+    point_source: int | None = None
+    """Number that tells its points from those of other strips of the same tiles; null: its file has no others."""
     points: int
-    """Points of the file."""
+    """Points that are used."""
     scan_lines: int
     """Rows that its points were divided into."""
     looks_back: int
@@ -196,7 +198,7 @@ class StripsDocument(Document):
     conclusion: str
     """What holds and what does not, in words."""
     strips: list[AdjustedStrip]
-    """In the order of the request."""
+    """In the order of the request; those of a tile in the order of their point sources."""
     boresight: list[StripCoefficient]
     """Turn of the scanner against the inertial unit, common to all strips; empty: it was not estimated."""
     patches: PatchFigures
@@ -212,6 +214,8 @@ class StripsDocument(Document):
     regularisation: list[str]
     """Protocol of what the data do not determine and the observations of zero hold, and of observations of zero that
     the data contradict."""
+    remarks: list[str] = Field(default=[])
+    """Points and point sources that take no part, with their number and the reason."""
     heights_before: HeightDifferences
     """Strips against each other without corrections, as in discrepancies-before.png."""
     heights_after: HeightDifferences

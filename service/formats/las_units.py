@@ -14,6 +14,7 @@ from service.formats.units import DeclaredUnit, UnknownUnit, unit_of
 PROJECTION = b"LASF_Projection"
 WKT, KEYS, DOUBLES = 2112, 34735, 34736
 MOST_RECORDS = 1000
+LONGEST_RECORD = 65535
 EXTENDED_RECORD = struct.Struct("<2x16sHQ32x")
 """Reserved, user, number, length, description (LAS 1.4 R15, table 30)."""
 MODEL, GEOGRAPHIC, PROJECTED, LINEAR_UNIT, LINEAR_SIZE = 1024, 2048, 3072, 3076, 3077
@@ -86,6 +87,16 @@ def las_crs(file: ScanFile, records: Iterable[Any]) -> tuple[str | None, str]:
     except UnusableCrsError as fault:
         return None, f"{NOT_KEPT}: {fault}"
     return definition if definition.startswith(WKT_1_BEGINS) else text, ""
+
+
+def projection_behind_points(file: ScanFile) -> Iterator[tuple[str, int, str, bytes]]:
+    """Yield user, number, description and content of the records of the reference system that stand after the points.
+
+    Records too long for the header, whose lengths have 16 bits, are left out.
+    """
+    for record in _extended(file):
+        if len(record.content) <= LONGEST_RECORD:
+            yield PROJECTION.decode(), record.number, "", record.content
 
 
 def _records(file: ScanFile, records: Iterable[Any]) -> dict[int, bytes]:

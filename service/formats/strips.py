@@ -1,6 +1,7 @@
 """Strips of airborne scans: points and times from LAS and LAZ, trajectories from text, corrected strips to LAZ."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int8
+from jaxtyping import Float64, Int8, Int32
 
 from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
@@ -16,8 +17,11 @@ from algorithms.strips.strip import Trajectory
 from schemas.values.units import unit_named, unit_words
 from service.errors import UnwritableError
 from service.formats.base import ReadLimits, ScanFile
+from service.formats.finishing import none_left
 from service.formats.las import OpenedLas
+from service.formats.las_units import projection_behind_points
 from service.formats.number_table import read_table, refuse_long_lines
+from service.formats.point_selection import left_out_in_words
 from service.formats.text_layout import HEAD_BYTES, LayoutError, layout_of
 from service.formats.writers.whole_files import whole_file
 
@@ -54,11 +58,15 @@ class StripRecords:
     directions: Int8[Array, "n"] | None
     """(n,) 1 and 0 for the two directions of the mirror; None where the file tells one only."""
     order: Array | None
-    """(n,) number in the file of each point; None: the file has that order."""
+    """(n,) number among the used points of the file of each point; None: the file has that order."""
+    point_sources: Array
+    """(n,) flight line that each point names."""
+    left_out: str = ""
+    """Points that the file marks as not to be used, in words; empty: none."""
 
 
 def read_strip(path: Path, filename: str, limits: ReadLimits) -> StripRecords:
-    """Read a LAS or LAZ file with the GPS time of every point.
+    """Read a LAS or LAZ file with the GPS time of every point that is neither withheld nor noise.
 
     Raises
     ------
@@ -67,29 +75,37 @@ def read_strip(path: Path, filename: str, limits: ReadLimits) -> StripRecords:
     """
     file = ScanFile(path, filename)
     opened = OpenedLas(file, limits)
-    raw, times, senses = [], [], []
+    raw, times, senses, sources = [], [], [], []
+    left_out: Counter[str] = Counter()
     for chunk in opened.chunks():
         names = set(chunk.point_format.dimension_names)
         if "gps_time" not in names:
             raise file.unreadable(f"point format {chunk.point_format.id} has no GPS time", "header")
-        raw.append(np.column_stack([np.asarray(chunk[axis]) for axis in "XYZ"]))
-        times.append(np.asarray(chunk["gps_time"], dtype=np.float64))
-        senses.append(np.asarray(chunk["scan_direction_flag"], dtype=np.int8))
-    if not raw:
-        raise file.unreadable("the file holds no points", "header")
+        chosen = file.selection.chosen(chunk, left_out)
+        used = slice(None) if chosen is None else chosen
+        raw.append(np.column_stack([np.asarray(chunk[axis])[used] for axis in "XYZ"]))
+        times.append(np.asarray(chunk["gps_time"], dtype=np.float64)[used])
+        senses.append(np.asarray(chunk["scan_direction_flag"], dtype=np.int8)[used])
+        sources.append(np.asarray(chunk["point_source_id"], dtype=np.int32)[used])
+    if not sum(map(len, raw)):
+        raise file.unreadable(none_left(left_out) if left_out else "the file holds no points", "header")
     time, sense = np.concatenate(times), np.concatenate(senses)
     if not np.isfinite(time).all():
         raise file.unreadable("a GPS time is no number", f"point {int(np.flatnonzero(~np.isfinite(time))[0])}")
-    points = np.concatenate(raw) * opened.scales
+    points, source = np.concatenate(raw) * opened.scales, np.concatenate(sources)
     order = None
     if (np.diff(time) < 0.0).any():
         order = np.argsort(time, kind="stable")
-        points, time, sense = points[order], time[order], sense[order]
-    return StripRecords(points, opened.offsets, time, sense if sense.min() != sense.max() else None, order)
+        points, time, sense, source = points[order], time[order], sense[order], source[order]
+    directions = sense if sense.min() != sense.max() else None
+    return StripRecords(points, opened.offsets, time, directions, order, source, left_out_in_words(left_out))
 
 
 def write_corrected(
-    source: ScanFile, limits: ReadLimits, target: Path, moved: Callable[[Float64[Array, "n 3"], Scalars], Points]
+    source: ScanFile,
+    limits: ReadLimits,
+    target: Path,
+    moved: Callable[[Float64[Array, "n 3"], Scalars, Int32[Array, "n"]], Points],
 ) -> int:
     """Write a strip again as LAZ with other coordinates and all else as it was, in its own order; give the points.
 
@@ -100,7 +116,7 @@ def write_corrected(
     target
         Where to write.
     moved
-        Gives corrected from full coordinates (n, 3) [m] and times (n,).
+        Gives corrected from full coordinates (n, 3) [m], times (n,) and point sources (n,).
 
     Raises
     ------
@@ -116,10 +132,14 @@ def write_corrected(
                 if writer is None:
                     header = opened.header
                     header.vlrs = [record for record in header.vlrs if record.user_id != COPC]
+                    known = {record.record_id for record in header.vlrs}
+                    behind = projection_behind_points(source)
+                    header.vlrs += [laspy.VLR(*record) for record in behind if record[1] not in known]
                     header.generating_software = "tieline"
                     writer = laspy.LasWriter(stream, header, do_compress=True, closefd=False)
                 raw = np.column_stack([np.asarray(chunk[axis]) for axis in "XYZ"])
-                corrected = moved(raw * opened.scales + opened.offsets, np.asarray(chunk["gps_time"]))
+                sources = np.asarray(chunk["point_source_id"], dtype=np.int32)
+                corrected = moved(raw * opened.scales + opened.offsets, np.asarray(chunk["gps_time"]), sources)
                 steps = np.rint((corrected - opened.offsets) / opened.scales)
                 if np.abs(steps).max() > LARGEST_STEP:
                     raise UnwritableError(source.filename, "corrected coordinates lie beyond the reach of its steps")

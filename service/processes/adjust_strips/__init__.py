@@ -12,6 +12,11 @@ from service.names.identifiers import is_identifier
 from service.ports import Json, Process, StepCall, Stored, StoredFile
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
 
+ALONE = (
+    "one strip alone has nothing to be compared with: give more, a tile whose points name several point sources, or "
+    "`control`"
+)
+
 
 @dataclass(frozen=True)
 class AdjustStripsPlan:
@@ -23,7 +28,11 @@ class AdjustStripsPlan:
             return None
         inputs = job["inputs"]
         strips = [
-            {**_file_of(job, strip), "name": strip.get("name") or PurePath(job["files"][strip["file"]]["name"]).stem}
+            {
+                **_file_of(job, strip),
+                "name": strip.get("name") or PurePath(job["files"][strip["file"]]["name"]).stem,
+                "one_strip": bool(strip.get("one_strip")),
+            }
             for strip in inputs["strips"]
         ]
         trajectories = [{**_file_of(job, each), "columns": each.get("columns")} for each in inputs["trajectories"]]
@@ -50,12 +59,19 @@ def _file_of(job: Json, reference: Json) -> Json:
 
 def _check(inputs: AdjustStripsInputs, stored: Stored) -> None:
     faults = [*_strip_faults(inputs.strips, stored), *_trajectory_faults(inputs.trajectories, stored)]
-    if len(inputs.strips) == 1 and not inputs.control:
-        faults.append(
-            FieldFault("/inputs/strips", "one strip alone has nothing to be compared with: give more, or `control`")
-        )
+    if len(inputs.strips) == 1 and not inputs.control and not _is_tile(inputs.strips[0], stored):
+        faults.append(FieldFault("/inputs/strips", ALONE))
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
+
+
+def _is_tile(strip: StripFile, stored: Stored) -> bool:
+    """Tell whether a file holds several strips, or may do so for all that is known."""
+    file = stored.files.get(strip.file)
+    if strip.one_strip or file is None or not file.scans:
+        return False
+    # what was uploaded before the service counted point sources has no such member
+    return int(file.scans[0].get("point_sources", 2) or 1) > 1
 
 
 def _strip_faults(strips: Sequence[StripFile], stored: Stored) -> Iterator[FieldFault]:

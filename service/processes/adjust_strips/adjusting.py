@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Int8
 from pydantic import TypeAdapter
 
-from algorithms.arrays import Points, Scalars, Vector3
+from algorithms.arrays import Array, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.progress import ProgressSection
 from algorithms.strips.control import ControlPatch
@@ -18,11 +19,12 @@ from algorithms.strips.strip import Strip, Trajectory
 from algorithms.strips.strip_block import adjust_strips
 from schemas.results.registration_result import Artifact
 from service.formats.base import ReadLimits, ScanFile
-from service.formats.strips import read_strip, read_trajectory, write_corrected
+from service.formats.strips import StripRecords, read_strip, read_trajectory, write_corrected
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.processes.adjust_strips.documents import Told, document_of, tables_of
 from service.processes.adjust_strips.pictures import pictures_of
+from service.processes.adjust_strips.tiles import DividedStrip, divided
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.output_files import artifact, output_file
 
@@ -39,6 +41,15 @@ class ReadStrips:
     """Name of the file of each strip's trajectory."""
     origin_m: Vector3
     origin_s: float
+    divided: Sequence[DividedStrip]
+    """Of each strip, the points of files that it consists of."""
+    remarks: Sequence[str]
+    """Points and point sources that take no part."""
+
+    def of_file(self, file: int) -> list[tuple[int | None, int]]:
+        """Return point source and number of the strips in a file; source None stands for all points."""
+        own = [any(part.file == file for part in strip.parts) for strip in self.divided]
+        return [(strip.source, k) for k, strip in enumerate(self.divided) if own[k]]
 
 
 def adjust_strips_of_job(context: StepContext, arguments: Json) -> Json:
@@ -75,6 +86,8 @@ def adjust_strips_of_job(context: StepContext, arguments: Json) -> Json:
         determination=determination_of(block.adjusted, given.strips),
         before=before,
         after=after,
+        sources=[each.source for each in given.divided],
+        remarks=given.remarks,
     )
     files = tables_of(told) | pictures_of(before, after, inputs["picture_limit_m"])
     for name, (_, data) in files.items():
@@ -111,13 +124,34 @@ def read_strips(context: StepContext, arguments: Json) -> ReadStrips:
         paths.append(
             (file["filename"], read_trajectory(where, file["filename"], file["columns"], unit, origin_m, origin_s))
         )
+    parts, remarks = divided(records, [file["name"] for file in files], [file["one_strip"] for file in files])
     strips, names = [], []
-    for file, record in zip(files, records, strict=True):
-        times = record.gps_time_s - origin_s
-        name, path = _covering(paths, times, file["name"])
-        strips.append(Strip(file["name"], record.points + (record.base_m - origin_m), times, path, record.directions))
+    for part in parts:
+        points, times, directions = _points_of(records, part, origin_m, origin_s)
+        name, path = _covering(paths, times, part.name)
+        strips.append(Strip(part.name, points, times, path, directions))
         names.append(name)
-    return ReadStrips(strips, names, origin_m, origin_s)
+    said = [f"{file['name']}: {each.left_out}" for file, each in zip(files, records, strict=True) if each.left_out]
+    return ReadStrips(strips, names, origin_m, origin_s, parts, [*said, *remarks])
+
+
+def _points_of(
+    files: Sequence[StripRecords], strip: DividedStrip, origin_m: Vector3, origin_s: float
+) -> tuple[Points, Scalars, Int8[Array, "n"] | None]:
+    """Return the reduced points of a strip, their times and the directions of the mirror, in the order of times."""
+    own = [(files[part.file], part.numbers) for part in strip.parts]
+    points = np.concatenate([file.points[numbers] + (file.base_m - origin_m) for file, numbers in own])
+    times = np.concatenate([file.gps_time_s[numbers] - origin_s for file, numbers in own])
+    given = [None if file.directions is None else file.directions[numbers] for file, numbers in own]
+    known = [each for each in given if each is not None]
+    directions = np.concatenate(known) if known and len(known) == len(given) else None
+    if directions is not None and directions.min() == directions.max():
+        directions = None
+    if len(own) > 1:
+        order = np.argsort(times, kind="stable")
+        points, times = points[order], times[order]
+        directions = None if directions is None else directions[order]
+    return points, times, directions
 
 
 def _covering(
@@ -167,12 +201,21 @@ def _corrected(
         return None
     files: list[Artifact] = []
     limits: ReadLimits = read_limits(context)
-    for number, (file, correction) in enumerate(zip(arguments["strips"], corrections, strict=True)):
-        context.progress.report(COMPARED + (1.0 - COMPARED) * number / len(corrections), f"writing {file['name']}")
+    for number, file in enumerate(arguments["strips"]):
+        share = number / len(arguments["strips"])
+        context.progress.report(COMPARED + (1.0 - COMPARED) * share, f"writing {file['name']}")
+        strips = given.of_file(number)
         source = ScanFile(context.blobs.local_path(content_key(file["sha256"])), file["filename"])
 
-        def moved(points: Points, times: Scalars, correction: Correction = correction) -> Points:
-            return np.asarray(correction.applied(points - given.origin_m, times - given.origin_s) + given.origin_m)
+        def moved(
+            points: Points, times: Scalars, sources: Array, strips: Sequence[tuple[int | None, int]] = strips
+        ) -> Points:
+            corrected = points.copy()
+            for source, strip in strips:
+                own = slice(None) if source is None else sources == source
+                reduced, time = points[own] - given.origin_m, times[own] - given.origin_s
+                corrected[own] = corrections[strip].applied(reduced, time) + given.origin_m
+            return corrected
 
         filename = f"{file['name']}-corrected.laz"
         with output_file(context, arguments["job_id"], filename, source.size) as path:

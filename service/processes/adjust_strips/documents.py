@@ -47,6 +47,9 @@ class Told:
     determination: Determination
     before: Discrepancies
     after: Discrepancies
+    sources: Sequence[int | None]
+    """Point source by which each strip was told from others of its files."""
+    remarks: Sequence[str]
 
     @property
     def adjusted(self) -> Adjusted:
@@ -84,6 +87,7 @@ def document_of(told: Told, artifacts: list[Artifact], corrected: list[Artifact]
         datum=datum,
         advice=_advice(told),
         regularisation=_protocol(told),
+        remarks=list(told.remarks),
         heights_before=heights[0],
         heights_after=heights[1],
         adjustment=_adjustment(told.adjusted),
@@ -161,6 +165,7 @@ def _strip(told: Told, number: int) -> AdjustedStrip:
     forward = strip.path.axes[:2, 0]
     return AdjustedStrip(
         name=strip.name,
+        point_source=told.sources[number],
         points=len(strip.points),
         scan_lines=told.block.lines[number],
         looks_back=told.block.looks_back[number],

@@ -1,12 +1,17 @@
 """Strips and their flight go in over HTTP; corrected strips, pictures and a protocol come out."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import laspy
 import numpy as np
+import pyproj
 import pytest
+from laspy.vlrs.known import WktCoordinateSystemVlr
+from laspy.vlrs.vlrlist import VLRList
 
+from algorithms.arrays import Array
 from algorithms.simulation.strip_flights import FlownStrip
 from tests.e2e.other_processes.test_clean_and_colour_over_http import refusal, run
 from tests.e2e.running.command_line import tieline
@@ -99,6 +104,71 @@ def test_strips_are_corrected_and_everything_is_told(
         left = np.asarray(data.xyz) - ORIGIN_M - each.true_points[order]
         off_m = np.sqrt((left**2).sum(axis=1).mean())
         assert off_m < 2.0 * told["correction_std_m"]
+
+
+def tiled(flown: list[FlownStrip], folder: Path) -> list[tuple[Path, Array]]:
+    """Write the strips as two tiles, told by point source, a sliver of a sixth; return them with the true points."""
+    rng = np.random.default_rng(1)
+    points = np.concatenate([each.strip.points for each in flown])
+    true = np.concatenate([each.true_points for each in flown])
+    times = np.concatenate([each.strip.times_s for each in flown])
+    sources = np.concatenate([np.full(len(each.strip.points), 101 + k) for k, each in enumerate(flown)])
+    sources[:30] = 9
+    withheld = rng.random(len(points)) < 0.01
+    points[withheld] -= [0.0, 0.0, 30.0]
+    found = []
+    for name, own in (("west", points[:, 0] < 120.0), ("east", points[:, 0] >= 120.0)):
+        order = rng.permutation(np.flatnonzero(own))
+        header = laspy.LasHeader(point_format=6, version="1.4")
+        header.scales, header.offsets = np.full(3, 0.001), ORIGIN_M
+        data: Any = laspy.LasData(header)
+        data.x, data.y, data.z = (points + ORIGIN_M)[order].T
+        data.gps_time, data.point_source_id = (times + ORIGIN_S)[order], sources[order]
+        data.withheld = withheld[order]
+        wkt = WktCoordinateSystemVlr(pyproj.CRS.from_epsg(25832).to_wkt("WKT1_GDAL"))
+        header.global_encoding.wkt = True
+        data.evlrs = VLRList([wkt])
+        data.write(str(folder / f"{name}.laz"))
+        found.append((folder / f"{name}.laz", true[order]))
+    return found
+
+
+def test_tiles_of_several_strips_are_told_by_point_source(
+    service: RunningService, inputs: Document, flown: list[FlownStrip], tmp_path: Path
+) -> None:
+    tiles = tiled(flown, tmp_path)
+    uploaded = [service.upload(path) for path, _ in tiles]
+    assert [file["scans"][0]["point_sources"] for file in uploaded] == [5, 4]
+    told = {name: {} for name in ("strips", "patches", "boresight", "remarks")}
+    strips = [{"file": file["id"]} for file in uploaded]
+    result = run(
+        service, "adjust-strips", {**inputs, "strips": strips}, {**told, "corrected": {"format": "laz"}}
+    )  # fmt: skip
+    assert [each["point_source"] for each in result["strips"]] == [101, 102, 103, 104, 105]
+    assert {each["name"] for each in result["strips"]} >= {"west-101"}
+    assert result["patches"]["rms_after_m"] < 0.01 < 0.05 < result["patches"]["rms_before_m"]
+    for each, true in zip(result["boresight"], planted_errors(1).boresight_rad, strict=True):
+        assert each["value"] == pytest.approx(true * 200_000.0 / np.pi, abs=3.0 * each["std"])
+    assert sum("withheld" in remark for remark in result["remarks"]) == 2
+    assert any("point source 9 has " in remark for remark in result["remarks"])
+    for (_, true), artifact in zip(tiles, result["corrected"], strict=True):
+        path = tmp_path / artifact["name"]
+        path.write_bytes(service.get(artifact["href"]).content)
+        data = laspy.read(path)
+        assert data.header.parse_crs().to_epsg() == 25832
+        good = (np.asarray(data.withheld) == 0) & (np.asarray(data.point_source_id) > 100)
+        left = (np.asarray(data.xyz) - ORIGIN_M - true)[good]
+        assert np.sqrt((left**2).sum(axis=1).mean()) < 2.0 * max(each["correction_std_m"] for each in result["strips"])
+
+
+def test_a_tile_alone_is_adjusted_and_one_strip_alone_is_refused(
+    service: RunningService, flown: list[FlownStrip], tmp_path: Path
+) -> None:
+    west = service.upload(tiled(flown, tmp_path)[0][0])["id"]
+    result = run(service, "adjust-strips", {"strips": [{"file": west}], "passes": 1}, {"strips": {}})
+    assert len(result["strips"]) == 4
+    answer = refusal(service, "adjust-strips", {"strips": [{"file": west, "one_strip": True}]})
+    assert "several point sources" in answer["errors"][0]["detail"]
 
 
 def test_what_are_no_strips_is_refused_where_it_stands(

@@ -53,14 +53,14 @@ def test_points_without_times_are_no_strip(tmp_path: Path) -> None:
 def test_corrected_strips_keep_all_but_their_coordinates(tmp_path: Path) -> None:
     source = ScanFile(las(tmp_path / "a.las"), "a.las")
     before, target = laspy.read(source.path), tmp_path / "b.laz"
-    assert write_corrected(source, ReadLimits(), target, lambda p, t: p + 0.01 * t[:, None]) == 5
+    assert write_corrected(source, ReadLimits(), target, lambda p, t, _: p + 0.01 * t[:, None]) == 5
     after = laspy.read(target)
     for name in ("intensity", "gps_time", "scan_direction_flag"):
         np.testing.assert_array_equal(np.asarray(before[name]), np.asarray(after[name]))
     moved = np.asarray(after.x) - np.asarray(before.x)
     np.testing.assert_allclose(moved, 0.01 * np.asarray(before.gps_time), atol=0.001)
     with pytest.raises(UnwritableError, match="beyond the reach"):
-        write_corrected(source, ReadLimits(), tmp_path / "c.laz", lambda p, _: p + 1e7)
+        write_corrected(source, ReadLimits(), tmp_path / "c.laz", lambda p, _, __: p + 1e7)
     assert not (tmp_path / "c.laz").exists()
 
 
