@@ -2,6 +2,8 @@
 
 from typing import Any, Literal, TypeAlias
 
+from pydantic import Field
+
 from schemas.results.registration_result import Artifact
 from schemas.values.poses import Document
 
@@ -405,8 +407,15 @@ class ScannersDocument(Document):
 class AdjustDocument(Document):
     """An adjusted network with all tests."""
 
-    status: Literal["adjusted", "partly-determined", "not-converged"]
-    """`partly-determined`: some unknowns are held by fictitious observations only."""
+    status: Literal["adjusted", "partly-determined", "doubtful", "not-converged"]
+    """`partly-determined`: some unknowns are held by fictitious observations only. `doubtful`: so much was left
+    out that what is left may be what is wrong; see `doubts`."""
+    doubts: list[str] = Field(default=[])
+    """Why the figures are not to be relied on: by what was left out in all, of a kind, of the control, of a station, by
+    residuals far beyond all standard deviations, or by a mistake that explains it."""
+    explanations: list[str] = Field(default=[])
+    """Mistakes that were tried, without which the network would fit: mirrored control, another unit of angles, a held
+    point."""
     observations_used: int
     """Used components, fictitious ones among them."""
     unknowns: int

@@ -191,11 +191,21 @@ class Search:
             found = self._adjusted(rough=True, factors=factors, rounds=6)
             distances = self._distances(found)
             distances[self.fictitious] = 0.0
-        marked = distances > LAST_HALF_WIDTHS[-1]
+        marked = self._worst_of(distances > LAST_HALF_WIDTHS[-1], distances)
         for block in sorted(np.flatnonzero(marked), key=lambda b: (steps[b], -distances[b])):
             self.removals.append(Removal(int(block), "robust", int(steps[block]), float(distances[block])))
         self.used &= ~marked
         self._adjusted(rough=True)
+
+    def _worst_of(self, marked: Flags, distances: Array) -> Flags:
+        """Keep of what is marked no more than may be left out, the worst."""
+        most = int(self.options.max_removed_share * len(self.used))
+        blocks = np.flatnonzero(marked)
+        if len(blocks) <= most:
+            return marked
+        kept = np.zeros_like(marked)
+        kept[blocks[np.argsort(-distances[blocks], kind="stable")[:most]]] = True
+        return kept
 
     def _next_width(self, unmarked: Array) -> float:
         narrowing = FASTEST_NARROWING if self.rows_are_many else SLOWEST_NARROWING

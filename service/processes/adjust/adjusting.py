@@ -1,7 +1,8 @@
 """The step of `adjust`: find start values, search for gross errors, adjust, test, describe, store."""
 
 import time
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from service.processes.adjust.documents import (
     point_documents,
     station_documents,
 )
+from service.processes.adjust.left_out import MOST_ROWS, Judgement, explanations, judged
 from service.processes.adjust.named_network import NamedNetwork
 from service.processes.adjust.network_reading import read_network
 from service.processes.adjust.reliability_documents import (
@@ -100,6 +102,8 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
             datum=datum_document(carried), points=point_documents(carried), stations=station_documents(carried)
         )
     compared, remarks = None, _remarks(answer, how, reference)
+    judgement, explained = _judgement(answer, inputs)
+    remarks = [*dict.fromkeys([*judgement.doubts, *explained]), *remarks]
     if inputs["epoch"] is not None:
         progress.report(0.92, "second epoch")
         compared = _congruence(answer, inputs, remarks)
@@ -112,7 +116,7 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
     test = global_test(found.omega, found.redundancy, inputs["alpha_global"])
     testable = found.redundancy > 0
     document = AdjustDocument(
-        status="not-converged" if not found.converged else "partly-determined" if len(found.fictitious) else "adjusted",
+        status=_status(answer, judgement), doubts=list(judgement.doubts), explanations=list(explained),
         observations_used=found.used, unknowns=named.network.layout.count, rank_defect=answer.defect.count,
         redundancy=found.redundancy, omega=found.omega, sigma0_prior=1.0, sigma0=found.sigma0,
         covariance_sigma0=f"{inputs['covariance_scale']} sigma0", iterations=cleaned.estimate.iterations,
@@ -147,6 +151,36 @@ def adjusted_document(inputs: Json, job_id: str, progress: Any) -> tuple[AdjustD
         for name, (media, data) in files.items()
     ]
     return document, files
+
+
+def _status(
+    answer: Answer, judgement: Judgement
+) -> Literal["adjusted", "partly-determined", "doubtful", "not-converged"]:
+    if not answer.estimate.converged:
+        return "not-converged"
+    if judgement.doubts:
+        return "doubtful"
+    return "partly-determined" if len(answer.estimate.fictitious) else "adjusted"
+
+
+def _judgement(answer: Answer, inputs: Json) -> tuple[Judgement, tuple[str, ...]]:
+    """Judge what was left out; where that raises doubts, look for the mistake that would explain it."""
+
+    def judge(network: Json, datum: Json) -> Judgement:
+        # a mistake is found when half of what was left out need not be: so few are looked for one by one
+        share = max(0.5 * found.left_out, 1.0) / found.of
+        named = read_network(network, datum)
+        cleaned = _cleaned(named, {**inputs, "gross_errors": "snooping", "max_removed_share": share}, _Silent())[0]
+        return judged(named, cleaned, share, inputs["alpha_global"])
+
+    found = judged(answer.named, answer.cleaned, inputs["max_removed_share"], inputs["alpha_global"])
+    if not found.asks_for_explanation:
+        return found, ()
+    if len(answer.named.rows) > MOST_ROWS:
+        untried = "the network is too large to try which mistake would explain it"
+        return found, (untried,) if found.doubts else ()
+    explained = explanations(inputs["network"], inputs["datum"], found, judge)
+    return replace(found, doubts=found.doubts or explained), explained
 
 
 def _scanners(without: Answer, inputs: Json, asked: Json) -> tuple[ScannersDocument, Answer | None]:
