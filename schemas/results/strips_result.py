@@ -42,7 +42,8 @@ class AdjustedStrip(Document):
     """A strip and what corrects it."""
 
     name: str
-    """As stated, or of its file; of a tile with several strips followed by the point source."""
+    """As stated, or of its file; of a tile with several strips followed by the point source; of strips that several
+    tiles share `source-` and its number."""
     point_source: int | None = None
     """Number that tells its points from those of other strips of the same tiles; null: its file has no others."""
     points: int

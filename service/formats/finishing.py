@@ -127,7 +127,7 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
 def none_left(left_out: Mapping[str, int]) -> str:
     """Say why no point of a scan is left."""
     if left_out:
-        return f"no point of the scan is left: {left_out_in_words(left_out)}"
+        return f"no point of the scan is left: {left_out_in_words(left_out)}; choose others, or clear these marks"
     return "every record of the scan is marked as without a return"
 
 

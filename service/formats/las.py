@@ -65,8 +65,10 @@ class LasReader:
             if not largest and cloud.channels is not None and cloud.channels.any():
                 largest = _largest_color(cloud.channels)  # of the first points that are not black
             color = None if cloud.channels is None else colors_8bit(cloud.channels, largest or 255.0)
+            # a later piece may have points that are left out
+            valid = np.ones(len(chunk), dtype=np.bool_) if cloud.valid is None else cloud.valid
             records = ScanRecords(
-                0, cloud.points, base_m=opened.offsets, valid=cloud.valid, left_out=cloud.left_out,
+                0, cloud.points, base_m=opened.offsets, valid=valid, left_out=cloud.left_out,
                 intensity=cloud.intensity, color=color, gps_time_s=cloud.span_s, instrument=opened.instrument,
                 point_sources=frozenset(cloud.point_sources), attributes=cloud.attributes, **opened.told,
             )  # fmt: skip

@@ -33,4 +33,4 @@ def _scale(limits: tuple[float, float] | None) -> tuple[float, float]:
     least, largest = limits
     if least < 0.0 or largest > LARGEST_16_BIT:
         return least, largest if largest > least else least + 1.0
-    return 0.0, 1.0 if largest <= 1.0 else LARGEST_16_BIT
+    return 0.0, 1.0 if 0.0 < largest <= 1.0 else LARGEST_16_BIT

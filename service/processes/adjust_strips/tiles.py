@@ -100,7 +100,8 @@ def _of_tiles(
             if len(joined) == 1 and not is_tile[first]:
                 yield DividedStrip(names[first], None, tuple(joined))
             else:
-                yield DividedStrip(f"{names[first]}-{source}", source, tuple(joined))
+                name = f"{names[first]}-{source}" if len(joined) == 1 else f"source-{source}"
+                yield DividedStrip(name, source, tuple(joined))
 
 
 def _joined(files: Sequence[StripRecords], parts: Sequence[StripPart]) -> list[list[StripPart]]:

@@ -10,9 +10,11 @@ import pytest
 
 from service.errors import UnreadableFileError
 from service.formats import inspect_file, read_scan
+from service.formats import las as formats_las
 from service.formats.base import ReadLimits, ScanFile
 from service.formats.point_selection import ALL_POINTS, PointSelection
 from service.formats.streaming import stream_scan
+from service.formats.thinned import read_thinned_scan
 
 N = 1000
 SEED = 4
@@ -106,3 +108,12 @@ def test_a_file_whose_points_are_all_withheld_is_refused_in_words(tmp_path: Path
         read_scan(path, path.name)
     with pytest.raises(UnreadableFileError, match="1000 withheld"):
         stream_scan(ScanFile(path, path.name))
+
+
+def test_points_are_left_out_of_a_thinned_scan_though_its_first_piece_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(formats_las, "POINTS_AT_ONCE", 100)
+    path = las(tmp_path / "a.las", 6, {"withheld": np.arange(N) >= 500})
+    scan, _ = read_thinned_scan(path, path.name, 0, N, N)
+    assert len(scan) == 500
