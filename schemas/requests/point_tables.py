@@ -31,7 +31,7 @@ KNOWN_COLUMNS: Mapping[str, str] = {
 UNIT_BEHIND = re.compile(r"[\[(].*|_(mm|cm|m|ft|feet|us-ft|usft)$")
 NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
 
-QUOTED_FORMULA = re.compile(r"^'(?='*\s*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
+QUOTED_FORMULA = re.compile(r"^'(?=['\s]*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
 """The apostrophe that `service.formats.writers.csv_table` puts before what spreadsheets take for a formula."""
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 FORMULA = re.compile(
-    r"(^|[,;|])(\s*)(?='*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])(?![+-]\s?([\d.]+([eE][+-]?\d+)?|inf)\s*($|[,;|]))"
+    r"(^|[,;|])(\s*)(?=('['\s]*)?[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])(?![+-]\s?([\d.]+([eE][+-]?\d+)?|inf)\s*($|[,;|]))"
 )
 """Where a spreadsheet would begin to read a formula: at the start of a cell, or behind what may divide cells. Where an
 apostrophe stands before it already it gets another one, so that both are told apart when they are read again."""

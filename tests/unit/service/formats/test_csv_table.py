@@ -50,6 +50,6 @@ def test_numbers_keep_all_their_digits_and_nothing_is_empty() -> None:
 
 
 def test_a_table_of_points_is_read_back_with_the_names_that_were_written() -> None:
-    names = ["=1+1", "'=1+1", "''=1+1", "'P5", "-P1", "+P2", "@P3", "P4"]
+    names = ["=1+1", "'=1+1", "''=1+1", "'P5", "' =1+1", "'' =1+1", "' ' =1", "-P1", "+P2", "@P3", "P4"]
     text = csv_text(["name", "x", "y", "z"], [[name, 1.0, 2.0, 3.0] for name in names])
     assert [point["name"] for point in points_of_table(PointTable(csv=text))] == names
