@@ -96,5 +96,7 @@ class OrientDocument(PosedDocument):
     ties: list[OrientedTies] = Field(default=[], description="What became of the tie points, in their order.")
     converged: bool
     """Whether the clouds came to rest."""
+    remarks: list[str] = Field(default=[])
+    """Points that take no part, with their number and the reason."""
     artifacts: list[Artifact]
     """`poses.json` with all poses by name."""

@@ -138,6 +138,8 @@ class TargetsDocument(Document):
     )
     naming: NamingDocument
     """How names were given."""
+    remarks: list[str] = Field(default=[])
+    """Points that take no part, with their number and the reason."""
     artifacts: list[Artifact]
     """Files that can be downloaded."""
     provenance: TargetsProvenance

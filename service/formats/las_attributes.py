@@ -45,6 +45,13 @@ KINDS = {"u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8"}
 """Types of extra bytes that are kept."""
 TO_16_BIT = 257
 """Colours of 8 bits in 16."""
+LONGEST_NAME = 32
+"""Characters of the name of an extra byte."""
+TAKEN = {
+    *(field.name for field in OWN_FIELDS),
+    *("x", "y", "z", "intensity", "red", "green", "blue", "row", "column", "return_number", "scan_angle", "synthetic"),
+}
+"""Names that columns of some format have already."""
 STATION = "station"
 """Number of the station, which files of this service have and get anew."""
 
@@ -71,7 +78,7 @@ def lost_attributes(header: Any) -> list[str]:
 
 
 def _found(chunk: Any, header: Any) -> Iterator[tuple[ScalarField, Array]]:
-    names, is_old = set(chunk.point_format.dimension_names), chunk.point_format.id < OLD_FORMATS
+    names, is_old = set(chunk.point_format.standard_dimension_names), chunk.point_format.id < OLD_FORMATS
     classes = np.asarray(chunk["classification"])
     yield CLASSIFICATION, classes
     for field in (RETURN_NUMBER, RETURNS):
@@ -95,20 +102,25 @@ def _found(chunk: Any, header: Any) -> Iterator[tuple[ScalarField, Array]]:
 
 
 def _extra_bytes(chunk: Any, header: Any) -> Iterator[tuple[ScalarField, Array]]:
-    taken = {field.name for field in OWN_FIELDS}
+    taken, titles = set(TAKEN), set()
     for dimension in _extra(header):
         kind = _kind(dimension)
         if kind not in KINDS or dimension.name == STATION:
             continue
         values = np.asarray(chunk[dimension.name]).reshape(len(chunk), -1)
         for element in range(values.shape[1]):
-            title = dimension.name if values.shape[1] == 1 else f"{dimension.name}_{element}"
-            plain, number = re.sub(r"[^a-z0-9_]", "_", title.lower())[:28], 1
+            title = str(dimension.name)
+            if values.shape[1] > 1:
+                title = f"{title[: LONGEST_NAME - 4]}_{element}"
+            plain, number = re.sub(r"[^a-z0-9_]", "_", title.lower())[: LONGEST_NAME - 4] or "extra", 1
             name = plain
             while name in taken:
                 number += 1
                 name = f"{plain}_{number}"
             taken.add(name)
+            if not title.isascii() or title.lower() in TAKEN or title in titles:
+                title = ""
+            titles.add(title)
             described = str(dimension.description).encode("ascii", "replace").decode()[:32]
             yield ScalarField(name, described, kind, title=title), values[:, element]
 

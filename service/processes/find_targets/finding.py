@@ -66,6 +66,7 @@ def find_targets_of_scan(context: StepContext, arguments: Json) -> Json:
         ],
         photos=photo_documents(seen, [each.name for each in documents]),
         naming=_naming(match, len(names)),
+        remarks=list(scan.notes),
         artifacts=[
             Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
             for name, (media, data) in files.items()

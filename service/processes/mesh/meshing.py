@@ -94,7 +94,7 @@ def mesh(context: StepContext, arguments: Json) -> Json:
         contours=contours_on(body.mesh, photos, arguments["contours"], origin),
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
-        remarks=[*cleaned.cleaned.remarks, *_remarks(cleaned), *_untextured(arguments)],
+        remarks=[*cleaned.frame.notes(), *cleaned.cleaned.remarks, *_remarks(cleaned), *_untextured(arguments)],
         **files,
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())

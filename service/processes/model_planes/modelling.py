@@ -47,7 +47,7 @@ def model_planes(context: StepContext, arguments: Json) -> Json:
         iterations=model.iterations,
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
-        remarks=list(cleaned.cleaned.remarks),
+        remarks=[*cleaned.frame.notes(), *cleaned.cleaned.remarks],
     )
     key = f"jobs/{arguments['job_id']}/result.json"
     context.blobs.write_bytes(key, document.model_dump_json(by_alias=True).encode())

@@ -80,6 +80,7 @@ def orient(context: StepContext, arguments: Json) -> Json:
         converged=found.converged,
         left_out=arguments["left_out"],
         poses_from=arguments["poses_from"],
+        remarks=frame.notes(),
         artifacts=[artifact(context, job_id, "poses.json", "application/json")],
     )
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())

@@ -244,7 +244,8 @@ def _with_std(cloud: StationCloud, std: PositionStd) -> StationCloud:
             values = (1000.0 * std.at(piece.points, cloud.origin_m)).astype(np.float32)
             yield replace(piece, scalars={**piece.scalars, STD_FIELD.name: values})
 
-    return replace(cloud, pieces=pieces, scalars=(*cloud.scalars, STD_FIELD))
+    others = [field for field in cloud.scalars if field.name != STD_FIELD.name]
+    return replace(cloud, pieces=pieces, scalars=(*others, STD_FIELD))
 
 
 def _placed(context: StepContext, arguments: Json) -> tuple[list[_Placed], list[Json]]:

@@ -148,3 +148,32 @@ def test_keys_of_geotiff_name_the_system_of_an_old_file(tmp_path: Path) -> None:
     given.write(tmp_path / "a.las")
     (back, _), notes = written_again(tmp_path / "a.las", "laz", tmp_path / "b.laz")
     assert (back.header.parse_crs().to_epsg(), notes) == (25832, ())
+
+
+@pytest.mark.parametrize("name", ["laz", "copc", "ply", "pcd", "xyz", "e57"])
+def test_odd_names_of_extra_bytes_are_written_to_every_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(copc, "SHAPE", OctreeShape(most_in_leaf=500))
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    odd = ["overlap", "nir", "station", "Höhe", "above_ground_m", "intensity_2", "Amplitude", "amplitude", "a" * 32]
+    for each in odd:
+        header.add_extra_dim(laspy.ExtraBytesParams(each, "u1"))
+    header.add_extra_dim(laspy.ExtraBytesParams("v" * 32, "3f4"))
+    cloud: Any = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = np.random.default_rng(SEED).uniform(0.0, 9.0, (3, N))
+    for number, each in enumerate(odd):
+        cloud[each] = np.full(N, number + 1)
+    cloud["v" * 32] = np.tile([1.0, 2.0, 3.0], (N, 1))
+    cloud.write(tmp_path / "a.las")
+    source = stream_scan(ScanFile(tmp_path / "a.las", "a.las", attributes=True))
+    assert len(source.scalars) == len(odd) - 1 + 3
+    writer = writer_of(name)
+    target = tmp_path / f"b{writer.ending}"
+    assert writer.write(target, [source], NoProgress()).points == N
+    assert len(read_scan(target, target.name)) == N
+    if name in {"laz", "copc"}:
+        back = laspy.read(target)
+        values = {each: set(np.unique(back[each]).tolist()) for each in back.point_format.extra_dimension_names}
+        assert {1, 2, 4, 5, 6, 7, 8, 9} <= set().union(*values.values())
+        assert values["Amplitude"] == {7}
