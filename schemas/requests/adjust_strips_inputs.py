@@ -22,6 +22,8 @@ else:
 Coordinate: TypeAlias = Annotated[float, Field(ge=-1e9, le=1e9)]
 Std: TypeAlias = Annotated[float, Field(gt=0.0, le=100.0)]
 MOST_STRIPS = 300
+LONGEST_PAUSE_S = 120.0
+"""Points further apart in time are of two strips: an airborne scanner flies kilometres meanwhile [s]."""
 ColumnWord: TypeAlias = Annotated[str, Field(min_length=1, max_length=40)]
 
 
@@ -32,7 +34,7 @@ class StripFile(FileReference):
     """What it is called in the result; null: as its file, without the ending."""
     one_strip: bool = False
     """Take the file for one strip whatever its points say; false: points of several point sources are as many strips,
-    and strips that several tiles share are joined."""
+    those that several tiles share are joined, and a pause of more than 120 s divides."""
 
 
 class TrajectoryFile(FileReference):

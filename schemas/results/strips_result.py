@@ -45,7 +45,7 @@ class AdjustedStrip(Document):
     """As stated, or of its file; of a tile with several strips followed by the point source; of strips that several
     tiles share `source-` and its number."""
     point_source: int | None = None
-    """Number that tells its points from those of other strips of the same tiles; null: its file has no others."""
+    """Point source of its points; null: no file of the job holds several, or it is said to be one strip."""
     points: int
     """Points that are used."""
     scan_lines: int

@@ -4,7 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from schemas.requests.adjust_strips_inputs import AdjustStripsInputs, CorrectedOutput, StripFile, TrajectoryFile
+from schemas.requests.adjust_strips_inputs import (
+    LONGEST_PAUSE_S,
+    AdjustStripsInputs,
+    CorrectedOutput,
+    StripFile,
+    TrajectoryFile,
+)
 from schemas.results.strips_result import StripsDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.names.content_keys import content_key
@@ -66,12 +72,14 @@ def _check(inputs: AdjustStripsInputs, stored: Stored) -> None:
 
 
 def _is_tile(strip: StripFile, stored: Stored) -> bool:
-    """Tell whether a file holds several strips, or may do so for all that is known."""
+    """Tell whether a file holds several strips, or may do so for all that is known: pauses are seen by its points."""
     file = stored.files.get(strip.file)
     if strip.one_strip or file is None or not file.scans:
         return False
+    scan = file.scans[0]
+    first_s, last_s = scan.get("gps_time_s") or (0.0, 0.0)
     # what was uploaded before the service counted point sources has no such member
-    return int(file.scans[0].get("point_sources", 2) or 1) > 1
+    return int(scan.get("point_sources", 2) or 1) > 1 or last_s - first_s > LONGEST_PAUSE_S
 
 
 def _strip_faults(strips: Sequence[StripFile], stored: Stored) -> Iterator[FieldFault]:

@@ -46,10 +46,9 @@ class ReadStrips:
     remarks: Sequence[str]
     """Points and point sources that take no part."""
 
-    def of_file(self, file: int) -> list[tuple[int | None, int]]:
-        """Return point source and number of the strips in a file; source None stands for all points."""
-        own = [any(part.file == file for part in strip.parts) for strip in self.divided]
-        return [(strip.source, k) for k, strip in enumerate(self.divided) if own[k]]
+    def of_file(self, file: int) -> list[int]:
+        """Return the numbers of the strips that have points in a file."""
+        return [k for k, strip in enumerate(self.divided) if any(part.file == file for part in strip.parts)]
 
 
 def adjust_strips_of_job(context: StepContext, arguments: Json) -> Json:
@@ -207,12 +206,10 @@ def _corrected(
         strips = given.of_file(number)
         source = ScanFile(context.blobs.local_path(content_key(file["sha256"])), file["filename"])
 
-        def moved(
-            points: Points, times: Scalars, sources: Array, strips: Sequence[tuple[int | None, int]] = strips
-        ) -> Points:
+        def moved(points: Points, times: Scalars, sources: Array, strips: Sequence[int] = strips) -> Points:
             corrected = points.copy()
-            for source, strip in strips:
-                own = slice(None) if source is None else sources == source
+            for strip in strips:
+                own = given.divided[strip].owns(times, sources)
                 reduced, time = points[own] - given.origin_m, times[own] - given.origin_s
                 corrected[own] = corrections[strip].applied(reduced, time) + given.origin_m
             return corrected

@@ -171,6 +171,24 @@ def test_a_tile_alone_is_adjusted_and_one_strip_alone_is_refused(
     assert "several point sources" in answer["errors"][0]["detail"]
 
 
+def test_a_tile_without_point_sources_is_divided_at_pauses(
+    service: RunningService, flown: list[FlownStrip], tmp_path: Path
+) -> None:
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales, header.offsets = np.full(3, 0.001), ORIGIN_M
+    data: Any = laspy.LasData(header)
+    data.x, data.y, data.z = np.concatenate([each.strip.points + ORIGIN_M for each in flown[:4]]).T
+    data.gps_time = np.concatenate([each.strip.times_s + 100_000.0 + 400.0 * k for k, each in enumerate(flown[:4])])
+    data.write(str(tmp_path / "tile.las"))
+    strips = [{"file": service.upload(tmp_path / "tile.las")["id"]}]
+    result = run(
+        service, "adjust-strips", {"strips": strips, "passes": 1}, {"strips": {}, "remarks": {}, "patches": {}}
+    )
+    assert [each["points"] for each in result["strips"]] == [len(each.strip.points) for each in flown[:4]]
+    assert result["patches"]["rms_after_m"] < 0.01 < 0.05 < result["patches"]["rms_before_m"]
+    assert "tile: its times pause 3 times for more than 120 s" in result["remarks"][0]
+
+
 def test_what_are_no_strips_is_refused_where_it_stands(
     service: RunningService, inputs: Document, flown: list[FlownStrip], tmp_path: Path
 ) -> None:

@@ -27,7 +27,7 @@ def test_points_of_one_source_in_several_tiles_are_one_strip() -> None:
 def test_a_source_that_comes_again_much_later_is_another_strip() -> None:
     files = [tile((1, 300, 0.0), (2, 200, 500.0)), tile((1, 150, 90_000.0))]
     strips, _ = divided(files, ["a", "b"], [False, False])
-    assert [(each.name, each.source) for each in strips] == [("a-1", 1), ("a-2", 2), ("b", None)]
+    assert [(each.name, each.source) for each in strips] == [("a-1", 1), ("a-2", 2), ("b", 1)]
 
 
 def test_files_of_one_source_each_are_strips_even_if_it_is_the_same() -> None:
@@ -40,6 +40,18 @@ def test_a_file_that_is_said_to_be_one_strip_is_one() -> None:
     assert [(each.name, each.source) for each in strips] == [("a", None), ("b", None)]
 
 
+def test_pauses_divide_a_file_whose_points_name_one_source() -> None:
+    strips, remarks = divided([tile((0, 300, 0.0), (0, 200, 500.0), (0, 40, 900.0))], ["a"], [False])
+    assert [(each.name, each.source) for each in strips] == [("a-part-1", None), ("a-part-2", None)]
+    times = np.array([-1.0, 250.0, 252.0, 600.0, 800.0])
+    owned = [each.owns(times, np.zeros(5, dtype=np.int32)).tolist() for each in strips]
+    assert owned == [[True, True, False, False, False], [False, False, True, True, False]]
+    assert "pause 2 times" in remarks[0]
+    assert "a, part 3 has 40 points" in remarks[1]
+    whole, _ = divided([tile((0, 300, 0.0), (0, 200, 500.0))], ["a"], [True])
+    assert [each.name for each in whole] == ["a"]
+
+
 def test_a_sliver_is_left_out_and_named() -> None:
     strips, remarks = divided([tile((1, 300, 0.0), (2, 30, 100.0), (3, 200, 200.0))], ["a"], [False])
     assert [each.name for each in strips] == ["a-1", "a-3"]
@@ -48,5 +60,5 @@ def test_a_sliver_is_left_out_and_named() -> None:
 
 
 def test_more_sources_than_strips_may_be_are_refused() -> None:
-    with pytest.raises(InvalidInputError, match="301 point sources"):
+    with pytest.raises(InvalidInputError, match="make 301 strips"):
         divided([tile(*((k, 100, 10.0 * k) for k in range(301)))], ["a"], [False])
