@@ -7,10 +7,10 @@ from pydantic import Field
 from algorithms.cleaning.options import CleaningOptions
 from schemas.requests.cleaning_steps import CleaningSteps
 from schemas.requests.execution import FileOutputRequest
-from schemas.requests.posed_stations import PosedInputs, PosedStations
+from schemas.requests.posed_stations import PosedInputs, PosedStations, SelectedPoints
 
 
-class CleanInputs(PosedInputs):
+class CleanInputs(SelectedPoints, PosedInputs):
     """Registered scans, and what is to be cleaned."""
 
     stations: PosedStations

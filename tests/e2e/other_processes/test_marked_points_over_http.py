@@ -190,6 +190,11 @@ def test_requests_choose_classes_and_returns(service: RunningService, tmp_path: 
     assert compared["points"] == compared["figures"]["count"] == counts[6]
     assert any(f"{counts[5]} of class 5" in remark for remark in compared["remarks"])
 
+    inputs = {"stations": stations, "cleaning": {}, "classes": [5, 6], "returns": "first"}
+    cleaned = run(service, "clean", inputs, {"points_after": {}, "remarks": {}})
+    assert cleaned["points_after"] == counts[5]
+    assert any(f"{counts[2]} of class 2, {counts[6]} of other returns" in remark for remark in cleaned["remarks"])
+
     inputs = {"stations": stations, "plans": [HOUSE], "classes": [2, 6]}
     roofs = run(service, "roofs", inputs, {"buildings": {}, "remarks": {}})
     assert roofs["buildings"][0]["volume_m3"] == pytest.approx(20.0 * 15.0 * 5.0, rel=0.01)
