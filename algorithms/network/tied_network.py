@@ -22,6 +22,15 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.targets.common_points import TargetSet, common_points
 
 LEAST_COMMON = 3
+LARGEST_SIGMA0 = 5.0
+"""Standard deviations that promise more than so many times too much are no longer a matter of precision."""
+LEANING, UPRIGHT = np.cos(np.radians((10.0, 3.0)))
+"""Instruments that lean more were not levelled; all that stand so upright in a pose are levelled in the right one."""
+MIRROR, MIRRORED_STDS = np.array([1.0, -1.0, 1.0]), 5.0
+MIRRORED = (
+    "the control is the mirror image of what the stations see: north and east are swapped (`control_axes` says which "
+    "comes first), or another axis is turned round"
+)
 SAME_SIGMAS, LEAST_SAME_M = 4.0, 0.005
 """Points of registered stations within so many standard deviations, and at least so far, may be the same target."""
 
@@ -151,6 +160,42 @@ def tied_network(
         why = _onto_control(world, control)
         remarks += [f"the check points are not found among the targets: {why}"] if why else []
     return _adjusted(world, [parts[k] for k in sorted(placed)], targets, control, holds=holds, remarks=remarks)
+
+
+def doubts_of_control(tied: TiedNetwork, control: KnownTargets) -> tuple[str, ...]:
+    """Tell why the control does not place the stations, in words; empty where it does.
+
+    Most of it was left out, residuals lie far beyond all standard deviations, or its mirror image fits better.
+
+    Parameters
+    ----------
+    tied
+        From `tied_network`, with control.
+    control
+        As it was given there.
+    """
+    found = tied.adjustment
+    used, given = int(found.control.used.sum()), len(found.control.used)
+    if not given:
+        return ()
+    doubts = []
+    if given > LEAST_COMMON and 2 * used <= given:
+        doubts.append(f"only {used} of {given} control points agree with each other and the scans")
+    if found.sigma0 is not None and found.sigma0 > LARGEST_SIGMA0:
+        doubts.append(f"the residuals are {found.sigma0:.3g} times what the standard deviations promise")
+    numbers = np.array(list(tied.control_observations), dtype=np.int64)
+    known = control.targets.points[numbers]
+    seen = found.points[[tied.control[number] for number in numbers.tolist()]]
+    scale, turn, shift = robust_similarity(seen * MIRROR, known.coordinates)
+    missed = np.linalg.norm((scale * seen * MIRROR) @ turn.T + shift - known.coordinates, axis=1)
+    stds = np.sqrt(np.trace(known.covariances, axis1=1, axis2=2))
+    agreeing = int((missed <= MIRRORED_STDS * stds + LEAST_SAME_M).sum())
+    # three points have two poses, mirrored and not; instruments stand upright in one of them
+    axes = np.array([pose.rotation.as_matrix()[:, 2] for pose in found.poses])
+    leans, stands = bool((axes[:, 2] < LEANING).all()), bool((((axes * MIRROR) @ turn.T)[:, 2] > UPRIGHT).all())
+    if agreeing > used or (agreeing == used and leans and stands):
+        doubts.insert(0, MIRRORED)
+    return tuple(doubts)
 
 
 def same_targets(targets: Mapping[int, TargetSet], group: RegisteredGroup) -> tuple[tuple[tuple[int, int], ...], ...]:

@@ -114,7 +114,8 @@ class ControlResult(Document):
     """The adjustment of all stations with targets and control points."""
 
     status: str
-    """`adjusted`, or `not-determined`: the poses are those of the scans then."""
+    """`adjusted`; `not-determined`; `doubtful`: most of the control does not fit, or its mirror image does. Then the
+    poses are those of scans and targets."""
     reasons: list[str]
     """What the reader should know, the weightiest first."""
     frame: str

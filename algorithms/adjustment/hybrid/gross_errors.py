@@ -100,6 +100,7 @@ class Search:
         fictitious: Flags,
         options: GrossErrorOptions,
         progress: Progress | None = None,
+        used: Flags | None = None,
     ) -> None:
         """Take a network.
 
@@ -117,11 +118,13 @@ class Search:
             What to do.
         progress
             Hears of every round.
+        used
+            (blocks,) what the search begins with; what passes its test returns. None: everything.
         """
         self.network, self.groups, self.fictitious, self.options = network, groups, fictitious, options
         self.progress = progress or NoProgress()
         blocks = len(network.sizes)
-        self.used = np.ones(blocks, dtype=bool)
+        self.used = np.ones(blocks, dtype=bool) if used is None else used.copy()
         self.scales = np.ones(blocks)
         self.state = start
         self.removals: list[Removal] = []
@@ -337,6 +340,7 @@ def clean(
     fictitious: Flags,
     options: GrossErrorOptions,
     progress: Progress | None = None,
+    used: Flags | None = None,
 ) -> Cleaned:
     """Adjust a network and sort its gross errors out (H-19 to H-22); see `Search` (MATH 4.6)."""
-    return Search(network, start, groups, fictitious, options, progress).run()
+    return Search(network, start, groups, fictitious, options, progress, used).run()

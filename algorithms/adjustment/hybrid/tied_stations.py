@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from algorithms.adjustment.hybrid.closed_forms import INLIERS
 from algorithms.adjustment.hybrid.estimation import Estimate, estimate
 from algorithms.adjustment.hybrid.gross_errors import Cleaned, GrossErrorOptions, clean
 from algorithms.adjustment.hybrid.joint_poses import JointPoses
@@ -16,6 +17,7 @@ from algorithms.adjustment.hybrid.reliability import observation_tests
 from algorithms.adjustment.hybrid.scanner_equations import StationCoordinates
 from algorithms.adjustment.hybrid.state import SIZES, Kind, Layout, State
 from algorithms.adjustment.hybrid.tied_results import PointTest, ScaleTest, ScansTest, TiedAdjustment
+from algorithms.adjustment.testing import GlobalVerdict, global_test
 from algorithms.arrays import Array, Flags, Indices, Matrices3, Points
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
 from algorithms.probabilities import chi2_sf, norm_isf
@@ -30,6 +32,8 @@ OPTIONS = GrossErrorOptions(
     screening_m=None, robust=False, alpha=ALPHA, power=POWER, max_removed_share=MOST_REMOVED,
     max_iterations=MAX_ITERATIONS,
 )  # fmt: skip
+FAR_STDS = 10.0
+"""Control that misses its place by more at the start is tried without."""
 NO_CONTROL = 1e-9
 """Squared whitened length below which a scale moves no control."""
 
@@ -115,6 +119,12 @@ def adjust_tied_stations(
     if network.layout.count == 0 or not len(network.sizes):
         raise TooFewCorrespondencesError(0, 3, "common points")
     cleaned = _cleaned(network, state, options)
+    agreed = _agreeing_control(problem, state)
+    if agreed is not None:
+        # one point far off bends an adjustment of all so much that good ones are blamed, or a scale is
+        other = _cleaned(network, state, options, agreed)
+        if _fits(other, options) and not (_fits(cleaned, options) and cleaned.used.sum() >= other.used.sum()):
+            cleaned = other
     scale = scale_of_control(network, cleaned.estimate, problem.control, options.alpha)
     blamed = int((~cleaned.used).sum())
     if scale is not None and (blamed or scale.significant):
@@ -138,9 +148,33 @@ def adjust_tied_stations(
     return _answer(problem, network, cleaned, options, cleaned.used[: len(problem.scans)])
 
 
-def _cleaned(network: Network, state: State, options: GrossErrorOptions) -> Cleaned:
+def _cleaned(network: Network, state: State, options: GrossErrorOptions, used: Flags | None = None) -> Cleaned:
     blocks = len(network.sizes)
-    return clean(network, state, np.zeros(blocks, dtype=np.int64), np.zeros(blocks, dtype=bool), options)
+    nothing = np.zeros(blocks, dtype=bool)
+    return clean(network, state, np.zeros(blocks, dtype=np.int64), nothing, options, used=used)
+
+
+def _agreeing_control(problem: TiedStations, start: State) -> Flags | None:
+    """Leave out control that lies far from its place at the start (MATH 6.7); None: all agrees, or most does not.
+
+    The start lies on the control as most of its points say, with the scans' own shape and scale.
+    """
+    control = problem.control
+    if len(control) <= LEAST_CONTROL:
+        return None
+    missed = np.linalg.norm(start.points[control.points] - control.values, axis=1)
+    stds = np.sqrt(np.trace(control.covariances, axis1=1, axis2=2))
+    far = missed > np.maximum(INLIERS * 1.4826 * float(np.median(missed)), FAR_STDS * stds)
+    if not far.any() or far.sum() >= 0.5 * len(far) or len(far) - far.sum() < LEAST_CONTROL:
+        return None
+    used = np.ones(len(problem.scans) + len(control) + len(problem.seen), dtype=bool)
+    used[len(problem.scans) : len(problem.scans) + len(control)] = ~far
+    return used
+
+
+def _fits(cleaned: Cleaned, options: GrossErrorOptions) -> bool:
+    found = cleaned.estimate
+    return global_test(found.omega, found.redundancy, options.alpha).verdict is not GlobalVerdict.TOO_LARGE
 
 
 def _adjusted(network: Network, state: State, used: Flags, options: GrossErrorOptions) -> Cleaned:

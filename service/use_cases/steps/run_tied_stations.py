@@ -16,7 +16,13 @@ from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.topocentric import TopocentricFrame
 from algorithms.network.instrument_responses import without_instrument_errors
 from algorithms.network.pose_graph import adjust_pose_graph, connected_stations
-from algorithms.network.tied_network import KnownTargets, RegisteredGroup, TiedNetwork, tied_network
+from algorithms.network.tied_network import (
+    KnownTargets,
+    RegisteredGroup,
+    TiedNetwork,
+    doubts_of_control,
+    tied_network,
+)
 from algorithms.network.tracks import StationFeatures
 from algorithms.targets.common_points import TargetSet
 from schemas.results.control_result import ControlResult
@@ -79,8 +85,16 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
         tied = tied_network({station: own.targets for station, own in sets.items()}, groups, control.known())
     except (TooFewCorrespondencesError, DegenerateGeometryError) as error:
         why = str(error)
+    known, doubts = control.known(), tuple[str, ...]()
+    if tied is not None and known is not None and tied.in_control_frame:
+        doubts = doubts_of_control(tied, known)
+    told = _document(tied, why, control, given, names, origins, inputs)
+    if doubts:
+        changed = {"status": "doubtful", "reasons": [*doubts, *told.reasons]}
+        told = told.model_copy(update={**changed, "global_from_project": None, "stations": []})
+        tied = _without_control(sets, groups)
     document = {
-        "control": _document(tied, why, control, given, names, origins, inputs).model_dump(by_alias=True),
+        "control": told.model_dump(by_alias=True),
         **(poses := _poses(tied, control, names, origins, inputs["fix"])),
         "places": _places(tied, control, names, origins, poses["poses"]),
         "contradicted": {} if tied is None else _contradicted(tied, names),
@@ -88,6 +102,14 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
     key = f"jobs/{arguments['job_id']}/tied.json"
     context.blobs.write_bytes(key, json.dumps(document).encode())
     return {"tied": key}
+
+
+def _without_control(sets: Mapping[int, StationFeatures], groups: Sequence[RegisteredGroup]) -> TiedNetwork | None:
+    """Tie stations by their targets and scans alone; None where these do not."""
+    try:
+        return tied_network({station: own.targets for station, own in sets.items()}, groups, None)
+    except (TooFewCorrespondencesError, DegenerateGeometryError):
+        return None
 
 
 def _errors_taken_off(context: StepContext, arguments: Json) -> dict[int, Array]:

@@ -11,6 +11,7 @@ import pytest
 from tests.e2e.running.command_line import tieline
 from tests.e2e.running.running_service import Document, RunningService
 from tests.scenes.hybrid_networks import hybrid_network
+from tests.unit.service.test_mistaken_networks import network
 
 NETWORK, TRUTH = hybrid_network(3, approximate=False)
 
@@ -181,3 +182,15 @@ def refused(service: RunningService, inputs: Document, pointer: str) -> None:
     answer = service.http.post("/processes/adjust/execution", json={"inputs": inputs})
     assert answer.status_code == 400
     assert pointer in [each["pointer"] for each in answer.json()["errors"]]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "what"), [({"wrong": {"C": (10.0, 0.0, 0.0)}}, "held point 'C'"), ({"angle": 0.9}, "look like deg")]
+)
+def test_a_mistake_that_concerns_everything_is_called_doubtful(
+    service: RunningService, mistake: Document, what: str
+) -> None:
+    found = service.result(service.execute("adjust", {"network": network(**mistake)}))
+    assert found["status"] == "doubtful"
+    assert any(what in each for each in found["explanations"])
+    assert service.result(service.execute("adjust", {"network": network()}))["status"] == "adjusted"

@@ -55,9 +55,10 @@ def targets(number: int) -> list[Json]:
     return [{"name": f"P{k}", "x": x, "y": y, "z": z, "std": STD_M} for k, (x, y, z) in enumerate(places.tolist())]
 
 
-def control(wrong_m: float = 0.0) -> list[Json]:
+def control(wrong_m: float = 0.0, axes: tuple[int, int, int] = (0, 1, 2)) -> list[Json]:
     values = GRID + STD_M * np.random.default_rng(9).normal(size=GRID.shape)
     values[4, 1] += wrong_m
+    values = values[:, list(axes)]
     return [
         {"name": f"P{k}", "x": x, "y": y, "z": z, "std": STD_M, "use": "check" if k == 5 else "control"}
         for k, (x, y, z) in enumerate(values.tolist())
@@ -170,3 +171,24 @@ def test_control_that_nobody_sees_leaves_the_poses_and_says_why(context: StepCon
     assert document.control.status == "not-determined"
     assert "control points among the targets" in document.control.reasons[0]
     assert document.stations[0].status == "fixed"
+
+
+@pytest.mark.parametrize("wrong_m", [20.0, 300.0, -9000.0])
+def test_one_wrong_control_point_is_left_out_however_far_it_is_off(context: StepContext, wrong_m: float) -> None:
+    document = registered(context, 2, control=control(wrong_m), fix="control")
+    assert document.control is not None
+    assert document.control.status == "adjusted"
+    assert [point.name for point in document.control.points if point.state == "removed"] == ["P4"]
+    for station, pose in zip(document.stations, POSES[:2], strict=True):
+        assert station.world_from_scan is not None
+        place = np.array(station.world_from_scan.matrix)[:3, 3]
+        assert np.linalg.norm(place - (TO_GRID * pose).translation) < 0.01
+
+
+@pytest.mark.parametrize("used", [6, 3])
+def test_swapped_axes_of_the_control_are_named_and_it_places_nothing(context: StepContext, used: int) -> None:
+    document = registered(context, 2, control=control(axes=(1, 0, 2))[:used], fix="control")
+    assert document.control is not None
+    assert document.control.status == "doubtful"
+    assert "mirror image" in document.control.reasons[0]
+    assert document.control.stations == []
