@@ -30,7 +30,6 @@ from service.processes.roofs import ROOFS
 from service.processes.simulate import SIMULATE
 from service.processes.terrain import TERRAIN
 from service.processes.transform import TRANSFORM
-from service.use_cases.limits.machine_shares import CHECK_REQUEST
 from service.use_cases.steps.fetching_plan import FetchingPlan
 from service.use_cases.steps.table import SHARED_STEPS
 
@@ -86,11 +85,7 @@ def _loaded_when_called(reference: str) -> Callable[[StepContext, Json], Json]:
     return run
 
 
-_REFERENCES = {
-    CHECK_REQUEST: "service.processes.checked_request:check_request",
-    **SHARED_STEPS,
-    **{name: step for process in PROCESSES for name, step in process.steps.items()},
-}
+_REFERENCES = {**SHARED_STEPS, **{name: step for process in PROCESSES for name, step in process.steps.items()}}
 STEPS: Mapping[str, Callable[[StepContext, Json], Json]] = {
     name: _loaded_when_called(reference) for name, reference in _REFERENCES.items()
 }

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 SHARED_STEPS: Mapping[str, str] = {
     "inspect-file": "service.use_cases.steps.run_features:inspect_uploaded_file",
+    "check-request": "service.engine.checked_request:check_request",
     "fetch-file": "service.use_cases.steps.run_fetch:fetch_file",
     "read-poses": "service.use_cases.steps.job_poses:read_poses",
     "features": "service.use_cases.steps.run_features:extract_features_with_kernels",
