@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Points
 from algorithms.deviations.signed_distances import inside_polygon
@@ -21,7 +22,8 @@ ROOF, WALL, GROUND = "RoofSurface", "WallSurface", "GroundSurface"
 JOINED_M = 0.05
 """Heights at one corner that differ by less than this beyond the noise are one."""
 AROUND_M, LOW = 3.0, 0.1
-"""The ground is this quantile of the heights of points so near around the plan."""
+"""The ground is this quantile of the heights of points so near around the plan, each the median of those beside it."""
+SMOOTHED = 16
 LEAST_RIM = 0.15
 """A building stands above its surroundings along so much of its plan's rim; its neighbours may take the rest."""
 
@@ -63,7 +65,7 @@ class BuildingModel:
 
 
 def ground_height_m(points: Points, outline: Array) -> float:
-    """Give the height of the ground about a plan, a low quantile of the points beside it [m].
+    """Give the height of the ground about a plan, a low quantile of smoothed points beside it [m].
 
     Raises
     ------
@@ -77,7 +79,9 @@ def ground_height_m(points: Points, outline: Array) -> float:
         raise InvalidInputError(
             "plan", f"no ground within {AROUND_M:g} m around it", "state its height (`ground_m`), or give points of it"
         )
-    return float(np.quantile(beside[:, 2], LOW))
+    # of raw heights a low quantile lies below level ground by 1.3 times their noise
+    _, lowest = cKDTree(beside[:, :2]).query(beside[:, :2], k=min(SMOOTHED, len(beside)))
+    return float(np.quantile(np.median(beside[lowest, 2], axis=1), LOW))
 
 
 def modelled_building(points: Points, outline: Array, ground_m: float, options: RoofOptions) -> BuildingModel:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, Points
 from algorithms.deviations.signed_distances import inside_polygon
+from algorithms.errors import InvalidInputError
 from algorithms.roofs.planes import RoofPlane
 
 SAME_M = 1e-4
@@ -260,7 +261,11 @@ def _chained(corners: Array, sides: list[tuple[int, int]]) -> list[list[int]]:
         while onward[first]:
             ring = [first, onward[first].pop()]
             while ring[-1] != first:
-                choices = onward[ring[-1]]
+                choices = onward.get(ring[-1])
+                if not choices:
+                    raise InvalidInputError(
+                        "plan", "the faces found over it do not meet edge to edge", "try another `neighbourhood_m`"
+                    )
                 back = corners[ring[-2]] - corners[ring[-1]]
                 turn = [_angle(corners[k] - corners[ring[-1]], back) for k in choices]
                 ring.append(choices.pop(int(np.argmin(turn))))

@@ -1,5 +1,7 @@
 """Result of the process `roofs`."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from schemas.results.posed_result import PosedDocument
@@ -39,12 +41,24 @@ class ModelledBuilding(Document):
     """Those with most neighbourhoods first."""
     share_without_face: float
     """Share of the points that lie in no face, 0..1: chimneys, dormers that are too small, vegetation."""
+    status: Literal["modelled", "incomplete", "not-modelled"]
+    """`incomplete`: points speak against the volume, or much of the roof has no face or no points, see `reason`."""
+    rms_m: float | None = None
+    """Of the points' heights above the modelled roof, without those in no face [m]; null: it could not be modelled."""
+    largest_gap_m: float | None = None
+    """Radius of the largest circle about a place of the plan without points of the roof [m]."""
+    unseen_share: float | None = None
+    """Share of the plan that lies farther than `neighbourhood_m` from any point of the roof, 0..1."""
+    misfit_m3: float | None = None
+    """What the points enclose more than the building does [m³]."""
+    misfit_std_m3: float | None = None
+    """Its standard deviation, by the scatter of the points [m³]."""
     watertight: bool
     """Whether its polygons bound a body."""
     volume_m3: float | None
-    """What they enclose, above the ground [m³]; null: they are not watertight."""
+    """What they enclose, above the ground [m³]; null: not watertight. Right only where `status` is `modelled`."""
     reason: str | None
-    """Why it could not be modelled; null: it could."""
+    """Why it could not be modelled, or what is incomplete; null: nothing speaks against it."""
 
 
 class RoofsDocument(PosedDocument):

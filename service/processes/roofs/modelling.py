@@ -6,6 +6,7 @@ from pydantic import TypeAdapter
 from algorithms.arrays import Array, Points, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.roofs.building import ROOF, BuildingModel, ground_height_m, modelled_building
+from algorithms.roofs.judgement import BuildingFigures, figures_of
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.outlines import found_outlines
 from algorithms.roofs.partition import area_of
@@ -48,8 +49,11 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
         except InvalidInputError as fault:
             documents.append(_not_modelled(plan, str(fault)))
             continue
-        documents.append(_document(plan, model, float(frame.origin_m[2])))
-        buildings.append(NamedBuilding(plan["name"], model, {"measuredHeight": round(_height(model), 3)}))
+        found = arguments["plans"] is None
+        figures = figures_of(model, near, outline, options, found_plan=found)
+        documents.append(_document(plan, model, figures, float(frame.origin_m[2]), found_plan=found))
+        attributes = {"measuredHeight": round(_height(model), 3), "status": documents[-1].status}
+        buildings.append(NamedBuilding(plan["name"], model, attributes))
     if not buildings:
         raise InvalidInputError("plans", f"none could be modelled; of the first: {documents[0].reason}")
     files: list[Artifact] | None = None
@@ -101,13 +105,16 @@ def _not_modelled(plan: Json, reason: str) -> ModelledBuilding:
         ground_m=None,
         faces=[],
         share_without_face=0.0,
+        status="not-modelled",
         watertight=False,
         volume_m3=None,
         reason=reason,
     )
 
 
-def _document(plan: Json, model: BuildingModel, origin_height_m: float) -> ModelledBuilding:
+def _document(
+    plan: Json, model: BuildingModel, figures: BuildingFigures, origin_height_m: float, *, found_plan: bool
+) -> ModelledBuilding:
     areas = np.zeros(len(model.planes))
     for surface in model.surfaces:
         if surface.kind == ROOF and surface.plane is not None:
@@ -128,14 +135,23 @@ def _document(plan: Json, model: BuildingModel, origin_height_m: float) -> Model
                 rms_m=plane.rms_m,
             )
         )
+    reason = figures.reason(model.volume_m3, found_plan=found_plan)
+    if not model.watertight:
+        reason = "incomplete: its polygons bound no body" + (f"; {reason}" if reason else "")
     return ModelledBuilding(
         name=plan["name"],
         corners_m=plan["corners_m"],
         points=model.points,
         ground_m=model.ground_m + origin_height_m,
         faces=faces,
-        share_without_face=1.0 - sum(plane.after for plane in model.planes) / model.points,
+        share_without_face=figures.share_without_face,
+        status="incomplete" if reason else "modelled",
+        rms_m=figures.rms_m,
+        largest_gap_m=figures.largest_gap_m,
+        unseen_share=figures.unseen_share,
+        misfit_m3=figures.misfit_m3,
+        misfit_std_m3=figures.misfit_std_m3,
         watertight=model.watertight,
         volume_m3=model.volume_m3 if model.watertight else None,
-        reason=None,
+        reason=reason,
     )

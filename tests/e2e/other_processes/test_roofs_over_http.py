@@ -1,11 +1,14 @@
 """Points and ground plans go in over HTTP; buildings come out."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from algorithms.scans.scan import Scan
 from service.formats.writers import write_scans
 from tests.e2e.running.running_service import Document, RunningService
+from tests.scenes.roof_kinds import KINDS, flown
 from tests.unit.algorithms.roofs.test_buildings import RECTANGLE, gable, scanned, true_volume_m3
 
 ORIGIN_M = np.array([500_000.0, 5_800_000.0, 100.0])
@@ -35,6 +38,8 @@ def test_a_gable_roof_becomes_a_building_with_two_faces(service: RunningService,
     directions = sorted(face["azimuth_gon"] for face in house["faces"])
     assert directions[1] - directions[0] == pytest.approx(200.0, abs=1.0)
     assert house["watertight"]
+    assert (house["status"], house["reason"]) == ("modelled", None)
+    assert elsewhere["status"] == "not-modelled"
     assert house["volume_m3"] == pytest.approx(true_volume_m3(RECTANGLE, gable), rel=0.01)
     assert "no ground" in elsewhere["reason"]
     (file,) = result["building_models"]
@@ -59,3 +64,14 @@ def test_without_plans_the_house_is_found(service: RunningService, inputs: Docum
     assert len(house["corners_m"]) == 4
     assert len(house["faces"]) == 2
     assert house["volume_m3"] == pytest.approx(true_volume_m3(RECTANGLE, gable), rel=0.1)
+
+
+def test_a_pyramid_that_its_planes_do_not_meet_is_not_called_right(service: RunningService, tmp_path: Path) -> None:
+    kind = KINDS["pyramid"]
+    path = tmp_path / "pyramid.ply"
+    write_scans(path, [Scan(flown(kind, 1, 6.0, (0.05, 0.03)), ORIGIN_M, "strip")])
+    plan = {"name": "tower", "corners_m": (kind.outline + ORIGIN_M[:2]).tolist()}
+    stations = [{"name": "strip", "scan": {"file": service.upload(path)["id"]}}]
+    (tower,) = service.result(service.execute("roofs", {"stations": stations, "plans": [plan]}))["buildings"]
+    right = tower["volume_m3"] == pytest.approx(614.4, rel=0.01)
+    assert right if tower["status"] == "modelled" else "incomplete" in tower["reason"]
