@@ -13,7 +13,7 @@ class RoofOptions:
     neighbourhood_m: Annotated[float, Gt(0.0), Le(20.0)] = 1.0
     """Radius of the small neighbourhoods, seen from above, in which planes are fitted [m]; a few spacings of points."""
     noise_m: Annotated[float, Gt(0.0), Le(1.0)] = 0.03
-    """Standard deviation of the points about a roof plane [m]: neighbourhoods of more are no roof plane."""
+    """Least standard deviation of heights about a roof plane [m]; the points tell more, up to four times this."""
     steepest_deg: Annotated[float, Gt(0.0), Le(80.0)] = 60.0
     """Steeper planes are walls [degree]."""
     least_area_m2: Annotated[float, Gt(0.0), Le(10_000.0)] = 2.0

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, CorePoints, Flags, Points, Scalars, Vector3
@@ -18,6 +19,10 @@ LEAST_NEIGHBOURS = 5
 TOLERANCE = 3.0
 """In standard deviations of the points."""
 ROUNDS = 3
+MOST_STATED = 4.0
+"""In stated noises: what scatters more is vegetation."""
+CLASSES, WEAK, STEADY = 4, 0.05, 0.02
+"""Of slopes; weight of equal noise in all directions; residuals so small are never left out of these fits."""
 MOST_FACES = 60
 """More faces over one plan are no roof but a heap."""
 
@@ -40,6 +45,21 @@ class RoofPlane:
         return np.asarray(places[:, :2] @ self.parameters[:2] + self.parameters[2])
 
 
+@dataclass(frozen=True)
+class HeightNoise:
+    """Noise of points on roofs: of heights, and of places, which a slope makes one of heights too."""
+
+    vertical_m: float
+    horizontal_m: float
+    """Along the line of greatest slope [m]."""
+    least_m: float = 0.0
+    """Of heights: as the request states [m]."""
+
+    def at(self, slope: Array) -> Scalars:
+        """Give the standard deviation of heights about planes of these slopes [m]."""
+        return np.maximum(self.least_m, np.hypot(self.vertical_m, self.horizontal_m * slope))
+
+
 def roof_planes(points: Points, options: RoofOptions) -> tuple[Sequence[RoofPlane], Array]:
     """Find the planes of a roof.
 
@@ -57,35 +77,36 @@ def roof_planes(points: Points, options: RoofOptions) -> tuple[Sequence[RoofPlan
     labels = np.full(len(points), -1, dtype=np.int64)
     if len(points) <= LEAST_NEIGHBOURS:
         return [], labels
-    small, good = small_planes(points, options)
+    noise = noise_of(points, options)
+    small, good = small_planes(points, options, noise)
     # a slope counts by the height that it makes across the neighbourhood's own place: the parameters are those at the
     # middle of the plan, where neither slope nor height is better known than the other
     lever = max(float(np.hypot(*np.ptp(points[:, :2], axis=0))) / 2.0, options.neighbourhood_m)
     scaled = small * np.array([lever, lever, 1.0])
-    reach = TOLERANCE * options.noise_m * lever / options.neighbourhood_m
+    reach = TOLERANCE * noise.at(np.hypot(small[:, 0], small[:, 1])) * lever / options.neighbourhood_m
     least = _least_points(points, options)
     planes: list[RoofPlane] = []
     free = good.copy()
     while free.sum() >= least and len(planes) < MOST_FACES:
         numbers = np.flatnonzero(free)
         tree = cKDTree(scaled[numbers])
-        counts = tree.query_ball_point(scaled[numbers], reach, return_length=True)
+        counts = tree.query_ball_point(scaled[numbers], reach[numbers], return_length=True)
         seed = int(np.argmax(counts))
         if counts[seed] < least:
             break
-        members = numbers[tree.query_ball_point(scaled[numbers[seed]], reach)]
-        plane, taken = _grown(points, small, members, free, options)
+        members = numbers[tree.query_ball_point(scaled[numbers[seed]], reach[numbers[seed]])]
+        plane, taken = _grown(points, small, members, free, options, noise)
         free[members] = False
         free[taken] = False
         if plane is None or plane.after < least:
             continue
         labels[taken] = len(planes)
         planes.append(plane)
-    return _refined(points, planes, labels, options)
+    return _refined(points, planes, labels, options, noise)
 
 
-def small_planes(points: Points, options: RoofOptions) -> tuple[CorePoints, Flags]:
-    """Fit z = a x + b y + c about each point, without the worst third, and tell which fits are planes of a roof."""
+def _small_fits(points: Points, options: RoofOptions, steady_m: float) -> tuple[Array, Array, Array]:
+    """Fit z = a x + b y + c about each point without what lies off it: parameters from the point, rms, count."""
     distances, found = cKDTree(points[:, :2]).query(
         points[:, :2], k=min(MOST_NEIGHBOURS, len(points)), distance_upper_bound=options.neighbourhood_m
     )
@@ -98,15 +119,51 @@ def small_planes(points: Points, options: RoofOptions) -> tuple[CorePoints, Flag
     parameters, rms = _fitted(centred, near[:, :, 2], weights)
     for _ in range(ROUNDS):
         residuals = np.abs(near[:, :, 2] - np.einsum("nkj,nj->nk", centred, parameters))
-        weights = known & (residuals <= np.maximum(2.0 * rms, options.noise_m)[:, None])
+        weights = known & (residuals <= np.maximum(2.0 * rms, steady_m)[:, None])
         parameters, rms = _fitted(centred, near[:, :, 2], weights.astype(np.float64))
-    count = weights.sum(axis=1)
-    own = np.abs(points[:, 2] - parameters[:, 2]) <= TOLERANCE * options.noise_m
+    return parameters, rms, weights.sum(axis=1)
+
+
+def small_planes(points: Points, options: RoofOptions, noise: HeightNoise | None = None) -> tuple[CorePoints, Flags]:
+    """Fit z = a x + b y + c about each point, and tell which fits are planes of a roof for this noise."""
+    noise = noise or HeightNoise(options.noise_m, 0.0)
+    parameters, rms, count = _small_fits(points, options, noise.vertical_m)
+    reached = cKDTree(points[:, :2]).query_ball_point(points[:, :2], options.neighbourhood_m, return_length=True)
     slope = np.hypot(parameters[:, 0], parameters[:, 1])
-    good = (count >= np.maximum(LEAST_NEIGHBOURS, 0.5 * known.sum(axis=1))) & (rms <= 1.5 * options.noise_m) & own
+    sigma = noise.at(slope)
+    own = np.abs(points[:, 2] - parameters[:, 2]) <= TOLERANCE * sigma
+    good = (
+        (count >= np.maximum(LEAST_NEIGHBOURS, 0.5 * np.minimum(reached, MOST_NEIGHBOURS))) & (rms <= 1.5 * sigma) & own
+    )
     good &= slope <= np.tan(np.radians(options.steepest_deg))
     parameters[:, 2] -= np.einsum("ij,ij->i", parameters[:, :2], points[:, :2])
     return parameters, good
+
+
+def noise_of(points: Points, options: RoofOptions) -> HeightNoise:
+    """Estimate the noise from the fit of small planes: their median in each class of slopes.
+
+    Parameters
+    ----------
+    points
+        (n, 3) over one plan, or of one site [m].
+    options
+        The neighbourhood.
+    """
+    parameters, rms, count = _small_fits(points, options, STEADY)
+    slope2 = np.sum(parameters[:, :2] ** 2, axis=1)
+    told = (count >= 2 * LEAST_NEIGHBOURS) & (slope2 <= np.tan(np.radians(options.steepest_deg)) ** 2)
+    if told.sum() < 4 * LEAST_NEIGHBOURS:
+        return HeightNoise(options.noise_m, 0.0, options.noise_m)
+    order = np.flatnonzero(told)[np.argsort(slope2[told])]
+    groups = np.array_split(order, CLASSES)
+    design = np.array([[1.0, float(np.median(slope2[group]))] for group in groups])
+    squares = np.array([float(np.median(rms[group] ** 2)) for group in groups])
+    # heights of level roofs tell nothing of places: then the noise is as large in all directions
+    rows = np.vstack([design, [WEAK, -WEAK]])
+    vertical, horizontal = nnls(rows / np.append(squares, squares.mean())[:, None], np.append(np.ones(CLASSES), 0.0))[0]
+    most = MOST_STATED * options.noise_m
+    return HeightNoise(min(float(np.sqrt(vertical)), most), min(float(np.sqrt(horizontal)), most), options.noise_m)
 
 
 def _fitted(design: Array, heights: Array, weights: Array) -> tuple[Array, Array]:
@@ -120,29 +177,32 @@ def _fitted(design: Array, heights: Array, weights: Array) -> tuple[Array, Array
 
 
 def _grown(
-    points: Points, small: Array, members: Array, free: Flags, options: RoofOptions
+    points: Points, small: Array, members: Array, free: Flags, options: RoofOptions, noise: HeightNoise
 ) -> tuple[RoofPlane | None, Array]:
     """Fit a plane to a cluster, and take all free points that lie in it and whose small planes are like it."""
-    taken, slopes = members, TOLERANCE * options.noise_m / options.neighbourhood_m
+    taken = members
     for _ in range(ROUNDS):
         if len(taken) < LEAST_NEIGHBOURS:
             return None, taken
         parameters = least_squares_plane(points[taken])
+        sigma = float(noise.at(np.array([np.hypot(*parameters[:2])]))[0])
+        slopes = TOLERANCE * sigma / options.neighbourhood_m
         off = np.abs(points[:, 2] - points[:, :2] @ parameters[:2] - parameters[2])
         alike = np.hypot(*(small[:, :2] - parameters[:2]).T) <= slopes
-        taken = np.flatnonzero(free & alike & (off <= TOLERANCE * options.noise_m))
+        taken = np.flatnonzero(free & alike & (off <= TOLERANCE * sigma))
     rms = float(np.sqrt(np.mean(off[taken] ** 2))) if len(taken) else np.inf
     return RoofPlane(parameters, len(members), len(taken), rms), taken
 
 
 def _refined(
-    points: Points, planes: Sequence[RoofPlane], labels: Array, options: RoofOptions
+    points: Points, planes: Sequence[RoofPlane], labels: Array, options: RoofOptions, noise: HeightNoise
 ) -> tuple[Sequence[RoofPlane], Array]:
     """Give points without a plane, as those beside ridges, to the plane near them in which they lie best."""
     if not planes:
         return planes, labels
     known = labels >= 0
     off = np.abs(np.column_stack([points[:, 2] - plane.heights(points) for plane in planes]))
+    sigmas = noise.at(np.array([np.hypot(*plane.parameters[:2]) for plane in planes]))
     distances, nearest = cKDTree(points[known, :2]).query(
         points[:, :2], k=min(MOST_NEIGHBOURS, int(known.sum())), distance_upper_bound=options.neighbourhood_m
     )
@@ -150,7 +210,7 @@ def _refined(
     beside = np.stack([(near_labels == k).any(axis=1) for k in range(len(planes))], axis=1)
     fitting = np.where(beside, off, np.inf)
     best = np.argmin(fitting, axis=1)
-    within = fitting[np.arange(len(points)), best] <= TOLERANCE * options.noise_m
+    within = fitting[np.arange(len(points)), best] <= TOLERANCE * sigmas[best]
     labels = np.where(~known & within, best, labels)
     refined = []
     for k, plane in enumerate(planes):

@@ -9,6 +9,7 @@ from algorithms.roofs.building import ground_height_m, modelled_building
 from algorithms.roofs.judgement import BuildingFigures, figures_of
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.outlines import found_outlines
+from algorithms.roofs.planes import noise_of
 from tests.scenes.roof_kinds import KINDS, RoofKind, flown
 
 OPTIONS = RoofOptions()
@@ -53,6 +54,20 @@ def test_a_plain_roof_of_little_noise_is_called_right(name: str) -> None:
     assert reason is None
     assert error == pytest.approx(0.0, abs=0.01)
     assert figures.share_without_face < 0.02
+
+
+@pytest.mark.parametrize("name", ["gable", "steep gable", "hip"])
+def test_faces_are_found_in_noise_that_the_request_does_not_state(name: str) -> None:
+    error, _, reason = judged(flown(KINDS[name], 1, 6.0, (0.1, 0.05)), KINDS[name], found=False)
+    assert reason is None
+    assert error == pytest.approx(0.0, abs=0.01)
+
+
+def test_noise_of_places_and_heights_is_told_apart_by_slopes() -> None:
+    points = flown(KINDS["mansard"], 1, 12.0, (0.1, 0.05))
+    noise = noise_of(points[points[:, 2] > 2.0], OPTIONS)
+    assert noise.vertical_m == pytest.approx(0.05, rel=0.25)
+    assert noise.horizontal_m == pytest.approx(0.1, rel=0.25)
 
 
 def test_a_roof_of_which_a_part_was_not_seen_says_how_much() -> None:
