@@ -78,12 +78,15 @@ def test_a_database_of_an_earlier_version_is_brought_up_to_date_with_what_it_hol
     migrate(settings)
     found = sa.MetaData()
     found.reflect(engine)
-    jobs, number = DatabaseJobStore(engine).find(JobFilter())
+    store = DatabaseJobStore(engine)
+    _, number = store.find(JobFilter())
+    job = store.whole(str(JOB["id"]))
     file = DatabaseFileStore(engine).get("f1")
     engine.dispose()
     assert columns(found) - columns(metadata) == {("alembic_version", "version_num", False)}
     assert columns(metadata) - columns(found) == set()
-    assert (number, jobs[0].status, jobs[0].inputs, jobs[0].created) == (1, JobStatus.RUNNING, {"a": 1}, NOW)
+    assert job is not None
+    assert (number, job.status, job.inputs, job.created) == (1, JobStatus.RUNNING, {"a": 1}, NOW)
     assert file is not None
     assert (file.bytes, file.scans) == (5_000_000_000, ({"index": 0},))
 
