@@ -84,7 +84,7 @@ def orientation(
 
 
 def is_terrain(normals: Points, places: CorePoints) -> bool:
-    """Tell whether a surface is seen from above: nearly everywhere flat enough, and without another one above it.
+    """Check whether a surface is seen from above: nearly everywhere flat enough, and without another one above it.
 
     Parameters
     ----------

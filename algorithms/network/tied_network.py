@@ -163,7 +163,7 @@ def tied_network(
 
 
 def doubts_of_control(tied: TiedNetwork, control: KnownTargets) -> tuple[str, ...]:
-    """Tell why the control does not place the stations, in words; empty where it does.
+    """Return why the control does not place the stations, in words; empty where it does.
 
     Most of it was left out, residuals lie far beyond all standard deviations, or its mirror image fits better.
 

@@ -46,7 +46,7 @@ class BuildingFigures:
     """Its standard deviation, by the scatter of the points [m³]."""
 
     def reason(self, volume_m3: float, *, found_plan: bool) -> str | None:
-        """Say why the building is not all that stands there; None where nothing speaks against it.
+        """Return why the building is not all that stands there; None where nothing speaks against it.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ def figures_of(
 
 
 def _roof_heights(model: BuildingModel, places: Array) -> Scalars:
-    """Give the height of the modelled roof, its triangles as they are, at places (n, 2); nan beside it [m]."""
+    """Compute the height of the modelled roof, its triangles as they are, at places (n, 2); nan beside it [m]."""
     heights = np.full(len(places), np.nan)
     for surface in model.surfaces:
         if surface.kind != ROOF:
@@ -145,7 +145,7 @@ def _roof_heights(model: BuildingModel, places: Array) -> Scalars:
 
 
 def _from_rim(places: Array, outline: Array) -> Scalars:
-    """Give the distance of places (n, 2 or more) from the nearest side of a plan [m]."""
+    """Compute the distance of places (n, 2 or more) from the nearest side of a plan [m]."""
     nearest = np.full(len(places), np.inf)
     for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         way = end - start
@@ -168,7 +168,7 @@ def _beside_m3(
 
 
 def _gaps(seen: Array, outline: Array, neighbourhood_m: float) -> tuple[float, float]:
-    """Give the largest distance of a place of the plan from points, and the share of places beyond a neighbourhood."""
+    """Compute the largest distance of a place of the plan from points, and the share beyond a neighbourhood."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = max(RASTER * neighbourhood_m, float(np.sqrt(np.prod(high - low) / MOST_PLACES)))
     x, y = np.meshgrid(*(np.arange(low[k] + 0.5 * step, high[k], step) for k in (0, 1)))

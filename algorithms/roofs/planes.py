@@ -56,7 +56,7 @@ class HeightNoise:
     """Of heights: as the request states [m]."""
 
     def at(self, slope: Array) -> Scalars:
-        """Give the standard deviation of heights about planes of these slopes [m]."""
+        """Return the standard deviation of heights about planes of these slopes [m]."""
         return np.maximum(self.least_m, np.hypot(self.vertical_m, self.horizontal_m * slope))
 
 

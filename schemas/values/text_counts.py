@@ -8,7 +8,7 @@ ENDS_OF_LINES = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 
 
 def too_long(*texts: str) -> str | None:
-    """Say why texts of lines or of XML take too much to be read; None where they do not. O(n) time, no memory."""
+    """Return why texts of lines or of XML take too much to be read; None where they do not. O(n) time, no memory."""
     found = (
         ("lines", MOST_LINES, ENDS_OF_LINES),
         ("tags", MOST_TAGS, "<"),
@@ -23,7 +23,7 @@ def too_long(*texts: str) -> str | None:
 
 
 def too_many_cells(text: str, separators: str, most_lines: int) -> str | None:
-    """Say why a text is too long for a table; None where it is not. O(n) time, no memory."""
+    """Return why a text is too long for a table; None where it is not. O(n) time, no memory."""
     lines = sum(text.count(sign) for sign in ENDS_OF_LINES)
     if lines > most_lines:
         return f"the table has {lines} lines, at most {most_lines} are read"

@@ -8,12 +8,12 @@ _elsewhere: ContextVar[bool] = ContextVar("texts are read elsewhere", default=Fa
 
 
 class TextElsewhereError(Exception):
-    """Say that a request holds a text, which is to be read in another process."""
+    """State that a request holds a text, which is to be read in another process."""
 
 
 @contextmanager
 def texts_elsewhere() -> Iterator[None]:
-    """Let no text be read within this block; requests with one end in `TextElsewhereError`."""
+    """Forbid texts to be read within this block; requests with one end in `TextElsewhereError`."""
     token = _elsewhere.set(True)
     try:
         yield
@@ -22,7 +22,7 @@ def texts_elsewhere() -> Iterator[None]:
 
 
 def require_reading_here() -> None:
-    """Go on where texts may be read.
+    """Check that texts may be read here.
 
     Raises
     ------

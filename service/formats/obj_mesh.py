@@ -16,7 +16,7 @@ Faces: TypeAlias = tuple[Array, Array, Array]
 
 
 class TooManyCornersError(Exception):
-    """Say how many corners the faces of a file have.
+    """State how many corners the faces of a file have.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ class RequestReader(Protocol):
     """Read a request in a process of its own, with limits: what it says may be hostile, and is large."""
 
     async def read(self, step: str, arguments: Json, body: BinaryIO, *, timeout_s: float) -> tuple[Json, bytes]:
-        """Give the output of a step, and the bytes that it made of a body.
+        """Return the output of a step, and the bytes that it made of a body.
 
         The step finds the body as the blob `REQUEST_BODY`, and makes the blob `REQUEST_INPUTS`.
 

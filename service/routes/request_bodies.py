@@ -90,7 +90,7 @@ async def read_json(request: Request) -> Any:
 
 @asynccontextmanager
 async def json_body(request: Request) -> AsyncIterator[tuple[BinaryIO, int]]:
-    """Give a JSON body as a file, and its size; a long one is not kept in memory while it waits to be read.
+    """Yield a JSON body as a file, and its size; a long one is not kept in memory while it waits to be read.
 
     Raises
     ------

@@ -89,6 +89,11 @@ class Cleaned:
     components: Components | None = None
 
 
+def most_left_out(share: float, observations: int) -> int:
+    """Return how many of so many observations may be left out (MATH 4.6)."""
+    return int(share * observations + 1e-9)
+
+
 class Search:
     """Adjusts a network again and again, with fewer observations or other weights."""
 
@@ -202,12 +207,9 @@ class Search:
 
     def _worst_of(self, marked: Flags, distances: Array) -> Flags:
         """Keep of what is marked no more than may be left out, the worst."""
-        most = int(self.options.max_removed_share * len(self.used))
         blocks = np.flatnonzero(marked)
-        if len(blocks) <= most:
-            return marked
         kept = np.zeros_like(marked)
-        kept[blocks[np.argsort(-distances[blocks], kind="stable")[:most]]] = True
+        kept[blocks[np.argsort(-distances[blocks], kind="stable")[: self._allowance()]]] = True
         return kept
 
     def _next_width(self, unmarked: Array) -> float:
@@ -232,20 +234,23 @@ class Search:
             removal = Removal(int(block), "screening", 1, float(largest[block]))
             if int(block) in already:
                 self.removals[already[int(block)]] = removal
-            elif self._may_leave():
+            elif self._allowance():
                 self.used[block] = False
                 self.removals.append(removal)
 
-    def _may_leave(self) -> bool:
-        return bool((~self.used).sum() < self.options.max_removed_share * len(self.used))
+    def _allowance(self) -> int:
+        """Return how many observations more may be left out."""
+        measured = ~self.fictitious
+        most = most_left_out(self.options.max_removed_share, int(measured.sum()))
+        return max(0, most - int((measured & ~self.used).sum()))
 
     def _snoop(self) -> None:
         """Leave out the worst, adjust, and so on; then bring back what passes the test of its prediction (H-21)."""
         step = max((each.step for each in self.removals if each.stage == "snooping"), default=0)
-        while self._may_leave():
+        while allowance := self._allowance():
             found = self._adjusted(rough=True)
             tests = self._tests(found)
-            worst = self._worst(tests)
+            worst = self._worst(tests)[:allowance]
             if not len(worst):
                 break
             step += 1

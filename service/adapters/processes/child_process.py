@@ -64,7 +64,7 @@ class _Conversation:
         )
 
     def outcome(self, code: int) -> Json:
-        """Give the result of a child that has ended with a code, or raise what went wrong."""
+        """Return the result of a child that has ended with a code, or raise what went wrong."""
         if self.problem is not None:
             raise StepFailedError(self.problem)
         if self.result is None:
@@ -125,7 +125,7 @@ class ChildProcesses:
         return heard.outcome(code)
 
     async def read(self, step: str, arguments: Json, body: BinaryIO, *, timeout_s: float) -> tuple[Json, bytes]:
-        """Give the step's output and what it made of a body; see `service.ports.RequestReader`."""
+        """Return the step's output and what it made of a body; see `service.ports.RequestReader`."""
         heard = _Conversation()
         async with self._directory(timeout_s) as directory:
             own, copy = directory / "own", directory / "body"
@@ -143,7 +143,7 @@ class ChildProcesses:
 
     @asynccontextmanager
     async def _directory(self, timeout_s: float) -> AsyncIterator[Path]:
-        """Give a directory for one run, which must end in time."""
+        """Yield a directory for one run, which must end in time."""
         directory = self._scratch / f"run-{_host_mark()}-{os.getpid()}-{secrets.token_hex(6)}"
         directory.mkdir()
         try:

@@ -105,7 +105,7 @@ def take_in(needs: StepNeeds, directory: Path, blobs: BlobStore) -> None:
 
 
 def made_bytes(directory: Path, key: str) -> bytes:
-    """Give what a step that has ended made under a key.
+    """Return what a step that has ended made under a key.
 
     Raises
     ------

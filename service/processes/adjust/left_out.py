@@ -4,10 +4,11 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
-from algorithms.adjustment.hybrid.gross_errors import Cleaned
+from algorithms.adjustment.hybrid.gross_errors import Cleaned, most_left_out
 from algorithms.adjustment.testing import global_test
 from algorithms.errors import AlgorithmError
 from service.ports import Json
@@ -23,8 +24,8 @@ LARGEST_SIGMA0 = 5.0
 MUCH, MUCH_AT_A_POINT = 0.1, 3
 """Share left out from which mistakes are looked for, and how many observations fewer one that is found must save."""
 MOST_ROWS, MOST_HELD = 5000, 50
-"""Of networks for which mistakes are tried."""
-OF_HELD = "the held point "
+"""Of networks for which mistakes are tried, and of what is held in them."""
+OF_HELD = "the held "
 OF_STATION = "observations of station "
 MIRRORED = (
     "the network looks like the mirror image of its control: axes of the control swapped, such as north and east, or "
@@ -53,7 +54,7 @@ class Judgement:
 
     @property
     def asks_for_explanation(self) -> bool:
-        """Tell whether a mistake that concerns everything is to be looked for."""
+        """Whether a mistake that concerns everything is to be looked for."""
         return bool(self.doubts) or self.control_lost > 0 or self.left_out >= max(MUCH * self.of, MUCH_AT_A_POINT)
 
 
@@ -76,7 +77,7 @@ def judged(named: NamedNetwork, cleaned: Cleaned, max_removed_share: float, alph
     estimate = cleaned.estimate
     verdict = global_test(estimate.omega, estimate.redundancy, alpha_global).verdict.value
     doubts = []
-    if count >= max_removed_share * whole and count and verdict == "too-large":
+    if count and count >= most_left_out(max_removed_share, whole) and verdict == "too-large":
         doubts.append(
             f"{count} of {whole} observations were left out, all that `max_removed_share` allows, and what is left "
             "does not fit together either"
@@ -119,17 +120,19 @@ def explanations(
         Adjusts a network, and judges it.
     """
     explained: list[str] = []
+    concerning_all = False
     for words, network, other in _corrected(given, datum):
-        if explained and words.startswith(OF_HELD):  # without one of them mirrored ones fit as well
+        if concerning_all and words.startswith(OF_HELD):  # without one of them mirrored ones fit as well
             break
         best = _tried(judge, network, other)
         if best is None or best.doubts or not best.passed:  # its approximate values may be as mistaken
-            best = _tried(judge, _without_approximations(network), other)
+            best = _tried(judge, _without_approximations(network, other), other)
         if best is None or best.doubts or not best.passed:
             continue
         saved = found.left_out - best.left_out
         if 2 * saved >= found.left_out and (found.doubts or saved >= MUCH_AT_A_POINT or found.control_lost):
             explained.append(f"{words}: so corrected, {best.left_out} of {best.of} observations would be left out")
+            concerning_all |= not words.startswith(OF_HELD)
     return tuple(explained)
 
 
@@ -141,7 +144,7 @@ def _tried(judge: Callable[[Json, Json], Judgement], network: Json, datum: Json)
 
 
 def _corrected(given: Json, datum: Json) -> Iterator[tuple[str, Json, Json]]:
-    """Give a network as it would be without each of some mistakes, and what the mistake is."""
+    """Yield a network as it would be without each of some mistakes, and what the mistake is."""
     control = given["observations"]["control"]
     if control and given["observations"]["polar"]:
         yield MIRRORED, _mirrored(given), datum
@@ -149,11 +152,35 @@ def _corrected(given: Json, datum: Json) -> Iterator[tuple[str, Json, Json]]:
         if unit != given["units"]["angle"] and given["observations"]["polar"]:
             said = given["units"]["angle"]
             yield f"the angles look like {unit}, and are called {said}", _in_unit(given, radians), datum
-    held = [each["point"] for each in control if each["held"] and each["use"] == "control"]
-    for name in held if 1 < len(held) <= MOST_HELD else ():
-        freed = deepcopy(given)
-        freed["observations"]["control"] = [each for each in control if each["point"] != name]
-        yield f"{OF_HELD}'{name}' does not fit the others", freed, datum
+    held = list(islice(_freed(given, datum), MOST_HELD + 1))
+    yield from held if 1 < len(held) <= MOST_HELD else ()
+
+
+def _freed(given: Json, datum: Json) -> Iterator[tuple[str, Json, Json]]:
+    """Yield the network with one held thing freed: a control point, a station, or what the datum holds."""
+    control = given["observations"]["control"]
+    for each in control:
+        if each["held"] and each["use"] == "control":
+            rest = [other for other in control if other is not each]
+            observations = {**given["observations"], "control": rest}
+            yield _does_not_fit("point", each["point"]), {**given, "observations": observations}, datum
+    for each in given["stations"]:
+        # without a mark of its own: what stands on a mark is held by that
+        if each["held"] and each["point"] is None:
+            stations = [{**other, "held": other["held"] and other is not each} for other in given["stations"]]
+            yield _does_not_fit("station", each["id"]), {**given, "stations": stations}, datum
+    if datum["type"] == "held":
+        for kind in ("points", "stations"):
+            for name in datum[kind]:
+                rest = [other for other in datum[kind] if other != name]
+                yield _does_not_fit(kind.removesuffix("s"), name), given, {**datum, kind: rest}
+    if datum["type"] == "minimal":
+        for each in datum["held"]:
+            yield _does_not_fit("point", each[0]), given, {**datum, "held": [k for k in datum["held"] if k != each]}
+
+
+def _does_not_fit(kind: str, name: str) -> str:
+    return f"{OF_HELD}{kind} '{name}' does not fit the others"
 
 
 def _mirrored(given: Json) -> Json:
@@ -175,10 +202,12 @@ def _in_unit(given: Json, radians: float) -> Json:
     return network
 
 
-def _without_approximations(given: Json) -> Json:
-    network = deepcopy(given)
-    for station in network["stations"]:
-        if not station["held"]:
-            station["approx"] = None
-    network["points_approx"] = {}
-    return network
+def _without_approximations(given: Json, datum: Json) -> Json:
+    """Leave the approximate values of what is held alone: there they are exact."""
+    of_datum = datum if datum["type"] == "held" else {"points": [], "stations": []}
+    stations = [
+        each if each["held"] or each["id"] in of_datum["stations"] else {**each, "approx": None}
+        for each in given["stations"]
+    ]
+    points = {name: place for name, place in given["points_approx"].items() if name in of_datum["points"]}
+    return {**given, "stations": stations, "points_approx": points}

@@ -182,7 +182,7 @@ def _by_m3c2(
 
 
 def _stated(inputs: Json, origin: Vector3) -> Side | None:
-    """Give the positive side as the request states it."""
+    """Return the positive side as the request states it."""
     towards = inputs.get("towards")
     if towards is None:
         return None
@@ -282,7 +282,7 @@ ARBITRARY = (
 
 
 def _positive_side(compared: _Compared) -> Literal["stated", "instruments", "up", "arbitrary", "reference"]:
-    """Tell what the sign means, with a remark where nobody has said it."""
+    """Return what the sign means, with a remark where nobody has said it."""
     if compared.sides is None:
         return "reference"
     remarks = {OrientedBy.UP: [ABOVE], OrientedBy.NEIGHBOURS: [ARBITRARY]}

@@ -38,7 +38,7 @@ class StationsInWorld:
     """(stations, 3) where the instruments stood, reduced [m]; NaN where nobody knows."""
 
     def instruments_of(self, labels: Labels) -> Points | None:
-        """Give where the instruments of some stations stood, (n, 3) reduced [m]; None where one is not known."""
+        """Return where the instruments of some stations stood, (n, 3) reduced [m]; None where one is not known."""
         return self.sensors_m[labels] if np.isfinite(self.sensors_m).all() else None
 
 
@@ -88,7 +88,7 @@ def read_stations(
 
 
 def instrument_of(scan: Scan) -> Vector3:
-    """Give where the instrument of a scan stood in its reduced frame (3,) [m]; NaN where nobody knows.
+    """Return where the instrument of a scan stood in its reduced frame (3,) [m]; NaN where nobody knows.
 
     Formats that name no instrument: the origin of the file is its place, if all is seen from there.
     """

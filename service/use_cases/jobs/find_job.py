@@ -2,9 +2,11 @@
 
 import json
 import mimetypes
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TypeVar
 
 from service.errors import (
     ArtifactNotFoundError,
@@ -17,6 +19,7 @@ from service.errors import (
 from service.names.identifiers import is_identifier
 from service.ports import BlobStore, Job, JobState, JobStatus, JobStore, Json, JsonText
 
+Kept = TypeVar("Kept")
 MEDIA_TYPES = {".e57": "model/e57", ".ply": "application/octet-stream", ".dxf": "image/vnd.dxf"}
 
 
@@ -39,10 +42,7 @@ def find_job(job_id: str, jobs: JobStore) -> Job:
     NoSuchJobError
         There is no such job.
     """
-    job = jobs.get(job_id) if is_identifier(job_id) else None
-    if job is None:
-        raise NoSuchJobError(job_id)
-    return job
+    return _found(job_id, jobs.get)
 
 
 def find_whole_job(job_id: str, jobs: JobStore) -> Job:
@@ -53,10 +53,7 @@ def find_whole_job(job_id: str, jobs: JobStore) -> Job:
     NoSuchJobError
         There is no such job.
     """
-    job = jobs.whole(job_id) if is_identifier(job_id) else None
-    if job is None:
-        raise NoSuchJobError(job_id)
-    return job
+    return _found(job_id, jobs.whole)
 
 
 def find_inputs(job_id: str, jobs: JobStore) -> JsonText:
@@ -67,10 +64,14 @@ def find_inputs(job_id: str, jobs: JobStore) -> JsonText:
     NoSuchJobError
         There is no such job.
     """
-    text = jobs.inputs_text(job_id) if is_identifier(job_id) else None
-    if text is None:
+    return _found(job_id, jobs.inputs_text)
+
+
+def _found(job_id: str, fetch: Callable[[str], Kept | None]) -> Kept:
+    kept = fetch(job_id) if is_identifier(job_id) else None
+    if kept is None:
         raise NoSuchJobError(job_id)
-    return text
+    return kept
 
 
 async def look_at_job(job_id: str, jobs: JobStore) -> JobState:

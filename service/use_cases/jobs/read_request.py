@@ -48,7 +48,7 @@ class RequestDesk:
         self._make_id, self._elsewhere = make_id, elsewhere
 
     async def execution(self, process: Process[Any], body: BinaryIO, size: int, *, at_once: bool) -> Execution:
-        """Give the validated request.
+        """Return the validated request.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class RequestDesk:
         )
 
     def _arguments(self, process: Process[Any], body: BinaryIO) -> Json:
-        """Give what a process needs to know that can ask no store: all files and jobs that the request may mean."""
+        """Return what a process needs to know that can ask no store: all files and jobs that the request may mean."""
         body.seek(0)
         text = body.read()
         named = sorted(set(_named(text)))
@@ -126,7 +126,7 @@ class RequestDesk:
 
 
 def _named(text: bytes) -> Iterator[str]:
-    """Find what a request names; no pattern is tried where none of the members stands, which would take far longer."""
+    """Yield what a request names; no pattern is tried where none of the members stands, which would take far longer."""
     for name in NAMES:
         place = text.find(name)
         while place >= 0:

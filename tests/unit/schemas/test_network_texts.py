@@ -13,16 +13,8 @@ from algorithms.progress import NoProgress
 from schemas.requests.adjust_inputs import AdjustInputs
 from schemas.requests.hybrid_network import HybridNetwork
 from service.processes.adjust.adjusting import adjusted_document
+from tests.scenes.hostile.hostile_texts import GAMA
 
-GAMA = """<?xml version="1.0"?>
-<gama-local xmlns="http://www.gnu.org/software/gama/gama-local"><network axes-xy="ne" angles="left-handed">
-<points-observations distance-stdev="2" direction-stdev="10" zenith-angle-stdev="10">
-<point id="A" x="0" y="0" z="0" fix="xyz"/><point id="B" x="10" y="0" z="1" fix="xyz"/><point id="P" adj="xyz"/>
-<obs from="A"><direction to="B" val="0"/><direction to="P" val="50"/><z-angle to="P" val="99"/>
-<s-distance to="P" val="7.1"/></obs>
-<height-differences><dh from="A" to="P" val="0.1" stdev="1"/></height-differences>
-<vectors><vec from="B" to="P" dx="-5" dy="5" dz="-0.9"/><cov-mat dim="3" band="2">4 1 0 4 0 9</cov-mat></vectors>
-</points-observations></network></gama-local>"""
 BOMB = '<!DOCTYPE a [<!ENTITY b "b"><!ENTITY c "&b;&b;&b;&b;">]><gama-local>&c;</gama-local>'
 OUTSIDE = '<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><gama-local>&x;</gama-local>'
 

@@ -123,9 +123,26 @@ def test_one_wrong_control_point_that_may_give_way_is_left_out() -> None:
 @pytest.mark.parametrize("share", [0.1, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.0, 0.3))])
 def test_no_more_is_left_out_than_the_request_allows(share: float) -> None:
     document = adjusted(network(angle=0.9), max_removed_share=share)
-    blocks = 3 * 4 * 5
-    assert len(document.removals) <= share * blocks
+    assert len(document.removals) <= share * 3 * 4 * 5
     assert document.status == "doubtful"
+
+
+@pytest.mark.parametrize("share", [0.16, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.05, 0.29))])
+def test_a_share_that_is_no_whole_number_is_kept_as_well(share: float) -> None:
+    given = network(wrong={"C": (10.0, 0.0, 0.0)})
+    given["observations"]["distances"].pop()
+    document = adjusted(given, max_removed_share=share)
+    assert len(document.removals) == int(share * 59)
+    assert document.status == "doubtful"
+
+
+def test_a_wrong_point_that_the_datum_holds_is_named() -> None:
+    given = network(wrong={"C": (1.0, 0.0, 0.0)})
+    given["points_approx"] = {each["point"]: each["xyz"] for each in given["observations"].pop("control")}
+    document = adjusted(given, datum={"type": "held", "points": list(FIXED)})
+    assert document.status == "doubtful"
+    assert [each for each in document.explanations if "held point 'C'" in each]
+    assert len(document.explanations) == 1
 
 
 def test_residuals_far_beyond_their_standard_deviations_are_doubted_where_nothing_is_left_out() -> None:
