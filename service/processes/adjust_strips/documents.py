@@ -333,6 +333,13 @@ def _advice(told: Told) -> list[str]:
         for strip, count in zip(told.strips, tied.tolist(), strict=True)
         if count == 0
     ]
+    blind = [strip.name for strip in told.strips if strip.trajectory is None]
+    if blind:
+        words.append(
+            f"{', '.join(blind)}: no trajectory says where the scanner was and how it was held, so that a bore-sight, "
+            "and waves of place or attitude within a strip, are not modelled; standard deviations hold without them "
+            "only: give `trajectories`, or check with points that take no part"
+        )
     return words
 
 
@@ -347,4 +354,6 @@ def _conclusion(told: Told, patches: PatchFigures, datum: Sequence[BlockMotion])
         words += f"; not determined for the whole block: {', '.join(open_ones)}"
     else:
         words += "; control determines place and attitude of the block"
+    if any(strip.trajectory is None for strip in told.strips):
+        words += "; without trajectories standard deviations hold only where there is no bore-sight"
     return words

@@ -1,5 +1,6 @@
 """Strips and their flight go in over HTTP; corrected strips, pictures and a protocol come out."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -74,11 +75,22 @@ def inputs(service: RunningService, files: list[Path]) -> Document:
 def test_strips_are_corrected_and_everything_is_told(
     service: RunningService, inputs: Document, flown: list[FlownStrip], tmp_path: Path
 ) -> None:
-    told = "strips", "datum", "patches", "heights_before", "heights_after", "boresight", "regularisation", "artifacts"
+    told = (
+        "conclusion",
+        "strips",
+        "datum",
+        "patches",
+        "heights_before",
+        "heights_after",
+        "boresight",
+        "regularisation",
+        "artifacts",
+    )
     wanted = {**{name: {} for name in told}, "corrected": {"format": "laz"}}
     result = run(service, "adjust-strips", inputs, wanted)
     assert [strip["name"] for strip in result["strips"]] == [each.strip.name for each in flown]
     assert all(motion["determined"] for motion in result["datum"])
+    assert "without trajectories" not in result["conclusion"]
     assert result["patches"]["mismatched_share"] <= 0.004
     assert result["patches"]["rms_after_m"] < 0.01 < 0.05 < result["patches"]["rms_before_m"]
     assert result["heights_after"]["median_m"] < 0.02 < 0.05 < result["heights_before"]["median_m"]
@@ -229,3 +241,6 @@ def test_the_command_adjusts_strips_without_a_trajectory(
     assert done.returncode == 0, done.stderr
     kept = {path.name for path in (tmp_path / "kept").iterdir()}
     assert {"result.json", "discrepancies-after.png", "strip-1-corrected.laz"} <= kept
+    told = json.loads((tmp_path / "kept" / "result.json").read_text())
+    assert "standard deviations hold only where there is no bore-sight" in told["conclusion"]
+    assert any("give `trajectories`" in line for line in told["advice"])
