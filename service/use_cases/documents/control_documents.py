@@ -83,6 +83,7 @@ def point_documents(
     tied: TiedNetwork,
     frame: ControlFrame,
     names: Sequence[str],
+    factor: float = 1.0,
 ) -> list[ControlPointResult]:
     """Describe every control and check point.
 
@@ -98,12 +99,14 @@ def point_documents(
         Of the control.
     names
         Of all stations.
+    factor
+        By which all variances are multiplied, those of the tests excepted.
     """
     seen_by: dict[int, list[str]] = {}
     for (station, _), point in tied.points.items():
         seen_by.setdefault(point, []).append(names[station])
     return [
-        _point(number, each, values[number], covariances[number], tied, frame, seen_by)
+        _point(number, each, values[number], covariances[number], tied, frame, seen_by, factor)
         for number, each in enumerate(given)
     ]
 
@@ -116,6 +119,7 @@ def _point(
     tied: TiedNetwork,
     frame: ControlFrame,
     seen_by: Mapping[int, list[str]],
+    factor: float,
 ) -> ControlPointResult:
     found, point = tied.adjustment, tied.control.get(number)
     stations = [] if point is None else sorted(seen_by.get(point, []))
@@ -131,7 +135,7 @@ def _point(
         "use": given["use"],
         "stations": stations,
         "xyz_m": _vector(frame.from_local(place)[0]),
-        "std_m": _vector(frame.stds(spread, place)[0]),
+        "std_m": _vector(frame.stds(factor * spread, place)[0]),
     }
     k = tied.control_observations.get(number)
     if k is None:
@@ -262,12 +266,13 @@ def system_document(frame: ControlFrame) -> ControlSystem | None:
 
 
 def project_documents(
-    tied: TiedNetwork, names: Sequence[str], origins: Mapping[int, Vector3], frame: ControlFrame
+    tied: TiedNetwork, names: Sequence[str], origins: Mapping[int, Vector3], frame: ControlFrame, factor: float = 1.0
 ) -> tuple[MatrixRows, list[ProjectedStation]]:
     """Give M_POP and, of every station, M_SOP and its place (Ullrich, Schwarz and Kager 2003, equation 1).
 
     The project's frame has its origin at a whole metre near the stations, so that its coordinates keep their digits in
-    single precision; M_POP brings them far away and, where the control's axes are, to the left hand.
+    single precision; M_POP brings them far away and, where the control's axes are, to the left hand. All variances are
+    multiplied by `factor`.
     """
     poses = [
         pose * RigidTransform.from_translation(-origins[station])
@@ -286,7 +291,7 @@ def project_documents(
         arm = np.asarray(pose.translation) - np.asarray(tied.adjustment.poses[k].translation)
         jacobian = np.hstack([-cross_matrix(arm), np.eye(3)])
         covariances.append(jacobian @ tied.adjustment.pose_covariance(k) @ jacobian.T)
-    stds = frame.stds(np.array(covariances), places)
+    stds = frame.stds(factor * np.array(covariances), places)
     rates = None if frame.projection is None else frame.projection.rates(places)
     stations = []
     for k, station in enumerate(tied.stations):

@@ -1,12 +1,14 @@
 """The tables of a result as CSV files: one row each, units in the names of the columns."""
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from schemas.results.correspondences import Correspondence, PlaneCorrespondence
-from schemas.results.registration_result import Pair, Station
-from service.formats.writers.csv_table import csv_text
+from schemas.results.registration_result import Pair
+from service.formats.writers.csv_table import csv_text, harmless
 from service.use_cases.documents.pose_documents import PARAMETERS
+from service.use_cases.reports.figures import SHIFTS, TURNS, StationFigures
 
 LINE_COMPONENTS = ("tilt_1_rad", "tilt_2_rad", "offset_1_m", "offset_2_m")
 PLANE_COMPONENTS = ("tilt_1_rad", "tilt_2_rad", "offset_1_m")
@@ -15,17 +17,60 @@ AXES = ("x", "y", "z")
 Row = dict[str, Any]
 
 
-def poses_csv(stations: Sequence[Station]) -> str:
-    """Give the stations with parameters and standard deviations."""
+POSE_COLUMNS: Mapping[str, tuple[str, str, str]] = {
+    "angles_gon": TURNS,
+    "position_m": SHIFTS,
+    "std_angles_gon": ("omega_gon_std", "phi_gon_std", "kappa_gon_std"),
+    "std_origin_m": ("tx_m_std", "ty_m_std", "tz_m_std"),
+    "std_centroid_m": ("tx_m_std_at_centroid", "ty_m_std_at_centroid", "tz_m_std_at_centroid"),
+    "centroid_m": ("centroid_x_m", "centroid_y_m", "centroid_z_m"),
+}
+"""Columns of each figure of a pose."""
+PROJECTED_COLUMNS: Mapping[str, tuple[str, str, str]] = {
+    "projected_m": ("east_m", "north_m", "height_m"),
+    "std_projected_m": ("east_m_std", "north_m_std", "height_m_std"),
+}
+"""Columns of each figure of a place in the projection of the control."""
+
+
+def poses_csv(stations: Sequence[StationFigures]) -> str:
+    """Return the stations with parameters and standard deviations, in the frame and in the projection named beside."""
     rows = []
     for station in stations:
-        pose = station.world_from_scan
-        row: Row = {"station": station.name, "status": station.status}
-        row |= {name: None if pose is None else getattr(pose, name) for name in PARAMETERS}
-        std = None if pose is None else pose.std
-        row |= {f"{name}_std": None if std is None else getattr(std, name) for name in PARAMETERS}
+        row: Row = {"station": station.name, "status": station.status, "frame": station.frame, "crs": station.system}
+        for figures, columns in ((station.pose, POSE_COLUMNS), (station, PROJECTED_COLUMNS)):
+            for figure, names in columns.items():
+                row |= zip(names, getattr(figures, figure), strict=True)
         rows.append(row)
-    return _rows(rows, ["station", "status", *PARAMETERS, *(f"{name}_std" for name in PARAMETERS)])
+    pose, projected = (chain.from_iterable(columns.values()) for columns in (POSE_COLUMNS, PROJECTED_COLUMNS))
+    return _rows(rows, ["station", "status", *pose, "frame", "crs", *projected])
+
+
+def matrix_text(station: StationFigures) -> str:
+    """Return the pose of a station as four rows of four numbers: into the common frame, in metres.
+
+    Where the station has a place in a projection too, remarks below the rows name the frame, and have the first-order
+    map of the scan into the projection. Readers of matrices take the first sixteen numbers, or skip remarks.
+    """
+    lines = _matrix_lines(station.matrix or ())
+    if station.projected_matrix is not None:
+        system = harmless(str(station.system))
+        lines += [
+            f"# the rows above lead into the common frame: {harmless(station.frame)}",
+            f"# {system} (east, north, height) from scan, to first order, scale and convergence included:",
+            *(f"# {line}" for line in _matrix_lines(station.projected_matrix)),
+            f"# origin of the scan in {system}: {_numbers(station.projected_m)}",
+            f"# standard deviations of its east, north, height [m]: {_numbers(station.std_projected_m)}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _matrix_lines(matrix: Sequence[Sequence[float]]) -> list[str]:
+    return [_numbers(row) for row in matrix]
+
+
+def _numbers(values: Sequence[float | None]) -> str:
+    return " ".join("nan" if value is None else repr(value) for value in values)
 
 
 def correspondences_csv(pairs: Sequence[Pair]) -> str:

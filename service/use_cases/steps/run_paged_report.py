@@ -23,7 +23,6 @@ from schemas.results.registration_result import (
     Pair,
     RegisteredFile,
     RegistrationDocument,
-    Station,
 )
 from schemas.results.result_lists import NetworkCounts
 from schemas.results.scene import ScenePages, StoredScene
@@ -43,6 +42,7 @@ from service.use_cases.documents.scene_documents import (
     with_targets,
 )
 from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
+from service.use_cases.reports.figures import StationFigures, document_figures
 from service.use_cases.reports.link_rows import LinkRow, link_row, states_of_links
 from service.use_cases.reports.network_extract import (
     MOST_PAIRS,
@@ -53,7 +53,7 @@ from service.use_cases.reports.network_extract import (
 )
 from service.use_cases.reports.report_page import ReportFrame
 from service.use_cases.reports.result_lines import ScanLines, lines_of_station
-from service.use_cases.reports.result_tables_csv import poses_csv
+from service.use_cases.reports.result_tables_csv import matrix_text, poses_csv
 from service.use_cases.steps.feature_store import load_features
 from service.use_cases.steps.report_parts import (
     compared_poses,
@@ -133,7 +133,9 @@ def report_large_network(context: StepContext, arguments: Json, network: Json, t
     _write_lists(whole, writer)
     frame = ReportFrame(ReportOptions.model_validate(inputs.get("report") or {}), job_id, arguments.get("created"))
     context.progress.report(OF_STATIONS, "writing the report")
-    files = _downloads(stations) | _report(context, arguments, whole, digest, shown.picture, frame)
+    files = _downloads(document_figures(whole).stations) | _report(
+        context, arguments, whole, digest, shown.picture, frame
+    )
     for name, (media, content) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", content)
         listed.append(listed_download(job_id, name, media, len(content)))
@@ -257,15 +259,14 @@ def _write_lists(whole: RegistrationDocument, writer: RowWriter) -> None:
         writer.add_all("comparison-summary", whole.comparison_summary)
 
 
-def _downloads(stations: Sequence[Station]) -> dict[str, Download]:
-    """Give the poses as a table, and as a matrix for each station, packed: thousands of files are of nobody's use."""
+def _downloads(stations: Sequence[StationFigures]) -> dict[str, Download]:
+    """Make the poses as a table, and as a matrix for each station, packed: thousands of files are of nobody's use."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for station in stations:
-            if station.world_from_scan is not None:
-                rows = [" ".join(repr(value) for value in row) for row in station.world_from_scan.matrix]
+            if station.matrix is not None:
                 # the same job gives the same bytes: no time of writing
-                archive.writestr(zipfile.ZipInfo(f"{station.name}.txt"), "\n".join(rows) + "\n")
+                archive.writestr(zipfile.ZipInfo(f"{station.name}.txt"), matrix_text(station))
     return {
         "poses.csv": ("text/csv", poses_csv(stations).encode()),
         "matrices.zip": ("application/zip", packed.getvalue()),

@@ -12,7 +12,6 @@ from schemas.results.registration_result import (
     Pair,
     RegisteredFile,
     RegistrationDocument,
-    Station,
 )
 from schemas.results.scene import StoredScene
 from schemas.results.tolerance_check import ToleranceCheck
@@ -31,10 +30,11 @@ from service.use_cases.documents.scene_documents import (
     with_targets,
 )
 from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
+from service.use_cases.reports.figures import document_figures
 from service.use_cases.reports.method_files import method_files
 from service.use_cases.reports.report_page import ReportFrame, report_page
 from service.use_cases.reports.result_lines import ScanLines, lines_dxf, lines_ply, registered_lines
-from service.use_cases.reports.result_tables_csv import correspondences_csv, poses_csv
+from service.use_cases.reports.result_tables_csv import correspondences_csv, matrix_text, poses_csv
 from service.use_cases.steps.feature_store import load_features
 from service.use_cases.steps.method_results import compared_methods
 from service.use_cases.steps.report_parts import (
@@ -79,7 +79,6 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         scans[name], shown[name] = ScanLines.of_features(features), scene_station(name, features, fits)
     comparison, summary = compared_poses(relative, inputs.get("reference"))
     methods = compared_methods(context, arguments, pairs)
-    files = {**_downloads(stations, pairs, scans), **method_files(methods)}
     joined = None if network is None else Network.model_validate(network["network"])
     timings = [output["timings_s"] for output in arguments["features"]] + [pair.timings_s for pair in pairs]
     document = RegistrationDocument(
@@ -96,6 +95,7 @@ def report_registration(context: StepContext, arguments: Json) -> Json:
         artifacts=[],
         provenance=provenance_document(inputs, arguments["features"], timings),
     )
+    files = {**_downloads(document, scans), **method_files(methods)}
     frame = ReportFrame(ReportOptions.model_validate(inputs.get("report") or {}), job_id, arguments.get("created"))
     estimates = {pose.station.name: pose.estimate for pose in poses if pose.estimate is not None}
     files |= printed_report(report_page(document, scans, estimates, frame), frame)
@@ -154,11 +154,10 @@ def list_registered(context: StepContext, arguments: Json) -> Json:
     return {"status": document.status}
 
 
-def _downloads(
-    stations: Sequence[Station], pairs: Sequence[Pair], scans: Mapping[str, ScanLines]
-) -> dict[str, tuple[str, bytes]]:
+def _downloads(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> dict[str, tuple[str, bytes]]:
     """Make the downloads beside the result itself: media type and content by name."""
-    lines = registered_lines(stations, scans, pairs)
+    pairs, stations = document.pairs, document_figures(document).stations
+    lines = registered_lines(document.stations, scans, pairs)
     files = {
         "poses.csv": ("text/csv", poses_csv(stations).encode()),
         "correspondences.csv": ("text/csv", correspondences_csv(pairs).encode()),
@@ -166,11 +165,8 @@ def _downloads(
         "lines.dxf": ("image/vnd.dxf", lines_dxf(lines)),
         "pairs.json": ("application/json", json.dumps([pair.model_dump(by_alias=True) for pair in pairs]).encode()),
     }
-    for station in stations:
-        if station.world_from_scan is not None:
-            rows = [" ".join(repr(v) for v in row) for row in station.world_from_scan.matrix]
-            files[f"{station.name}.txt"] = ("text/plain", ("\n".join(rows) + "\n").encode())
-    return files
+    placed = [station for station in stations if station.matrix is not None]
+    return files | {f"{station.name}.txt": ("text/plain", matrix_text(station).encode()) for station in placed}
 
 
 def _with_itself(document: RegistrationDocument, job_id: str) -> tuple[RegistrationDocument, bytes]:

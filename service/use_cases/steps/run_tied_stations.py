@@ -93,9 +93,12 @@ def tie_stations(context: StepContext, arguments: Json) -> Json:
         changed = {"status": "doubtful", "reasons": [*doubts, *told.reasons]}
         told = told.model_copy(update={**changed, "global_from_project": None, "stations": []})
         tied = _without_control(sets, groups)
+    poses = _poses(tied, control, names, origins, inputs["fix"])
+    if poses["poses"] is None:  # the stations keep the poses that the scans say
+        told = told.model_copy(update={"frame": f"that of {names[0]}"})
     document = {
         "control": told.model_dump(by_alias=True),
-        **(poses := _poses(tied, control, names, origins, inputs["fix"])),
+        **poses,
         "places": _places(tied, control, names, origins, poses["poses"]),
         "contradicted": {} if tied is None else _contradicted(tied, names),
     }
@@ -269,8 +272,9 @@ def _document(
         )  # fmt: skip
     found = tied.adjustment
     scale = None if found.scale is None else scale_document(found.scale, inputs.get("crs"))
-    points = point_documents(control.given, control.values, control.covariances, tied, control.frame, names)
-    pop, stations = project_documents(tied, names, origins, control.frame) if tied.in_control_frame else (None, [])
+    frame, factor = control.frame, _factor(tied)
+    points = point_documents(control.given, control.values, control.covariances, tied, frame, names, factor)
+    pop, stations = project_documents(tied, names, origins, frame, factor) if tied.in_control_frame else (None, [])
     reasons = [*_reasons(tied, names), *tied.remarks]
     reasons += [
         f"{point.use} point {point.name} is left out as a gross error, or its measurement is one (test value "
@@ -295,14 +299,14 @@ def _document(
     return ControlResult(
         status="adjusted",
         reasons=reasons,
-        frame=_frame_in_words(inputs["fix"], control.frame, names),
+        frame=_frame_in_words(inputs["fix"], frame, names),
         observations=int(found.seen.used.sum() + found.control.used.sum()),
         sigma0=found.sigma0,
         redundancy=found.redundancy,
         points=points,
         targets=targets,
         scale=scale,
-        system=system_document(control.frame),
+        system=system_document(frame),
         global_from_project=pop,
         stations=stations,
     )
