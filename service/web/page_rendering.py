@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from service.names.messages.catalogue import Language, Messages, messages_in
 from service.names.messages.viewer_words import viewer_words
+from service.use_cases.reports.figures import written
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -87,7 +88,7 @@ def _environment() -> "Environment":
         lstrip_blocks=True,
     )
     environment.filters.update(moment=_moment, iso=_iso)
-    environment.globals["viewer_words"] = viewer_words
+    environment.globals.update(viewer_words=viewer_words, written=written)
     return environment
 
 

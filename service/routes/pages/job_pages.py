@@ -17,6 +17,7 @@ from service.routes.page_answers import PageRoute, elsewhere, language_of, page
 from service.routes.pages.pieces_of_lists import Piece, piece_of
 from service.use_cases.jobs.find_job import find_artifacts, find_job, find_result, find_whole_job
 from service.use_cases.jobs.find_rows import LARGEST_DOCUMENT, list_of_result
+from service.use_cases.reports.figures import registration_figures
 from service.web.links_graph import links_graph
 from service.web.result_view import result_view
 
@@ -60,13 +61,15 @@ def show_result(request: Request) -> Response:
     result = find_result(job.id, adapters.jobs, adapters.blobs)
     document = _document(result) if isinstance(result, Path) else result
     shown = part_of_lists(request, job.id, document or {}, result, adapters) if isinstance(result, Path) else None
+    whole = document if shown is None else {**(document or {}), **shown.entries}
     values = {
         "job": job,
         "title": _title(job),
         "artifacts": find_artifacts(job.id, adapters.jobs, adapters.blobs),
         "view": None if document is None else result_view(job.process_id, document, language_of(request)),
         "graph": None if document is None else links_graph(document, language_of(request)),
-        "document": document if shown is None else {**(document or {}), **shown.entries},
+        "document": whole,
+        "found": registration_figures(whole) if whole is not None and job.process_id == "register" else None,
         "part": shown,
     }
     return page(request, "result", values)
