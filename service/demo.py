@@ -10,13 +10,25 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
 
 from service.client import ServiceClient
 from service.embedded import embedded_service
 from service.register_command import start_job, stations_of, upload_files, wait_for_job
-from service.result_tables import DECIMALS, PARAMETERS, number, parameter_table, print_pairs, print_report_place
+from service.result_tables import WORDS, print_pairs, print_report_place
+from service.use_cases.reports.figures import pose_figures, registration_figures, written
 
 Document = dict[str, Any]
+PARAMETERS = (
+    ("omega_gon", "ω", "gon"),
+    ("phi_gon", "φ", "gon"),
+    ("kappa_gon", "κ", "gon"),
+    ("tx_m", "X", "m"),
+    ("ty_m", "Y", "m"),
+    ("tz_m", "Z", "m"),
+)
+"""Key in a pose document, letter, unit."""
+DECIMALS = 5
 SEED = 2026
 ROWS, COLUMNS = 1000, 2400
 """About a million points per station."""
@@ -104,24 +116,25 @@ def print_comparison(console: Console, result: Document, truth: dict[str, float]
     pose = second["world_from_scan"]
     if pose is None:
         console.print(f"{second['name']}: {second['status']}")
-        print_pairs(console, result["pairs"])
+        print_pairs(console, result["pairs"], registration_figures(result).pairs)
         return
-    columns = ("truth", "estimate", "", "error / std", "error", "std")
-    table = parameter_table(f"{second['name']} in the frame of {result['stations'][0]['name']}", columns)
+    title = f"{second['name']} in the frame of {result['stations'][0]['name']}"
+    table = Table("", "truth", "estimate", "", "error / std", "error", "std", "", title=title, title_justify="left")
+    for column in table.columns[1:-1]:
+        column.justify = "right"
     for key, letter, unit in PARAMETERS:
-        decimals = DECIMALS[unit]
         std = pose["std"][key]
         error = _difference(pose[key], truth[key], unit)
         table.add_row(
             letter,
-            *(number(value, decimals) for value in (truth[key], pose[key])),
+            *(_number(value, DECIMALS) for value in (truth[key], pose[key])),
             unit,
-            number(error / std if std else None, 2),
-            *(number(None if value is None else 1e3 * value, 3) for value in (error, std)),
+            _number(error / std if std else None, 2),
+            *(_number(None if value is None else 1e3 * value, 3) for value in (error, std)),
             f"m{unit}",
         )
     console.print(table)
-    print_pairs(console, result["pairs"])
+    print_pairs(console, result["pairs"], registration_figures(result).pairs)
 
 
 def plan_of(report: str, result: Document) -> str:
@@ -139,13 +152,15 @@ def plan_of(report: str, result: Document) -> str:
     pair, second = result["pairs"][0], result["stations"][1]
     verdict = f"{pair['source']} in the frame of {pair['target']}: {pair['status']}"
     if second["world_from_scan"] is not None:
-        std = second["world_from_scan"]["std"]
-        stated = ", ".join(
-            f"{key.removesuffix('_m')} {1e3 * std[key]:.2f}" for key in ("tx_m", "ty_m", "tz_m") if std[key]
-        )
-        verdict += f"; standard deviations [mm] {stated}"
+        std = written(pose_figures(second["world_from_scan"]), "std_origin_m", WORDS)
+        verdict += f"; {WORDS('figure.std_origin_m')} {std}"
     note = f'<text x="40" y="34" font-size="15" font-weight="bold">{escape(verdict)}</text>'
     return f"{report[start:end]}{note}</svg>\n"
+
+
+def _number(value: float | None, decimals: int) -> str:
+    """Write a number; say where it was not determined."""
+    return "not determined" if value is None else f"{value:.{decimals}f}"
 
 
 def _difference(estimate: float, truth: float, unit: str) -> float:

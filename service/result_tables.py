@@ -5,38 +5,47 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console, RenderableType
+from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
-from service.names.messages.catalogue import messages_in
+from service.names.messages.catalogue import NOT_KNOWN, messages_in
+from service.use_cases.reports.figures import (
+    ControlFigures,
+    PairFigures,
+    PoseFigures,
+    StationFigures,
+    registration_figures,
+    written,
+)
 
 Document = dict[str, Any]
-PARAMETERS = (
-    ("omega_gon", "ω", "gon"),
-    ("phi_gon", "φ", "gon"),
-    ("kappa_gon", "κ", "gon"),
-    ("tx_m", "X", "m"),
-    ("ty_m", "Y", "m"),
-    ("tz_m", "Z", "m"),
-)
-"""Key in a pose document, letter, unit."""
-DECIMALS = {"gon": 5, "m": 5}
+WORDS = messages_in("en")
 MOST_REMOVED = 5
-"""So many removed lines and planes are told by name."""
+"""Most removed lines and planes that are named."""
 MOST_PAIRS = 10
-"""So many pairs are told with their reasons."""
+"""Most pairs that are shown with their reasons."""
+MOST_POINTS = 20
+"""Most control and check points that are shown, those that were left out first."""
+OF_POSE = ("position_m", "angles_gon", "std_origin_m", "std_angles_gon", "std_centroid_m")
+OF_PLACE = ("projected_m", "std_projected_m")
+OF_PAIR = ("overlap_0_1m", "overlap_0_5m", "rms_m", "sigma0", "removed")
+OF_LINES = ("lines", "line_offset_m", "line_angle_gon")
+OF_POINT = ("difference_m", "largest_w", "statistic", "critical")
 
 
 def print_result(console: Console, result: Document) -> None:
-    """Print verdict and poses, then what was compared, the pairs with their reasons, and at most five outliers.
+    """Print verdict, poses and control, what was compared, the pairs with their reasons, and at most five outliers.
 
-    Of a large network, whose stations and pairs do not stand in the document, how many there are.
+    Of a large network, whose stations and pairs do not stand in the document, print their numbers and the control.
     """
+    figures = registration_figures(result)
     console.print(f"[bold]{result['status']}[/bold]{_tolerance(result.get('tolerance'))}")
     if counts := result.get("counts"):
         print_counts(console, counts, result["lists"])
-        return
-    for station in result["stations"]:
+    for station in figures.stations:
         console.print(*_station(station), sep="\n")
+    print_control(console, result.get("control"), figures.points)
     for compared in result.get("comparison_summary") or []:
         console.print(
             f"{compared['station']} against its reference: {compared['verdict']} (on average "
@@ -44,7 +53,7 @@ def print_result(console: Console, result: Document) -> None:
         )
     if methods := result.get("method_comparison"):
         console.print(_methods(methods))
-    print_pairs(console, result["pairs"])
+    print_pairs(console, result.get("pairs") or (), figures.pairs)
 
 
 def print_counts(console: Console, counts: Document, lists: Document) -> None:
@@ -57,17 +66,44 @@ def print_counts(console: Console, counts: Document, lists: Document) -> None:
     console.print(f"lists, an entry on each line: {', '.join(lists)} (.ndjson)", style="dim", highlight=False)
 
 
-def print_pairs(console: Console, pairs: Sequence[Document]) -> None:
-    """Print each pair with its verdict and reasons, then at most five of all removed lines and planes."""
-    for pair in pairs[:MOST_PAIRS]:
+def print_control(console: Console, control: Document | None, points: Sequence[ControlFigures]) -> None:
+    """Print what the adjustment with targets and control says, and each point, those left out first."""
+    if control is None:
+        return
+    console.print(f"control: {control['status']}", highlight=False)
+    for reason in control["reasons"]:
+        console.print(f"  {reason}", style="dim", highlight=False, markup=False)
+    if points:
+        table = Table(*(escape(WORDS(f"figure.{name}")) for name in ("point", "use", "point_state", *OF_POINT)))
+        for point in sorted(points, key=lambda each: each.state != "removed")[:MOST_POINTS]:
+            words = (WORDS.word("use", point.use), WORDS.word("point-state", point.state))
+            table.add_row(escape(point.name), *words, *(written(point, name, WORDS) for name in OF_POINT))
+        console.print(table)
+    if len(points) > MOST_POINTS:
+        console.print(f"and {len(points) - MOST_POINTS} more points, see the report", style="dim")
+
+
+def print_pairs(console: Console, pairs: Sequence[Document], figures: Sequence[PairFigures]) -> None:
+    """Print each pair with its verdict and reasons, then at most five of all removed lines and planes.
+
+    Parameters
+    ----------
+    console
+        Where to print.
+    pairs
+        Of the result document.
+    figures
+        Of each of them.
+    """
+    for pair, found in zip(pairs[:MOST_PAIRS], figures, strict=False):
         console.print(f"{pair['source']} -> {pair['target']}: {pair['status']}")
-        for line in (*pair["reasons"], *_agreement(pair)):
+        for line in (*pair["reasons"], *_agreement(pair, found)):
             console.print(f"  {line}", style="dim", highlight=False, markup=False)
     if len(pairs) > MOST_PAIRS:
         console.print(f"and {len(pairs) - MOST_PAIRS} more pairs, see the report", style="dim")
-    removed = [each for pair in pairs for each in pair.get("outliers", []) if each["change"] == "removed"]
-    for outlier in removed[:MOST_REMOVED]:
-        console.print(f"removed {outlier['line']}: {outlier['why']}", style="dim", highlight=False, markup=False)
+    removed = [each for found in figures for each in found.left_out]
+    for line, why in removed[:MOST_REMOVED]:
+        console.print(f"removed {line}: {why}", style="dim", highlight=False, markup=False)
     if len(removed) > MOST_REMOVED:
         console.print(f"and {len(removed) - MOST_REMOVED} more removed, see the report", style="dim")
 
@@ -84,19 +120,14 @@ def _tolerance(check: Document | None) -> str:
     """Tell in a few words whether the order is kept; nothing where there was none."""
     if check is None or check["verdict"] == "none":
         return ""
-    messages = messages_in("en")
-    return f"; {messages.word('tolerance', check['verdict'])}"
+    return f"; {WORDS.word('tolerance', check['verdict'])}"
 
 
-def _agreement(pair: Document) -> Iterator[str]:
-    """Tell how well the lines of a pair agree."""
-    accuracy = pair.get("accuracy")
-    if accuracy and accuracy["max_offset_m"] is not None:
-        counts = accuracy["lines"]
-        used = counts["plane_intersections"] + counts["cylinder_axes"] + counts["photo_edges"]
-        yield (
-            f"{used} lines agree within {1e3 * accuracy['max_offset_m']:.2f} mm and {accuracy['max_angle_gon']:.4f} gon"
-        )
+def _agreement(pair: Document, figures: PairFigures) -> Iterator[str]:
+    """Tell how well surfaces and lines of a pair agree."""
+    for names in (OF_PAIR, OF_LINES):
+        if known := _known(figures, names):
+            yield "; ".join(f"{label}: {text}" for label, text in known)
     if photos := pair.get("photo_lines"):
         yield (
             f"lines of photos: {photos['target_found']} in {pair['target']}, {photos['source_found']} in "
@@ -104,41 +135,29 @@ def _agreement(pair: Document) -> Iterator[str]:
         )
 
 
-def number(value: float | None, decimals: int) -> str:
-    """Write a number; what was not determined is said so."""
-    return "not determined" if value is None else f"{value:.{decimals}f}"
+def _known(figures: PoseFigures | StationFigures | PairFigures, names: Sequence[str]) -> list[tuple[str, str]]:
+    """Write the figures that are known, each with its label."""
+    found = [(WORDS(f"figure.{name}"), written(figures, name, WORDS)) for name in names]
+    return [(label, text) for label, text in found if text != NOT_KNOWN]
 
 
-def parameter_table(title: str, columns: tuple[str, ...]) -> Table:
-    """Begin a table with one row per parameter."""
-    table = Table("", *columns, "", title=title, title_justify="left")
-    for column in table.columns[1:-1]:
-        column.justify = "right"
-    return table
-
-
-def _station(station: Document) -> Iterator[RenderableType]:
-    pose = station["world_from_scan"]
-    if station["status"] == "fixed":
-        yield f"{station['name']}: fixed, its frame is the common frame"
-    elif pose is None:
-        yield f"{station['name']}: {station['status']}" + (f" ({station['reason']})" if station.get("reason") else "")
-    else:
-        std = pose["std"] or {}
-        table = parameter_table(f"{station['name']}: {station['status']}", ("estimate", "", "std"))
-        for key, letter, unit in PARAMETERS:
-            decimals = DECIMALS[unit]
-            deviation = std.get(key)
-            table.add_row(
-                letter,
-                number(pose[key], decimals),
-                unit,
-                number(None if deviation is None else 1e3 * deviation, 3),
-                f"m{unit}",
-            )
-        yield table
-        if station.get("reason"):
-            yield station["reason"]
+def _station(station: StationFigures) -> Iterator[RenderableType]:
+    if station.status == "fixed":
+        yield Text(f"{station.name}: fixed, its frame is the common frame")
+        return
+    if station.status == "unregistered":
+        yield Text(f"{station.name}: {station.status}" + (f" ({station.reason})" if station.reason else ""))
+        return
+    yield Text(f"{station.name}: {station.status}")
+    table = Table.grid(padding=(0, 2))
+    for label, text in (*_known(station.pose, OF_POSE), *_known(station, OF_PLACE)):
+        table.add_row(Text(f"  {label}"), text.replace(NOT_KNOWN, "not determined"))
+    for label, words in (("frame", station.frame), ("system", station.system)):
+        if words:
+            table.add_row(f"  {WORDS(f'figure.{label}')}", Text(words))
+    yield table
+    if station.reason:
+        yield Text(station.reason)
 
 
 def _methods(compared: Document) -> Table:

@@ -37,6 +37,10 @@ def test_removed_lines_are_told_with_their_reason() -> None:
     assert "L8" not in text
 
 
+def test_a_line_that_was_put_back_is_not_told_as_removed() -> None:
+    assert "L7" not in told(outliers=[outlier(7), outlier(7, "reinstated")])
+
+
 def test_a_long_list_of_removed_lines_is_cut_and_counted() -> None:
     text = told(outliers=[outlier(k) for k in range(MOST_REMOVED + 3)])
     assert text.count("removed A/") == MOST_REMOVED
@@ -46,7 +50,7 @@ def test_a_long_list_of_removed_lines_is_cut_and_counted() -> None:
 def test_agreement_of_lines_is_told_in_millimetres_and_gon() -> None:
     counts = {"plane_intersections": 20, "cylinder_axes": 3, "photo_edges": 0, "removed": 1}
     text = told(accuracy={"max_offset_m": 0.00123, "max_angle_gon": 0.0456, "lines": counts})
-    assert "23 lines agree within 1.23 mm and 0.0456 gon" in text
+    assert "lines used: 23; largest offset of lines [mm]: 1.23; largest angle of lines [gon]: 0.0456" in text
 
 
 def test_the_comparison_with_the_reference_stands_before_the_pairs() -> None:

@@ -261,7 +261,10 @@ def test_the_demo_measures_errors_in_standard_deviations_and_angles_the_short_wa
     result = {
         "status": "registered",
         "pairs": [{"target": "A", "source": "B", "status": "accepted", "reasons": []}],
-        "stations": [{"name": "A"}, {"name": "B", "status": "registered", "world_from_scan": {**pose, "std": std}}],
+        "stations": [
+            {"name": "A", "status": "fixed"},
+            {"name": "B", "status": "registered", "world_from_scan": {**pose, "std": std}},
+        ],
     }
     console = Console(record=True, width=120)
     print_comparison(console, result, truth)
