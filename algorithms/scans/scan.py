@@ -78,7 +78,9 @@ class Scan:
     grid: ScanGrid | None = None
     """Row/column structure, when the file has it."""
     intensity: Floats32 | None = None
-    """(n,) as in the file, no scale implied."""
+    """(n,) as in the file; a range of whole numbers that begins below zero, as of PTS, becomes shares 0 … 1."""
+    intensity_scale: float | None = None
+    """Largest intensity that the format has, 65535 of LAS; None: it does not say."""
     color: Colors | None = None
     """(n, 3) red, green, blue."""
     times_s: Floats32 | None = None

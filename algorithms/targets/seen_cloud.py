@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Indices, Points, Scalars, Vector3
+from algorithms.arrays import Array, Floats32, Indices, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
 from algorithms.scans.scan import Scan
 
@@ -31,7 +31,7 @@ class SeenCloud:
     sensor_m: Vector3
     """(3,) the instrument in the scan's reduced frame [m]."""
     intensity: Scalars | None
-    """(n,) as in the file."""
+    """(n,) as in the scan, none below zero."""
     index: Array
     """(rows, columns) number of the point seen in each cell of a raster of directions, -1 for none; where it goes all
     around, its first columns follow once more after the last, so that nothing is cut off at the seam."""
@@ -87,7 +87,7 @@ def seen_cloud(scan: Scan) -> SeenCloud:
             "give the scan in the scanner's own frame, or a structured file",
         )
     points = np.ascontiguousarray(scan.points - sensor)
-    intensity = None if scan.intensity is None else scan.intensity.astype(np.float64)
+    intensity = None if scan.intensity is None else _amplitudes(scan.intensity)
     if scan.grid is not None:
         rows, columns = _steps_of_grid(points, scan.grid.index)
         return SeenCloud(
@@ -96,6 +96,12 @@ def seen_cloud(scan: Scan) -> SeenCloud:
     step = _angular_spacing(points)
     index = closed_raster(points, _raster(points, step))
     return SeenCloud(points, sensor, intensity, index, step, step, structured=False)
+
+
+def _amplitudes(intensity: Floats32) -> Scalars:
+    """Return intensities (n,) of which twice the number is twice as bright: those below zero are decibels."""
+    found = intensity.astype(np.float64)
+    return np.asarray(10.0 ** (0.1 * found)) if np.nanmin(found, initial=0.0) < 0.0 else found
 
 
 def closed_raster(points: Points, index: Array) -> Array:

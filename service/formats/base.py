@@ -87,6 +87,8 @@ class ScanRecords:
     """(n,) integer row of each record; given together with `column`."""
     column: Array | None = None
     intensity: Floats32 | None = None
+    intensity_scale: float | None = None
+    """Largest intensity that the format has; None: it does not say."""
     color: Colors | None = None
     sensor_in_scan_m: Vector3 | None = None
     """Where the format says the instrument stood, full coordinates [m]; None when it does not say."""

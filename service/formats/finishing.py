@@ -13,6 +13,7 @@ from algorithms.scans.scan import Scan, ScanGrid
 from schemas.values.units import BY_NAME, METRE
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanRecords
+from service.formats.intensities import in_unsigned_range, limits_of, range_in_words, signed_range
 from service.formats.point_selection import left_out_in_words, unselected_in_words
 from service.formats.units import DeclaredUnit
 
@@ -57,6 +58,8 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         chosen = keep
         points = points[keep]
     base_m = np.zeros(3) if records.base_m is None else records.base_m
+    intensity = None if records.intensity is None else records.intensity[chosen]
+    limits = limits_of(intensity)
     low_m, high_m = bounds_of(points)
     _refuse_absurd(file, place, points, low_m, high_m, base_m, keep)
     origin_m = local_origin(low_m + base_m, high_m + base_m)
@@ -69,14 +72,15 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         origin_m=origin_m,
         name=records.name,
         grid=_grid(records, keep),
-        intensity=None if records.intensity is None else records.intensity[chosen],
+        intensity=in_unsigned_range(intensity, signed_range(limits)),
+        intensity_scale=records.intensity_scale,
         color=None if records.color is None else records.color[chosen],
         times_s=None if records.times_s is None else records.times_s[chosen],
         sensor_m=_sensor(records, low_m, high_m, origin_m),
         world_from_scan=records.world_from_scan,
         attributes={each: values[chosen] for each, values in records.attributes.items()},
         crs_wkt=records.crs_wkt,
-        notes=reading_notes(file, records),
+        notes=(*reading_notes(file, records), *range_in_words(limits)),
     )
 
 

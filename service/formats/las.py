@@ -13,6 +13,7 @@ from algorithms.scans.scan import ScalarField
 from service.formats.base import LargeScan, ReadLimits, ScanFile, ScanRecords
 from service.formats.finishing import check_count, check_packing, colors_8bit, times_of
 from service.formats.instruments import Instrument, day_of, stated_instrument, system_of_las
+from service.formats.intensities import LARGEST_16_BIT
 from service.formats.las_attributes import attributes_of, lost_attributes
 from service.formats.las_units import las_crs, las_unit
 from service.formats.laz_chunks import check_chunk_table, check_compression
@@ -69,7 +70,8 @@ class LasReader:
             valid = np.ones(len(chunk), dtype=np.bool_) if cloud.valid is None else cloud.valid
             records = ScanRecords(
                 0, cloud.points, base_m=opened.offsets, valid=valid, left_out=cloud.left_out,
-                intensity=cloud.intensity, color=color, gps_time_s=cloud.span_s, instrument=opened.instrument,
+                intensity=cloud.intensity, intensity_scale=LARGEST_16_BIT, color=color, gps_time_s=cloud.span_s,
+                instrument=opened.instrument,
                 point_sources=frozenset(cloud.point_sources), attributes=cloud.attributes, **opened.told,
             )  # fmt: skip
             yield _with_unit(file, records, opened.unit)
@@ -225,6 +227,7 @@ class _Cloud:
             attributes=self.attributes,
             point_sources=frozenset(self.point_sources),
             intensity=self.intensity,
+            intensity_scale=LARGEST_16_BIT,
             color=colors_8bit(channels, _largest_color(channels)) if coloured and channels is not None else None,
             gps_time_s=self.span_s,
             times_s=None if times is None else times_of(times),

@@ -20,6 +20,13 @@ from service.formats.finishing import (
     none_left,
     reading_notes,
 )
+from service.formats.intensities import (
+    SignedRange,
+    in_unsigned_range,
+    limits_of,
+    range_in_words,
+    signed_range,
+)
 from service.formats.writers.base import CloudFacts, PointPiece, StationCloud
 
 
@@ -62,22 +69,32 @@ def stream_scan(
     survey.refuse_absurd(file, f"scan {index}")
     grid = survey.grid
     origin_m = local_origin(survey.low_m, survey.high_m)
-    stream = _Stream(reader, file, limits, index, origin_m, grid, tuple(survey.fields))
+    seen = survey.intensity_limits
+    below_zero = signed_range(seen)
+    stream = _Stream(reader, file, limits, index, origin_m, grid, tuple(survey.fields), below_zero)
     return StationCloud(
         name=first.name,
         pieces=stream.pieces,
         origin_m=origin_m,
         world_from_scan=first.world_from_scan,
         has_intensity=survey.has_intensity,
+        intensity_scale=first.intensity_scale,
         has_color=survey.has_color,
         scalars=stream.fields,
         rows=None if grid is None else grid.rows,
         columns=None if grid is None else grid.columns,
         sensor_in_scan_m=first.sensor_in_scan_m,
-        facts=CloudFacts(survey.points, survey.low_m, survey.high_m, survey.intensity_limits),
+        facts=CloudFacts(survey.points, survey.low_m, survey.high_m, _shared(seen, below_zero)),
         crs_wkt=first.crs_wkt,
-        notes=reading_notes(file, replace(first, left_out=survey.left_out)),
+        notes=(*reading_notes(file, replace(first, left_out=survey.left_out)), *range_in_words(seen)),
     )
+
+
+def _shared(limits: tuple[float, float] | None, below_zero: SignedRange | None) -> tuple[float, float] | None:
+    """Return least and largest of what the stream gives."""
+    if limits is None or below_zero is None:
+        return limits
+    return limits_of(below_zero.shares(np.array(limits, dtype=np.float32)))
 
 
 @dataclass(frozen=True)
@@ -132,8 +149,8 @@ class Survey:
             self.low_m[axis] = min(self.low_m[axis], records.points[:, axis].min() + base_m[axis])
             self.high_m[axis] = max(self.high_m[axis], records.points[:, axis].max() + base_m[axis])
         if records.intensity is not None:
-            self._least = min(self._least, float(np.nanmin(records.intensity, initial=np.inf)))
-            self._largest = max(self._largest, float(np.nanmax(records.intensity, initial=-np.inf)))
+            least, largest = limits_of(records.intensity) or (np.inf, -np.inf)
+            self._least, self._largest = min(self._least, least), max(self._largest, largest)
         if records.row is not None and records.column is not None:
             cells = (records.row, records.column)
             self._low_cell = np.minimum(self._low_cell, [int(each.min()) for each in cells])
@@ -180,6 +197,7 @@ class _Stream:
     origin_m: Vector3
     grid: _Grid | None
     fields: tuple[ScalarField, ...]
+    below_zero: SignedRange | None
 
     def pieces(self) -> Iterator[PointPiece]:
         """Read the scan from its first record on."""
@@ -190,7 +208,8 @@ class _Stream:
             if self.grid is not None and found.row is not None and found.column is not None:
                 row, column = found.row - self.grid.first_row, found.column - self.grid.first_column
             own = {each.name: values for each, values in found.attributes.items()}
-            yield PointPiece(found.points + (base_m - self.origin_m), found.intensity, found.color, row, column, own)
+            intensity = in_unsigned_range(found.intensity, self.below_zero)
+            yield PointPiece(found.points + (base_m - self.origin_m), intensity, found.color, row, column, own)
 
 
 def usable(records: ScanRecords) -> ScanRecords:

@@ -12,6 +12,7 @@ from algorithms.arrays import Array, Colors, Floats32, Points, Vector3
 from algorithms.geometry.cameras import Camera
 from algorithms.progress import Progress
 from algorithms.scans.scan import ScalarField, Scan
+from service.formats.intensities import limits_of
 
 POINTS_AT_ONCE = 1 << 19
 """Points of a piece."""
@@ -79,6 +80,8 @@ class StationCloud:
     world_from_scan: RigidTransform | None = None
     """Maps full coordinates of the scan frame; None: the points stay where they are."""
     has_intensity: bool = False
+    intensity_scale: float | None = None
+    """Largest intensity that its format has; None: it does not say."""
     has_color: bool = False
     scalars: tuple[ScalarField, ...] = ()
     """The further numbers that every piece has."""
@@ -158,8 +161,8 @@ def surveyed(cloud: StationCloud) -> StationCloud:
             low_m[axis] = min(low_m[axis], piece.points[:, axis].min())
             high_m[axis] = max(high_m[axis], piece.points[:, axis].max())
         if piece.intensity is not None:
-            least = min(least, float(np.nanmin(piece.intensity, initial=np.inf)))
-            largest = max(largest, float(np.nanmax(piece.intensity, initial=-np.inf)))
+            own = limits_of(piece.intensity) or (np.inf, -np.inf)
+            least, largest = min(least, own[0]), max(largest, own[1])
     limits = (least, largest) if np.isfinite([least, largest]).all() else None
     if points == 0:
         low_m, high_m = np.zeros(3), np.zeros(3)
@@ -194,6 +197,7 @@ def cloud_of(scan: Scan, *, name: str = "") -> StationCloud:
         origin_m=scan.origin_m,
         world_from_scan=scan.world_from_scan,
         has_intensity=scan.intensity is not None,
+        intensity_scale=scan.intensity_scale,
         has_color=scan.color is not None,
         scalars=tuple(scan.attributes),
         rows=None if row is None or scan.grid is None else scan.grid.rows,

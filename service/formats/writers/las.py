@@ -9,8 +9,14 @@ import numpy as np
 
 from algorithms.progress import Progress
 from service.formats.writers.base import StationCloud, Written
-from service.formats.writers.intensities import is_stretched
-from service.formats.writers.las_records import SCALE_M, STATIONS_RECORD, STATIONS_USER, LasLayout, names_record
+from service.formats.writers.las_records import (
+    SCALE_M,
+    STATIONS_RECORD,
+    STATIONS_USER,
+    LasLayout,
+    is_stretched_to_16_bits,
+    names_record,
+)
 from service.formats.writers.placed import PlacedClouds, placed
 from service.formats.writers.whole_files import whole_file
 
@@ -50,7 +56,7 @@ class LazWriter:
 
 def las_notes(clouds: PlacedClouds) -> tuple[str, ...]:
     """Say what LAS changes."""
-    stretched = any(is_stretched(cloud.facts.intensity_limits) for cloud in clouds.clouds if cloud.facts is not None)
+    stretched = any(is_stretched_to_16_bits(cloud) for cloud in clouds.clouds)
     return (NO_POSES, STRETCHED) if stretched else (NO_POSES,)
 
 

@@ -11,8 +11,8 @@ from algorithms.arrays import Array, Vector3
 from algorithms.scans.scan import ScalarField
 from service.errors import UnwritableError
 from service.formats import las_attributes as own
+from service.formats.intensities import LARGEST_16_BIT, is_rescaled, sixteen_bit, unit_intensities
 from service.formats.writers.base import PointPiece, StationCloud
-from service.formats.writers.intensities import LARGEST_16_BIT, unit_intensities
 from service.formats.writers.placed import PlacedClouds, in_world, scalar_of
 
 SCALE_M = 1e-4
@@ -104,7 +104,8 @@ class LasLayout:
             records[name] = steps[:, axis]
         if piece.intensity is not None:
             limits = None if cloud.facts is None else cloud.facts.intensity_limits
-            records["intensity"] = np.rint(unit_intensities(piece.intensity, limits) * LARGEST_16_BIT)
+            shares = unit_intensities(piece.intensity, limits, sixteen_bit(limits, cloud.intensity_scale))
+            records["intensity"] = np.rint(shares * LARGEST_16_BIT)
         if piece.color is not None and self.point_format >= WITH_COLOR:
             for channel, (name, deep) in enumerate(zip(("red", "green", "blue"), own.COLORS_16, strict=True)):
                 colors = piece.scalars.get(deep.name)
@@ -130,6 +131,12 @@ class LasLayout:
         time = own.ADJUSTED_TIME if self.is_standard_time else own.WEEK_TIME
         if time.name in piece.scalars:
             records["gps_time"] = piece.scalars[time.name]
+
+
+def is_stretched_to_16_bits(cloud: StationCloud) -> bool:
+    """Tell whether records hold other intensities than the cloud."""
+    limits = None if cloud.facts is None else cloud.facts.intensity_limits
+    return is_rescaled(limits, sixteen_bit(limits, cloud.intensity_scale), LARGEST_16_BIT)
 
 
 def names_record(clouds: Sequence[StationCloud]) -> bytes:

@@ -9,6 +9,7 @@ import numpy as np
 
 from algorithms.arrays import Array
 from algorithms.progress import Progress
+from service.formats.intensities import is_rescaled, unit_intensities
 from service.formats.writers.base import PointPiece, StationCloud, Written
 from service.formats.writers.grids import ColumnOrder
 from service.formats.writers.placed import placed
@@ -17,6 +18,7 @@ from service.formats.writers.whole_files import whole_file
 
 LINE = "%.6f %.6f %.6f %.9g"
 """Coordinates to the micrometre."""
+RESCALED = "intensities were brought to 0 … 1, as PTX has them"
 
 
 @final
@@ -48,6 +50,12 @@ class PtxWriter:
                         done += len(piece)
         shared = f"{left_out} points are left out: PTX has room for one in a cell of the scanner's grid"
         notes = [*no_columns("PTX", everything), *([shared] if left_out else [])]
+        if any(
+            is_rescaled(cloud.facts.intensity_limits, cloud.intensity_scale, 1.0)
+            for cloud in everything.clouds
+            if cloud.facts
+        ):
+            notes.append(RESCALED)
         return Written(everything.points - left_out, tuple(notes))
 
 
@@ -63,7 +71,12 @@ def _write_header(stream: TextIO, cloud: StationCloud, points: int) -> None:
 def _write_points(stream: TextIO, cloud: StationCloud, piece: PointPiece) -> None:
     missing = np.isnan(piece.points[:, 0])
     columns: list[Array] = list((piece.points + cloud.origin_m).T)
-    columns.append(np.zeros(len(piece)) if piece.intensity is None else piece.intensity)
+    limits = None if cloud.facts is None else cloud.facts.intensity_limits
+    columns.append(
+        unit_intensities(piece.intensity, limits, cloud.intensity_scale)
+        if piece.intensity is not None and limits is not None
+        else np.zeros(len(piece))
+    )
     line = LINE
     if cloud.has_color:
         columns += list(np.zeros((3, len(piece))) if piece.color is None else piece.color.T)

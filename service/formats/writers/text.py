@@ -1,6 +1,7 @@
 """Points as lines of numbers: PTS and XYZ."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -9,8 +10,8 @@ import numpy as np
 
 from algorithms.arrays import Array
 from algorithms.progress import Progress
+from service.formats.intensities import FULL_SCALES, LARGEST_PTS, LEAST_PTS, unit_intensities
 from service.formats.writers.base import PointPiece, StationCloud, Written
-from service.formats.writers.intensities import unit_intensities
 from service.formats.writers.placed import PlacedClouds, in_world, placed, scalar_of
 from service.formats.writers.whole_files import whole_file
 
@@ -19,8 +20,6 @@ COORDINATE = "%.5f"
 """Hundredths of a millimetre."""
 NUMBERS = {"f4": "%.6g", "f8": "%.16g"}
 """How numbers of a kind are printed; times of 10 digits before the point keep microseconds."""
-LEAST_PTS, LARGEST_PTS = -2048.0, 2047.0
-"""Range of intensities in PTS."""
 NO_POSES = "the points are in the world frame: a table of points has no place for poses and grids"
 STRETCHED = "intensities were brought to -2048 … 2047, as PTS has them"
 
@@ -78,7 +77,7 @@ class PtsWriter:
                 columns[3] = _pts_intensity(cloud, piece)
                 for lines in text_lines(columns, line):
                     stream.write(lines)
-        notes = [NO_POSES, *([STRETCHED] if everything.has_intensity else [])]
+        notes = [NO_POSES, *([STRETCHED] if everything.has_intensity else []), *_coarse(everything.clouds)]
         return Written(everything.points, (*notes, *no_columns("PTS", everything)))
 
 
@@ -120,6 +119,19 @@ def _pts_intensity(cloud: StationCloud, piece: PointPiece) -> Array:
     limits = None if cloud.facts is None else cloud.facts.intensity_limits
     if piece.intensity is None or limits is None:
         return np.zeros(len(piece))
-    if limits[0] < 0.0 and limits[0] >= LEAST_PTS and limits[1] <= LARGEST_PTS:
-        return np.asarray(np.rint(piece.intensity))  # they are such already
-    return np.asarray(np.rint(LEAST_PTS + (LARGEST_PTS - LEAST_PTS) * unit_intensities(piece.intensity, limits)))
+    shares = unit_intensities(piece.intensity, limits, cloud.intensity_scale)
+    return np.asarray(np.rint(LEAST_PTS + (LARGEST_PTS - LEAST_PTS) * shares))
+
+
+def _coarse(clouds: Sequence[StationCloud]) -> Iterator[str]:
+    """Say where the 12 bits of PTS leave fewer steps of intensities than 8 bits have."""
+    for cloud in clouds:
+        limits = None if cloud.facts is None else cloud.facts.intensity_limits
+        if cloud.intensity_scale is None or limits is None or limits[1] <= 0.0:
+            continue
+        steps = (LARGEST_PTS - LEAST_PTS) * limits[1] / cloud.intensity_scale
+        if steps < min(limits[1], FULL_SCALES[1]):
+            yield (
+                f"{cloud.name}: intensities up to {limits[1]:.6g} of {cloud.intensity_scale:.0f} have only "
+                f"{math.ceil(steps)} steps in PTS"
+            )

@@ -129,6 +129,7 @@ def cloud_in_world(
         pieces=pieces,
         origin_m=origin_m,
         has_intensity=scan.intensity is not None,
+        intensity_scale=scan.intensity_scale,
         has_color=shown is not None,
         scalars=(*attributes, *fields),
         crs_wkt=scan.crs_wkt,

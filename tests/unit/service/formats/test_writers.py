@@ -39,6 +39,8 @@ from service.formats.writers.octree_spool import OctreeShape
 POSE = RigidTransform.from_components([500_000.0, 5_400_000.0, 300.0], Rotation.from_rotvec([0.1, -0.2, 2.0]))
 COUNT = 3000
 TENTH_OF_A_MILLIMETRE = 1e-4
+INTENSITY_STEPS = {"laz": 0.51 / 65535.0, "copc": 0.51 / 65535.0, "pts": 0.51 / 4095.0}
+"""Half a step of the whole numbers that formats have for intensities of 0 to 1."""
 WORLD_FORMATS = ("laz", "copc", "ply", "pcd", "pts", "xyz")
 SCAN_FORMATS = ("e57", "ptx")
 NAMES = [writer.name for writer in SCAN_WRITERS]
@@ -111,10 +113,46 @@ def test_colours_and_intensities_stay_with_their_points(name: str, tmp_path: Pat
     assert back.color is not None
     assert back.intensity is not None
     assert np.array_equal(back.color[which], scan.color)
-    scale = {"laz": (0.0, 65535.0), "copc": (0.0, 65535.0), "pts": (-2048.0, 4095.0)}.get(name, (0.0, 1.0))
-    step = 0.51 if scale[1] > 1.0 else 1e-7
+    scale = 65535.0 if name in {"laz", "copc"} else 1.0
     assert scan.intensity is not None
-    assert np.abs(back.intensity[which] - (scale[0] + scale[1] * scan.intensity)).max() < step
+    assert np.abs(back.intensity[which] / scale - scan.intensity).max() < INTENSITY_STEPS.get(name, 1e-7)
+
+
+@names
+@pytest.mark.parametrize("source", ["shares", "pts", "other pts", "8 bits", "las"])
+def test_intensities_of_any_range_go_through_any_format_and_come_back(name: str, source: str, tmp_path: Path) -> None:
+    """First written as the source has them, read, written in a format, read, and written as shares of PTX."""
+    scan = a_scan(pose=None)
+    assert scan.intensity is not None
+    shares = scan.intensity.astype(np.float64)
+    numbers = {
+        "shares": shares, "pts": np.rint(4095.0 * shares - 2048.0), "other pts": np.rint(4095.0 * shares - 2047.0),
+        "8 bits": np.rint(255.0 * shares), "las": np.rint(65535.0 * shares),
+    }[source]  # fmt: skip
+    # the ends of the range are in the file
+    numbers[[0, 1]] = {"shares": [0, 1], "pts": [-2048, 2047], "other pts": [-2047, 2048], "8 bits": [0, 255]}.get(
+        source, [0, 65535]
+    )
+    shares[[0, 1]] = 0.0, 1.0
+    first = tmp_path / "first.xyz"
+    np.savetxt(first, np.column_stack([scan.points, numbers]), fmt="%.6f", header="x y z intensity", comments="//")
+    read = read_scan(first, first.name)
+    read = replace(read, intensity_scale=65535.0 if source == "las" else None)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    between = read_scan(path := written(name, [cloud_of(read)], tmp_path / "in"), path.name)
+    (path,) = [written("ptx", [cloud_of(between)], tmp_path / "out")]
+    table = np.loadtxt(path, skiprows=10)
+    _, which = nearest(table[:, :3], scan.points)
+    found = table[which, 3]
+    assert found.min() >= 0.0
+    assert found.max() <= 1.0
+    if source == "8 bits" and name in {"laz", "copc"}:
+        found *= 65535.0 / 255.0  # whole numbers stay as they are in LAS, which has 16 bits
+    step = INTENSITY_STEPS.get(name, 1e-7) + {"8 bits": 0.5 / 255.0, "shares": 1e-6, "las": 0.5 / 65535.0}.get(
+        source, 0.5 / 4095.0
+    )
+    assert np.abs(found - shares).max() < 1.01 * step
 
 
 @names
