@@ -14,7 +14,7 @@ from algorithms.meshing.reconstruction import enclosed_volume
 from algorithms.meshing.repair import ears_of
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import PlanCell, area_of, divided, outline_of, rings_of, without_slivers
-from algorithms.roofs.planes import LEAST_NEIGHBOURS, TOLERANCE, RoofPlane, roof_planes
+from algorithms.roofs.planes import LEAST_NEIGHBOURS, MAD, TOLERANCE, RoofPlane, roof_planes
 from algorithms.roofs.surroundings import share_above
 
 ROOF, WALL, GROUND = "RoofSurface", "WallSurface", "GroundSurface"
@@ -24,6 +24,10 @@ JOINED_M = 0.05
 AROUND_M, LOW = 3.0, 0.1
 """The ground is this quantile of the heights of points so near around the plan, each the median of those beside it."""
 SMOOTHED = 16
+GATHERED, MOST_STEPS = 2.0, 20
+"""The ground's level is the middle of the smoothed heights so many of their standard deviations about it."""
+MEDIAN = 1.2533
+"""Standard deviation of a median by that of a mean."""
 LEAST_RIM = 0.15
 """A building stands above its surroundings along so much of its plan's rim; its neighbours may take the rest."""
 
@@ -64,8 +68,22 @@ class BuildingModel:
         return enclosed_volume(self.mesh)
 
 
-def ground_height_m(points: Points, outline: Array) -> float:
-    """Give the height of the ground about a plan, a low quantile of smoothed points beside it [m].
+def ground_height_m(points: Points, outline: Array) -> tuple[float, float]:
+    """Give the height of the ground about a plan: the level about which low smoothed points beside it gather.
+
+    Of raw heights a low quantile lies below level ground by their noise. From it the level climbs to where as many
+    smoothed heights lie above as below, within their noise: to the middle of level ground, hardly at all on slopes.
+
+    Parameters
+    ----------
+    points
+        (n, 3) of the site [m].
+    outline
+        (k, 2) corners of the plan [m].
+
+    Returns
+    -------
+    The height and its standard deviation [m].
 
     Raises
     ------
@@ -79,9 +97,18 @@ def ground_height_m(points: Points, outline: Array) -> float:
         raise InvalidInputError(
             "plan", f"no ground within {AROUND_M:g} m around it", "state its height (`ground_m`), or give points of it"
         )
-    # of raw heights a low quantile lies below level ground by 1.3 times their noise
-    _, lowest = cKDTree(beside[:, :2]).query(beside[:, :2], k=min(SMOOTHED, len(beside)))
-    return float(np.quantile(np.median(beside[lowest, 2], axis=1), LOW))
+    together = min(SMOOTHED, len(beside))
+    _, nearest = cKDTree(beside[:, :2]).query(beside[:, :2], k=together)
+    smooth = np.median(beside[nearest, 2], axis=1)
+    noise = MEDIAN * MAD * float(np.median(np.abs(beside[:, 2] - smooth))) / np.sqrt(together)
+    level = float(np.quantile(smooth, LOW))
+    for _ in range(MOST_STEPS):
+        gathered = smooth[np.abs(smooth - level) <= GATHERED * noise]
+        if len(gathered) == 0 or (there := float(np.median(gathered))) == level:
+            break
+        level = there
+    # smoothed heights of neighbours share their points
+    return level, MEDIAN * noise * np.sqrt(together / max(len(gathered), 1))
 
 
 def modelled_building(points: Points, outline: Array, ground_m: float, options: RoofOptions) -> BuildingModel:

@@ -11,7 +11,7 @@ from algorithms.meshing.repair import ears_of
 from algorithms.roofs.building import ROOF, BuildingModel
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import area_of
-from algorithms.roofs.planes import LEAST_NEIGHBOURS, TOLERANCE
+from algorithms.roofs.planes import LEAST_NEIGHBOURS, MAD, TOLERANCE
 
 STATED_SHARE, FOUND_SHARE = 0.01, 0.04
 """A volume is right to this share over plans that are stated, and over plans that are found."""
@@ -20,12 +20,10 @@ MOST_WITHOUT_FACE = 0.2
 MOST_UNSEEN = 0.1
 """Of the plan that lies farther than a neighbourhood from any point of the roof."""
 RASTER = 0.25
-"""Step of the places at which gaps are sought, in neighbourhoods."""
+"""Step of the places that stand for the plan, in spacings of points or in neighbourhoods, the smaller."""
 MOST_PLACES = 200_000
 CERTAIN = 2.0
 """In standard deviations of the misfit: so sure is a volume that is called right."""
-MAD = 1.4826
-"""From the median of absolute deviations to a normal distribution's standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class BuildingFigures:
     misfit_m3: float
     """What the points enclose more than the building, stated plan or found [m³]."""
     misfit_std_m3: float
-    """Its standard deviation, by the scatter of the points [m³]."""
+    """Its standard deviation, by the scatter of the points and that of the ground's height [m³]."""
 
     def reason(self, volume_m3: float, *, found_plan: bool) -> str | None:
         """Return why the building is not all that stands there; None where nothing speaks against it.
@@ -76,9 +74,17 @@ class BuildingFigures:
 
 
 def figures_of(
-    model: BuildingModel, points: Points, outline: Array, options: RoofOptions, *, found_plan: bool
+    model: BuildingModel,
+    points: Points,
+    outline: Array,
+    options: RoofOptions,
+    *,
+    found_plan: bool,
+    ground_std_m: float = 0.0,
 ) -> BuildingFigures:
     """Compare a building with all points over its plan, those that no plane took included.
+
+    Where faces do not cover the plan, the building is as high as the ground.
 
     Parameters
     ----------
@@ -92,31 +98,31 @@ def figures_of(
         With which it was modelled.
     found_plan
         The plan was found from the same points: what stands beside it, and ground within it, count as well.
+    ground_std_m
+        Standard deviation of the ground's height, on which the building stands; none where it is stated [m].
     """
     over = points[inside_polygon(points[:, :2], outline)]
-    apart = over[:, 2] - _roof_heights(model, over[:, :2])
-    known = np.isfinite(apart)
-    over, apart = over[known], apart[known]
+    apart = over[:, 2] - np.nan_to_num(_roof_heights(model, over[:, :2]), nan=model.ground_m)
     low = over[:, 2] < model.ground_m + options.least_height_m
     # the horizontal noise brings ground into the rim of a plan, and roof out of it
     kept = ~low if found_plan else ~(low & (_from_rim(over, outline) < 0.5 * options.neighbourhood_m))
     over, apart, low = over[kept], apart[kept], low[kept]
+    area = abs(area_of(outline))
     if len(over) < LEAST_NEIGHBOURS:
         return BuildingFigures(0.0, 1.0, float(np.hypot(*np.ptp(outline, axis=0))), 1.0, 0.0, model.volume_m3)
+    places = _places(outline, RASTER * min(options.neighbourhood_m, float(np.sqrt(area / len(over)))))
     noise = max(options.noise_m, MAD * float(np.median(np.abs(apart))))
     inside = np.abs(apart) <= TOLERANCE * noise
-    # each point speaks for as much of the plan as it has to itself: strips that overlap count once
-    tree = cKDTree(over[:, :2])
-    crowd = tree.query_ball_point(over[:, :2], 0.5 * options.neighbourhood_m, return_length=True)
-    weights = 1.0 / crowd / np.sum(1.0 / crowd)
+    # each point speaks for the part of the plan to which it is nearest: strips that overlap count once
+    _, nearest = cKDTree(over[:, :2]).query(places)
+    weights = np.bincount(nearest, minlength=len(over)) / len(places)
     mean = float(weights @ apart)
-    area = abs(area_of(outline))
     misfit = area * mean
-    std = area * float(np.sqrt(np.sum((weights * (apart - mean)) ** 2)))
+    std = area * float(np.hypot(np.sqrt(np.sum((weights * (apart - mean)) ** 2)), ground_std_m))
     if found_plan:
         beside, counted = _beside_m3(model, points, outline, options, len(over) / area)
         misfit, std = misfit + beside, float(np.hypot(std, counted))
-    gap, unseen = _gaps(over[~low, :2], outline, options.neighbourhood_m)
+    gap, unseen = _gaps(over[~low, :2], places, options.neighbourhood_m)
     return BuildingFigures(
         rms_m=float(np.sqrt(np.mean(apart[inside] ** 2))) if inside.any() else 0.0,
         share_without_face=float(np.mean(~inside)),
@@ -167,14 +173,19 @@ def _beside_m3(
     return float(np.sum(out)) / density, level * float(np.sqrt(len(out) + empty)) / density
 
 
-def _gaps(seen: Array, outline: Array, neighbourhood_m: float) -> tuple[float, float]:
-    """Compute the largest distance of a place of the plan from points, and the share beyond a neighbourhood."""
+def _places(outline: Array, step_m: float) -> Array:
+    """Give places evenly over a plan, (n, 2)."""
     low, high = outline.min(axis=0), outline.max(axis=0)
-    step = max(RASTER * neighbourhood_m, float(np.sqrt(np.prod(high - low) / MOST_PLACES)))
+    step = max(step_m, float(np.sqrt(np.prod(high - low) / MOST_PLACES)))
     x, y = np.meshgrid(*(np.arange(low[k] + 0.5 * step, high[k], step) for k in (0, 1)))
     places = np.column_stack([x.ravel(), y.ravel()])
     places = places[inside_polygon(places, outline)]
-    if len(places) == 0 or len(seen) == 0:
-        return (0.0, 0.0) if len(seen) else (float(np.hypot(*(high - low))), 1.0)
+    return places if len(places) else outline
+
+
+def _gaps(seen: Array, places: Array, neighbourhood_m: float) -> tuple[float, float]:
+    """Compute the largest distance of a place of the plan from points, and the share beyond a neighbourhood."""
+    if len(seen) == 0:
+        return float(np.hypot(*np.ptp(places, axis=0))), 1.0
     distances, _ = cKDTree(seen).query(places)
     return float(np.max(distances)), float(np.mean(distances > neighbourhood_m))

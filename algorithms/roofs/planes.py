@@ -18,6 +18,8 @@ MOST_NEIGHBOURS = 32
 LEAST_NEIGHBOURS = 5
 TOLERANCE = 3.0
 """In standard deviations of the points."""
+MAD = 1.4826
+"""From the median of absolute deviations to a normal distribution's standard deviation."""
 ROUNDS = 3
 MOST_STATED = 4.0
 """In stated noises: what scatters more is vegetation."""

@@ -52,7 +52,7 @@ class ModelledBuilding(Document):
     misfit_m3: float | None = None
     """What the points enclose more than the building does [m³]."""
     misfit_std_m3: float | None = None
-    """Its standard deviation, by the scatter of the points [m³]."""
+    """Its standard deviation, by the scatter of the points and by the height of the ground [m³]."""
     watertight: bool
     """Whether its polygons bound a body."""
     volume_m3: float | None

@@ -44,13 +44,13 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
         ground = None if plan["ground_m"] is None else plan["ground_m"] - frame.origin_m[2]
         try:
             near = _near(points, outline)
-            ground = ground_height_m(near, outline) if ground is None else float(ground)
+            ground, ground_std = ground_height_m(near, outline) if ground is None else (float(ground), 0.0)
             model = modelled_building(near, outline, ground, options)
         except InvalidInputError as fault:
             documents.append(_not_modelled(plan, str(fault)))
             continue
         found = arguments["plans"] is None
-        figures = figures_of(model, near, outline, options, found_plan=found)
+        figures = figures_of(model, near, outline, options, found_plan=found, ground_std_m=ground_std)
         documents.append(_document(plan, model, figures, float(frame.origin_m[2]), found_plan=found))
         attributes = {"measuredHeight": round(_height(model), 3), "status": documents[-1].status}
         buildings.append(NamedBuilding(plan["name"], model, attributes))

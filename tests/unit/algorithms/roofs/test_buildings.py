@@ -63,7 +63,7 @@ def true_volume_m3(outline: Array, height: Height) -> float:
 
 def modelled(outline: Array, height: Height) -> BuildingModel:
     points, plan = scanned(outline, height)
-    return modelled_building(points, plan, ground_height_m(points, plan), RoofOptions(neighbourhood_m=1.2))
+    return modelled_building(points, plan, ground_height_m(points, plan)[0], RoofOptions(neighbourhood_m=1.2))
 
 
 @pytest.mark.parametrize(
@@ -84,6 +84,27 @@ def test_a_roof_has_its_faces_and_the_building_its_volume(outline: Array, height
         assert plane.after >= plane.before > 0
     plan = sum(area_of(model.vertices[surface.rings[0], :2]) for surface in roof)
     assert plan == pytest.approx(area_of(outline), rel=1e-4)
+
+
+@pytest.mark.parametrize("noise_m", [0.01, 0.05, 0.2])
+def test_level_ground_is_as_high_as_it_is_whatever_its_noise(noise_m: float) -> None:
+    errors = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        places = rng.uniform(RECTANGLE.min(axis=0) - 4.0, RECTANGLE.max(axis=0) + 4.0, (1500, 2))
+        height, std = ground_height_m(np.column_stack([places, rng.normal(3.0, noise_m, 1500)]), RECTANGLE)
+        errors.append((height - 3.0) / std)
+        assert std < 0.15 * noise_m
+    assert abs(np.mean(errors)) < 0.7
+    assert np.std(errors) < 1.5
+
+
+def test_on_a_slope_a_building_stands_on_the_low_ground() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(RECTANGLE.min(axis=0) - 3.0, RECTANGLE.max(axis=0) + 3.0, (3000, 2))
+    points = np.column_stack([places, 0.1 * places[:, 0] + rng.normal(0.0, 0.02, 3000)])
+    height, _ = ground_height_m(points, RECTANGLE)
+    assert height == pytest.approx(-0.18, abs=0.03)  # a tenth of what lies beside the plan is lower
 
 
 def test_what_stands_on_a_roof_changes_no_face() -> None:

@@ -18,14 +18,14 @@ NOISES_M = [(0.02, 0.01), (0.05, 0.03), (0.1, 0.05)]
 
 def judged(points: Array, kind: RoofKind, *, found: bool) -> tuple[float, BuildingFigures, str | None]:
     """Give the error of the volume as a share, and what is said of it."""
-    outline, ground = kind.outline, 0.0
+    outline, ground, ground_std = kind.outline, 0.0, 0.0
     if found:
         outlines, grounds = found_outlines(points, OPTIONS, 20.0)
         outline, ground = outlines[0], grounds[0]
     else:
-        ground = ground_height_m(points, outline)
+        ground, ground_std = ground_height_m(points, outline)
     model = modelled_building(points, outline, ground, OPTIONS)
-    figures = figures_of(model, points, outline, OPTIONS, found_plan=found)
+    figures = figures_of(model, points, outline, OPTIONS, found_plan=found, ground_std_m=ground_std)
     reason = figures.reason(model.volume_m3, found_plan=found)
     return model.volume_m3 / kind.volume_m3() - 1.0, figures, reason if model.watertight else "open"
 
@@ -78,6 +78,24 @@ def test_a_roof_of_which_a_part_was_not_seen_says_how_much() -> None:
     assert figures.unseen_share == pytest.approx(5.0 / 12.0, abs=0.05)
     assert reason is not None
     assert "have no point near" in reason
+
+
+def test_a_plan_that_its_faces_do_not_cover_is_not_called_right() -> None:
+    kind = KINDS["gable"]
+    points = flown(kind, 1, 6.0, (0.02, 0.01))
+    half = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 0.0], [-6.0, 0.0]])
+    model = modelled_building(points, half, 0.0, OPTIONS)
+    figures = figures_of(model, points, kind.outline, OPTIONS, found_plan=False)
+    assert figures.misfit_m3 == pytest.approx(0.5 * kind.volume_m3(), rel=0.03)
+
+
+def test_an_uncertain_height_of_the_ground_makes_the_volume_uncertain() -> None:
+    kind = KINDS["flat"]
+    points = flown(kind, 1, 6.0, (0.02, 0.01))
+    model = modelled_building(points, kind.outline, 0.0, OPTIONS)
+    figures = figures_of(model, points, kind.outline, OPTIONS, found_plan=False, ground_std_m=0.04)
+    assert figures.misfit_std_m3 == pytest.approx(0.04 * 96.0, rel=0.01)
+    assert figures.reason(model.volume_m3, found_plan=False) is not None
 
 
 @pytest.mark.slow
