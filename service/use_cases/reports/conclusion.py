@@ -5,9 +5,12 @@ from collections.abc import Iterator, Sequence
 from schemas.results.registration_result import Pair, RegistrationDocument
 from schemas.results.tolerance_check import StationPrecision, ToleranceCheck
 from service.names.messages.catalogue import Messages
+from service.use_cases.reports.figures import PairFigures
 
 MOST_NAMES = 8
 """Longer lists of names are cut, with a count of the rest."""
+OFTEN = 5.0
+"""From so many times the standard deviation on, the rms beside it is explained."""
 PROMISING = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
 
 
@@ -29,6 +32,22 @@ def tolerance_headline(check: ToleranceCheck | None, messages: Messages) -> str:
 def ordered(check: ToleranceCheck, messages: Messages) -> str:
     """Write what was ordered."""
     return _figures(check.std_m, check.std_gon, messages, exact=True)
+
+
+def rms_explained(pairs: Sequence[PairFigures], messages: Messages) -> str | None:
+    """Say why the rms of surfaces may be many times the standard deviation of a pose; None where it is not.
+
+    Links that carry nothing are passed over: of a wrong pose a large rms is no wonder.
+    """
+    ratios = [
+        (pair.rms_m / pair.std_worst_m, pair.rms_m, pair.std_worst_m)
+        for pair in pairs
+        if pair.carries and pair.rms_m and pair.std_worst_m
+    ]
+    ratio, rms_m, std_m = max(ratios, default=(0.0, 0.0, 0.0))
+    if ratio <= OFTEN:
+        return None
+    return messages("explained.rms", rms=messages.milli(rms_m, 1), std=messages.milli(std_m, 2))
 
 
 def _outcome(document: RegistrationDocument, messages: Messages) -> Iterator[str]:

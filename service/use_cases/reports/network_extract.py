@@ -14,7 +14,7 @@ from service.names.messages.catalogue import Messages
 from service.names.result_lists import list_address
 from service.use_cases.reports.cloud_pictures import PALETTE, StationCloudPart, cloud_pictures
 from service.use_cases.reports.conclusion import conclusion
-from service.use_cases.reports.link_rows import LinkRow
+from service.use_cases.reports.figures import PairFigures, document_figures
 from service.use_cases.reports.report_drawings import StandPoint
 from service.use_cases.reports.report_page import (
     MOST_PICTURE_POINTS,
@@ -25,7 +25,7 @@ from service.use_cases.reports.report_page import (
     stand_of,
 )
 from service.use_cases.reports.result_lines import ScanLines
-from service.use_cases.reports.setups_drawing import many_setups_plan
+from service.use_cases.reports.setups_drawing import SetupLink, many_setups_plan
 
 MOST_PAIRS, MOST_STATIONS, MOST_ROWS, MOST_LOOPS = 10, 40, 60, 20
 """Protocols of pairs, stations, rows of the table of pairs and of that of loops: what a person reads."""
@@ -71,7 +71,7 @@ class NetworkReport:
 
     whole: RegistrationDocument
     """The result with all stations; its pairs without figures."""
-    rows: Sequence[LinkRow]
+    rows: Sequence[PairFigures]
     """Of all pairs."""
     worst: Sequence[Pair]
     """Pairs whose protocols are shown."""
@@ -102,11 +102,13 @@ def report_of_network(report: NetworkReport, frame: ReportFrame) -> str:
     names = {name for pair in report.worst for name in (pair.target, pair.source)}
     named = [station.name for station in shown]
     addresses = [list_address(frame.job_id, name) for name in ("stations", "pairs")]
+    links = [SetupLink.of(row) for row in report.rows]
     parts = PageParts(
         conclusion=conclusion(whole, messages),
         inputs=whole.provenance.inputs,
+        figures=document_figures(document),
         rows=report.rows[:MOST_ROWS],
-        setups=many_setups_plan(report.picture.stands, [row.drawn for row in report.rows], named, messages),
+        setups=many_setups_plan(report.picture.stands, links, named, messages),
         pictures=report.picture.clouds(messages),
         world_plan="",
         extract=messages(

@@ -19,9 +19,9 @@ from schemas.results.registration_result import InputFile, Pair, RegistrationDoc
 from service.names.messages.catalogue import Language, Messages, messages_in
 from service.use_cases.documents.pose_documents import PARAMETERS
 from service.use_cases.reports.cloud_pictures import CloudPictures, StationCloudPart, cloud_pictures
-from service.use_cases.reports.conclusion import conclusion, ordered, tolerance_headline
+from service.use_cases.reports.conclusion import conclusion, ordered, rms_explained, tolerance_headline
+from service.use_cases.reports.figures import PairFigures, RegistrationFigures, document_figures, written
 from service.use_cases.reports.histograms import residual_histograms
-from service.use_cases.reports.link_rows import MOST_LINKS, LinkRow, link_rows, rms_explained
 from service.use_cases.reports.methods_drawing import methods_drawing
 from service.use_cases.reports.report_drawings import StandPoint, pair_name, plan_view, statistic_bars
 from service.use_cases.reports.report_head import (
@@ -37,7 +37,7 @@ from service.use_cases.reports.result_lines import (
     registered_lines,
     states_of_lines,
 )
-from service.use_cases.reports.setups_drawing import PlacedStand, setups_plan
+from service.use_cases.reports.setups_drawing import PlacedStand, SetupLink, setups_plan
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 PAGES = Path(__file__).parent / "pages"
 MOST_PAIRS = 40
 """Longer protocols are of nobody's use on paper; the downloads have all pairs."""
+MOST_LINKS = 200
+"""Most rows of the table of pairs; pairs that carry something come first."""
 FEWEST_ROWS, ALL_ROWS = 20, 240
 """Rows of the tables of a pair, and of those of all pairs together about; what is left out stands in the CSV."""
 MOST_PICTURE_POINTS = 1_000_000
@@ -75,7 +77,9 @@ class PageParts:
     """The sentences of its first paragraph."""
     inputs: Sequence[InputFile]
     """What went in, for instruments and dates."""
-    rows: Sequence[LinkRow]
+    figures: RegistrationFigures
+    """Of the stations and pairs that are shown."""
+    rows: Sequence[PairFigures]
     """Of the table of pairs, those that carry something first."""
     setups: str
     """The plan of the set-ups."""
@@ -107,12 +111,14 @@ def report_page(
         Head and language.
     """
     messages = frame.messages
+    figures = document_figures(document)
     lines = registered_lines(document.stations, scans, document.pairs)
     parts = PageParts(
         conclusion=conclusion(document, messages),
         inputs=document.provenance.inputs,
-        rows=link_rows(document.pairs, document.network),
-        setups=_setups(document, scans, estimates, messages),
+        figures=figures,
+        rows=sorted(figures.pairs, key=lambda pair: not pair.carries),
+        setups=_setups(document, scans, estimates, figures, messages),
         pictures=_pictures(document, scans, messages),
         world_plan=plan_view(lines, _stands(document, scans), [], messages),
     )
@@ -128,6 +134,7 @@ def page_template(lang: Language) -> "Template":
     environment = Environment(
         loader=FileSystemLoader(PAGES), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.globals.update(written=written)
     environment.filters.update(
         number=messages.number,
         milli=messages.milli,
@@ -176,6 +183,7 @@ def rendered_page(
         headline=tolerance_headline(document.tolerance, messages),
         extract=parts.extract,
         conclusion=parts.conclusion,
+        figures=parts.figures,
         parameters=PARAMETERS,
         letters=LETTERS,
         most_rows=max(FEWEST_ROWS, ALL_ROWS // max(len(document.pairs), 1)),
@@ -188,7 +196,10 @@ def rendered_page(
         more_links=max(0, len(parts.rows) - MOST_LINKS),
         rms_explained=rms_explained(parts.rows, messages),
         world_plan=Markup(parts.world_plan),  # noqa: S704
-        drawings=[_drawings(pair, scans, messages) for pair in document.pairs[:MOST_PAIRS]],
+        drawings=[
+            _drawings(pair, figures, scans, messages)
+            for pair, figures in zip(document.pairs[:MOST_PAIRS], parts.figures.pairs, strict=False)
+        ],
         settings=settings_in_rows(document.provenance.method),
     )
     return page.lstrip()
@@ -199,7 +210,7 @@ def _ordered(document: RegistrationDocument, messages: Messages) -> str:
     return "" if check is None or check.verdict == "none" else ordered(check, messages)
 
 
-def _drawings(pair: Pair, scans: Mapping[str, ScanLines], messages: Messages) -> dict[str, Any]:
+def _drawings(pair: Pair, figures: PairFigures, scans: Mapping[str, ScanLines], messages: Messages) -> dict[str, Any]:
     """Draw what a pair has, and sort its entries, the least fitting first."""
     from markupsafe import Markup
 
@@ -210,7 +221,8 @@ def _drawings(pair: Pair, scans: Mapping[str, ScanLines], messages: Messages) ->
         "tests": Markup(statistic_bars(entries[:FEWEST_ROWS], messages)),  # noqa: S704
         "histograms": Markup(residual_histograms(pair, messages)),  # noqa: S704
         "entries": entries,
-        "rms_explained": rms_explained(link_rows([pair], None), messages),
+        "figures": figures,
+        "rms_explained": rms_explained([figures], messages),
     }
 
 
@@ -234,6 +246,7 @@ def _setups(
     document: RegistrationDocument,
     scans: Mapping[str, ScanLines],
     estimates: Mapping[str, PoseEstimate],
+    figures: RegistrationFigures,
     messages: Messages,
 ) -> str:
     placed = [
@@ -241,8 +254,7 @@ def _setups(
         for k, stand in enumerate(_stands(document, scans))
     ]
     without_pose = [station.name for station in document.stations if station.world_from_scan is None]
-    links = [row.drawn for row in link_rows(document.pairs, document.network)]
-    return setups_plan(placed, without_pose, links, messages)
+    return setups_plan(placed, without_pose, [SetupLink.of(pair) for pair in figures.pairs], messages)
 
 
 def _stand_covariance(name: str, scans: Mapping[str, ScanLines], estimates: Mapping[str, PoseEstimate]) -> Any:

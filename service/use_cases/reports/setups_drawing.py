@@ -9,6 +9,7 @@ import numpy as np
 
 from algorithms.arrays import Array
 from service.names.messages.catalogue import Messages
+from service.use_cases.reports.figures import CARRYING, PairFigures
 from service.use_cases.reports.report_drawings import ELLIPSE_95, StandPoint, svg
 
 WIDTH, MAX_HEIGHT, MARGIN, LEGEND = 940.0, 470.0, 60.0, 46.0
@@ -26,7 +27,6 @@ LINK_STYLES: Mapping[str, tuple[str, str, float]] = {
     "not-connected": ("#6b6b6b", "none", 1.6),
 }
 """Colour, dashes and width by state; a print in grey tells the used ones by their full line."""
-CARRYING = ("used", "uncontrolled", "confirmed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,11 @@ class SetupLink:
     """A key of `LINK_STYLES`."""
     std_m: float | None
     """Of the worst determined motion [m]; None: not determined."""
+
+    @staticmethod
+    def of(pair: PairFigures) -> "SetupLink":
+        """Take what a plan shows from the figures of a pair."""
+        return SetupLink(pair.target, pair.source, pair.state, pair.std_worst_m)
 
 
 def setups_plan(

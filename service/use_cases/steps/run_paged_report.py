@@ -42,8 +42,13 @@ from service.use_cases.documents.scene_documents import (
     with_targets,
 )
 from service.use_cases.documents.tolerance_documents import station_precision, tolerance_check
-from service.use_cases.reports.figures import StationFigures, document_figures
-from service.use_cases.reports.link_rows import LinkRow, link_row, states_of_links
+from service.use_cases.reports.figures import (
+    PICKED_OF_PAIR,
+    PairFigures,
+    StationFigures,
+    document_figures,
+    pair_figures,
+)
 from service.use_cases.reports.network_extract import (
     MOST_PAIRS,
     NetworkPicture,
@@ -82,7 +87,7 @@ class _Digest:
 
     pairs: list[Pair] = field(default_factory=list)
     """Without pose, adjustment and correspondences."""
-    rows: list[LinkRow] = field(default_factory=list)
+    rows: list[PairFigures] = field(default_factory=list)
     """What is to be looked at first comes first."""
     worst: list[tuple[tuple[int, float], int, Pair]] = field(default_factory=list)
     """Those whose protocols stand in the report: how much they concern, number, pair."""
@@ -150,8 +155,8 @@ def _digest_of_pairs(
 ) -> _Digest:
     """Write the row of every pair, and keep what the stations and the report need of it."""
     digest, in_network = _Digest(), PairsInNetwork.of(network, arguments["features"])
-    states, outputs = states_of_links(joined), arguments["pairs"]
-    ranked: list[tuple[tuple[int, float], int, LinkRow]] = []
+    states, outputs = {(link.target, link.source): link for link in joined.links}, arguments["pairs"]
+    ranked: list[tuple[tuple[int, float], int, PairFigures]] = []
     for number, output in enumerate(outputs):
         context.progress.report(OF_PAIRS * number / len(outputs), f"pair {number + 1} of {len(outputs)}")
         pair = in_network.judged(stored_pair(context, output))
@@ -159,8 +164,10 @@ def _digest_of_pairs(
         writer.add(SCENE_PAIRS, scene_pair(pair))
         note_fits(digest.fits, pair)
         digest.timings_s.update(pair.timings_s)
-        row = link_row(pair, states, joined)
-        looked_at = concern(states.get((pair.target, pair.source)), row.worst_m)
+        link = states.get((pair.target, pair.source))
+        picked = pair.model_dump(by_alias=True, include=PICKED_OF_PAIR)
+        row = pair_figures(picked, None if link is None else link.model_dump(), alone=False)
+        looked_at = concern(link, row.std_worst_m)
         ranked.append((looked_at, number, row))
         digest.pairs.append(_stripped(pair))
         digest.worst = nsmallest(MOST_PAIRS, [*digest.worst, (looked_at, number, pair)], key=itemgetter(0, 1))
