@@ -15,8 +15,8 @@ from service.use_cases.reports.cloud_pictures import (
     StationCloudPart,
     cloud_pictures,
 )
+from service.use_cases.reports.figures import PICKED_OF_PAIR, pair_figures
 from service.use_cases.reports.histograms import residual_histograms
-from service.use_cases.reports.link_rows import link_rows
 from service.use_cases.reports.report_drawings import StandPoint
 from service.use_cases.reports.setups_drawing import LINK_STYLES, PlacedStand, SetupLink, many_setups_plan, setups_plan
 from tests.unit.service.use_cases.documents.test_pair_documents import MIXED, adjusted
@@ -143,9 +143,13 @@ def test_histograms_count_every_value_and_leave_out_what_is_no_distribution() ->
     assert residual_histograms(pair("A", "B", motion(1.0, 10.0)), EN) == ""
 
 
-def test_links_that_carry_come_first_and_others_say_why_not() -> None:
-    rows = link_rows([pair("A", "B", motion(1.0, 1.0), "rejected"), pair("A", "C", motion(1.0, 1.0))], None)
-    assert [(row.source, row.carries) for row in rows] == [("C", True), ("B", False)]
-    assert rows[0].reason is None
-    assert rows[1].reason == "a reason"
-    assert rows[0].stds_m[0] is not None
+def test_a_pair_that_carries_nothing_says_why_not() -> None:
+    carrying, other = (
+        pair_figures(
+            pair("A", "B", motion(1.0, 1.0), status).model_dump(by_alias=True, include=PICKED_OF_PAIR), None, alone=True
+        )
+        for status in ("accepted", "rejected")
+    )
+    assert (carrying.carries, carrying.reason) == (True, None)
+    assert (other.carries, other.reason) == (False, "a reason")
+    assert carrying.pose.std_centroid_m[0] is not None
