@@ -18,6 +18,7 @@ from rich.console import Console
 
 from algorithms.geometry.topocentric import TopocentricFrame
 from algorithms.progress import NoProgress
+from schemas.requests.registered_output import RegisteredOptions
 from schemas.results.registration_result import Overlap
 from service.dependencies import Adapters
 from service.names.messages.catalogue import Language, messages_in
@@ -110,6 +111,9 @@ def jobs(context: StepContext) -> Callable[[str], Made]:
             tied, 2, **in_utm | {"control": projected_control(north_first=True), "control_axes": "north-east-height"}
         ),
         "targets": partial(tied, 2),
+        "files of poses": partial(
+            tied, 2, **in_utm, wanted={"registered": RegisteredOptions(format="poses").model_dump(mode="json")}
+        ),
     }
     return cache(lambda name: makers[name]())
 
@@ -355,6 +359,18 @@ def test_the_matrix_of_a_georeferenced_station_is_read_as_ever_and_its_remarks_l
         remarks = [line.removeprefix("# ") for line in text.splitlines()[4:]]
         assert f"the middle of the control in {CRS}" in remarks[0]
         assert [[float(number) for number in line.split()] for line in remarks[2:6]] == place["system_from_scan"]
+
+
+def test_files_of_poses_that_are_wanted_say_what_those_of_the_report_say_and_more(jobs: Callable[[str], Made]) -> None:
+    """Both are called `poses.csv` and `<station>.txt`."""
+    usual, wanted = jobs("georeferenced"), jobs("files of poses")
+    for row, fuller, station in zip(table(usual), table(wanted), wanted.document["stations"], strict=True):
+        assert {**fuller, **row} == fuller
+        assert fuller["name"] == row["station"]
+        matrix = np.array(station["world_from_scan"]["matrix"])
+        told = [float(fuller[f"a{k}{n}"]) for k in range(1, 5) for n in range(1, 5)]
+        np.testing.assert_allclose(told, matrix.ravel(), atol=1e-9)
+        assert wanted.files[f"{station['name']}.txt"] == usual.files[f"{station['name']}.txt"]
 
 
 def test_poses_without_a_projection_name_the_station_that_carries_the_frame(jobs: Callable[[str], Made]) -> None:

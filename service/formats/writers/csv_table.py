@@ -28,6 +28,26 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return text.getvalue()
 
 
+def joined_tables(first: str, second: str, first_key: str, second_key: str) -> str:
+    """Return the rows of a table with the columns of another one behind theirs, by the names that stand in both.
+
+    Parameters
+    ----------
+    first, second
+        Tables as `csv_text` writes them; a column that both have stays as the first has it.
+    first_key, second_key
+        Column of the name in each, which is that of one row.
+    """
+    rows, others = (list(csv.DictReader(io.StringIO(text))) for text in (first, second))
+    by_name = {row[second_key]: row for row in others}
+    columns = list(dict.fromkeys([*rows[0], *others[0]])) if rows and others else []
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    table.writeheader()
+    table.writerows({**by_name.get(row[first_key], {}), **row} for row in rows)
+    return text.getvalue() if columns else first
+
+
 def harmless(text: str) -> str:
     """Return a text of one line that no spreadsheet takes for a formula; signed numbers in it stay as they are."""
     return FORMULA.sub(r"\1\2'", UNSEEN.sub(" ", text))

@@ -1,7 +1,7 @@
 """Write registered scans as files: the same E57 with new poses, another format, or poses alone."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,14 @@ from service.formats.point_selection import ALL_POINTS, USUAL_POINTS
 from service.formats.streaming import stream_scan
 from service.formats.writers import PointPiece, ScalarField, StationCloud, Written, writer_of
 from service.formats.writers.base import STANDARD_DEVIATION
+from service.formats.writers.csv_table import joined_tables
 from service.formats.writers.e57_write_back import write_back
 from service.formats.writers.poses import POSE_FORMATS, StationPose, riscan
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.use_cases.limits.read_limits import read_limits
+from service.use_cases.reports.figures import StationFigures, station_figures
+from service.use_cases.reports.result_tables_csv import matrix_text, poses_csv
 from service.use_cases.steps.cleaned_clouds import CLEANED, cleaned_frame
 from service.use_cases.steps.job_poses import result_with_stations
 from service.use_cases.steps.output_files import artifact, output_file
@@ -108,13 +111,37 @@ def _write_poses(
     poses = [StationPose(each.name, each.pose, each.covariance) for each in stations]
     is_left_handed = bool(arguments["options"]["left_handed"])
     job_id, found = arguments["job_id"], []
+    own = _figures(context, arguments)
     for kind, give in POSE_FORMATS.items():
         files = riscan(poses, is_left_handed=is_left_handed) if kind == "riscan" else give(poses)
-        for name, content in files.items():
+        for name, content in _with_figures(files, own).items():
             safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
             context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{safe}", content)
             media = MEDIA_BY_ENDING.get(Path(name).suffix, "text/plain")
             found.append(_described(context, job_id, safe, media, POSES, stations, Written(0, system.notes)))
+    return found
+
+
+def _figures(context: StepContext, arguments: Json) -> list[StationFigures]:
+    """Give the figures of the stations of the job's own result; none where the request has the poses."""
+    if arguments.get("result") is None:
+        return []
+    document = _document(context, arguments["result"])
+    return station_figures({**document, "stations": _entries(context, arguments, "stations")})
+
+
+def _with_figures(files: Mapping[str, bytes], own: Sequence[StationFigures]) -> dict[str, bytes]:
+    """Put what the job's own result says of the stations into the files that its report has by the same names."""
+    if not own:
+        return dict(files)
+    texts = {f"{station.name}.txt": matrix_text(station).encode() for station in own if station.matrix is not None}
+    found = {name: texts.get(name, content) for name, content in files.items()}
+    if "poses.csv" in found:
+        table = joined_tables(poses_csv(own), found["poses.csv"].decode(), "station", "name")
+        found["poses.csv"] = table.encode()
+    if "poses.json" in found:
+        frame = {"frame": own[0].frame, "crs": next((station.system for station in own if station.system), None)}
+        found["poses.json"] = (json.dumps({**frame, **json.loads(found["poses.json"])}, indent=1) + "\n").encode()
     return found
 
 

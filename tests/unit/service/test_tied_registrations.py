@@ -65,7 +65,7 @@ def control(wrong_m: float = 0.0, axes: tuple[int, int, int] = (0, 1, 2)) -> lis
     ]
 
 
-def registered(context: StepContext, stations: int, **said: object) -> RegistrationDocument:
+def registered(context: StepContext, stations: int, wanted: Json | None = None, **said: object) -> RegistrationDocument:
     listed = [
         {"name": name, "scan": {"file": name}, "targets": targets(number)}
         for number, name in enumerate(NAMES[:stations])
@@ -74,7 +74,7 @@ def registered(context: StepContext, stations: int, **said: object) -> Registrat
         json.dumps({"stations": listed, "method": {"method": "targets"}, **said})
     ).model_dump(mode="json")
     files = {name: {"name": f"{name}.e57", "sha256": name * 64, "scans": []} for name in NAMES}
-    job: Json = {"id": "j", "inputs": inputs, "files": files}
+    job: Json = {"id": "j", "inputs": inputs, "files": files, "wanted": wanted or {}}
     outputs: list[list[Json]] = []
     while (calls := RegisterPlan().next_stage(job, outputs)) is not None:
         outputs.append([json.loads(json.dumps(STEPS[call.name](context, call.arguments))) for call in calls])
