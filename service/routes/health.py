@@ -8,6 +8,8 @@ from schemas.resources.health import Liveness, Readiness
 from service.routes.readable_router import ReadableRouter
 from service.use_cases.limits.check_readiness import ReadinessWatch
 
+LOOK_AGAIN_S = "10"
+"""When to ask again: what is restarted is back in seconds."""
 router = ReadableRouter(tags=["health"])
 
 
@@ -21,5 +23,7 @@ async def healthz() -> Liveness:
 async def readyz(request: Request, response: Response) -> Readiness:
     """Check database, storage and workers, at most once a second; 503 when one of them is missing."""
     readiness = await cast("ReadinessWatch", request.app.state.readiness).readiness()
-    response.status_code = 200 if readiness.status == "ready" else 503
+    if readiness.status != "ready":
+        response.status_code = 503
+        response.headers["Retry-After"] = LOOK_AGAIN_S
     return readiness

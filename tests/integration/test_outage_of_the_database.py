@@ -1,4 +1,4 @@
-"""The database server dies in the middle of jobs: they wait for it and go on, and no finished step is repeated."""
+"""The database server dies, or is silent, during jobs: they wait for it and go on; no finished step is repeated."""
 
 import time
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ def service(tmp_path_factory: pytest.TempPathFactory, server: PostgresServer) ->
         yield made
 
 
-@pytest.mark.parametrize("how", ["killed", "stopped"])
+@pytest.mark.parametrize("how", ["killed", "stopped", "silent"])
 def test_jobs_outlast_an_outage(service: Harness, server: PostgresServer, how: str) -> None:
     jobs = [
         service.submit(
@@ -45,13 +45,14 @@ def test_jobs_outlast_an_outage(service: Harness, server: PostgresServer, how: s
     ]
     computing = [service.started(f"{how}-{name}-second") for name in ("during", "after")]
     workers = [worker.pid for worker in service.workers]
-    if how == "killed":
-        server.kill()
+    if how == "silent":
+        with server.stopped():
+            time.sleep(OUTAGE_S)
     else:
-        server.stop()
-    time.sleep(OUTAGE_S)
-    assert alive(computing[1])
-    server.start()
+        server.kill() if how == "killed" else server.stop()
+        time.sleep(OUTAGE_S)
+        assert alive(computing[1])
+        server.start()
     finished = [service.finished(job, 60.0) for job in jobs]
     assert [(job.status, job.attempts) for job in finished] == [(JobStatus.SUCCESSFUL, 1)] * 2
     ends = [name for _, name, *_ in service.events("end") if name.startswith(how)]

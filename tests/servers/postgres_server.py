@@ -130,16 +130,34 @@ class PostgresServer:
             self._process.wait(30.0 * patience())
             self._process = None
 
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """Stop all its processes where they are; they go on afterwards."""
+        family = self._family()
+        for process in family:
+            with suppress(psutil.NoSuchProcess):
+                process.suspend()
+        try:
+            yield
+        finally:
+            for process in family:
+                with suppress(psutil.NoSuchProcess):
+                    process.resume()
+
     def kill(self) -> None:
         """End it and all its processes at once."""
         assert self._process is not None
-        family = [psutil.Process(self._process.pid), *psutil.Process(self._process.pid).children(recursive=True)]
+        family = self._family()
         for process in family:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
         self._process.wait()
         psutil.wait_procs(family, 5.0)
         self._process = None
+
+    def _family(self) -> list[psutil.Process]:
+        assert self._process is not None
+        return [psutil.Process(self._process.pid), *psutil.Process(self._process.pid).children(recursive=True)]
 
     def remove(self) -> None:
         """Stop it and remove all it has written."""

@@ -39,7 +39,7 @@ def migrate(settings: Settings) -> None:
     import alembic.command
     import alembic.config
 
-    engine = connect(settings)
+    engine = connect(settings, lasting=True)
     configuration = alembic.config.Config()
     folder = Path(__file__).parent / "migrations"
     configuration.set_main_option("script_location", str(folder).replace("%", "%%"))

@@ -1,5 +1,6 @@
 """Tables of the metadata database, and how to connect to it."""
 
+import math
 import time
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -17,15 +18,18 @@ FRESH_S, FRESH_FOR_WORKERS_S = 5.0, 60.0
 try again what fails."""
 KEPT_BY_WORKERS = 2
 """Connections that a worker keeps; it opens more when it needs them, and closes those."""
+LASTING = "-c idle_in_transaction_session_timeout=60000 -c lock_timeout=60000"
+"""Limits of statements that change the tables themselves, for which another machine may wait."""
 PATIENCE = {
     "connect_timeout": 5,
-    # a server that is gone without a word (power cut, network) is noticed within half a minute
+    # a server that is gone without a word (power cut, network) is noticed in half a minute, though it owes nothing
     "keepalives_idle": 10,
     "keepalives_interval": 5,
     "keepalives_count": 3,
     "tcp_user_timeout": 25_000,
-    # a process that is stopped in the middle of a transaction must not keep its locks
-    "options": "-c idle_in_transaction_session_timeout=60000 -c lock_timeout=60000",
+    # a process that is stopped in the middle of a transaction must not keep its locks, and a server that is alive says
+    # that it is busy before it is taken for silent
+    "options": "-c idle_in_transaction_session_timeout=20000 -c lock_timeout=10000 -c statement_timeout=12000",
 }
 """What is expected of a PostgreSQL server, in words of its client library."""
 
@@ -285,7 +289,7 @@ def lock_name(connection: sa.Connection, name: str) -> None:
         connection.execute(sa.select(sa.func.pg_advisory_xact_lock(sa.func.hashtextextended(name, 0))))
 
 
-def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) -> sa.Engine:
+def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0, lasting: bool = False) -> sa.Engine:
     """Make the engine of the metadata database (embedded SQLite or PostgreSQL).
 
     Parameters
@@ -296,9 +300,14 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) 
         Keep all connections once they are open, so that nobody else takes them (see `reserve_connections`).
     fresh_s
         Within this time a connection is used again without asking whether the server is still there.
+    lasting
+        Statements may take as long as they want, as those do that change the tables themselves.
     """
     url = sa.make_url(settings.sqlalchemy_url)
     if url.get_backend_name() != "sqlite":
+        # only here: its client library takes memory
+        from service.adapters.database.silent_servers import ANSWERS_WITHIN_S, give_up_when_silent
+
         most = settings.database_connections
         kept = most if reserve else min(KEPT_BY_WORKERS, most)
         server = sa.create_engine(
@@ -309,8 +318,9 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0) 
             pool_timeout=POOL_TIMEOUT_S,
             # those that are not needed stay unused, and need not be asked for
             pool_use_lifo=True,
-            connect_args=PATIENCE,
+            connect_args={**PATIENCE, "options": LASTING} if lasting else PATIENCE,
         )
+        give_up_when_silent(server, math.inf if lasting else ANSWERS_WITHIN_S)
         _ask_after_a_pause(server, fresh_s)
         return server
     settings.data_dir.mkdir(parents=True, exist_ok=True)
@@ -351,6 +361,7 @@ def _ask_after_a_pause(engine: sa.Engine, fresh_s: float) -> None:
 
     To ask before each use would double the number of transactions.
     """
+    from service.adapters.database.silent_servers import ping
 
     @sa.event.listens_for(engine, "checkin")
     def _note(_connection: Any, record: Any) -> None:
@@ -362,7 +373,7 @@ def _ask_after_a_pause(engine: sa.Engine, fresh_s: float) -> None:
         if used is None or time.monotonic() - used < fresh_s:
             return
         try:
-            engine.dialect.do_ping(connection)
+            ping(engine, connection)
         except engine.dialect.loaded_dbapi.Error as error:
             raise sa.exc.DisconnectionError from error
 
