@@ -24,6 +24,9 @@ STOP_WITHIN_S = 8.0
 LONGEST_BACK_OFF_S = 30.0
 STEADY_AFTER_S = 10.0
 """A process that lived so long is restarted at once when it dies."""
+STOPPED_FOR_S = 6.0
+"""Longest time for which a process may be stopped; then it is killed, as it may be in the middle of a transaction.
+Other workers take it for dead by then [s]."""
 
 
 @dataclass
@@ -40,10 +43,13 @@ class Supervised:
     started: float = 0.0
     next_start: float = 0.0
     failures: int = field(default=0)
+    stopped_since: float | None = None
 
     def keep_running(self) -> None:
-        """Start it when it does not run; wait longer after each quick death."""
+        """Start it when it does not run; wait longer after each quick death. Kill it when it stays stopped."""
         now = time.monotonic()
+        if self.process is not None and self.process.poll() is None:
+            self._kill_when_stopped(self.process, now)
         if self.process is not None and self.process.poll() is not None:
             lived = now - self.started
             self.failures = 0 if lived > STEADY_AFTER_S else self.failures + 1
@@ -66,10 +72,24 @@ class Supervised:
             )
             note("process started", name=self.name, pid=self.process.pid)
 
+    def _kill_when_stopped(self, process: subprocess.Popen[bytes], now: float) -> None:
+        if not _is_stopped(process.pid):
+            self.stopped_since = None
+            return
+        self.stopped_since = self.stopped_since or now
+        if now - self.stopped_since > STOPPED_FOR_S:
+            note("process is stopped and is killed", "warning", name=self.name, pid=process.pid)
+            self.stopped_since = None
+            process.kill()
+
 
 def supervise(supervised: Sequence[Supervised], host: str, port: int) -> None:
-    """Run them until SIGTERM or SIGINT; then stop all within 10 s."""
-    signals = SignalPipe(signal.SIGTERM, signal.SIGINT)
+    """Run them until SIGTERM, SIGINT or SIGHUP; then stop all within 10 s.
+
+    Where SIGHUP is ignored, as `nohup` does, it stays so.
+    """
+    hangs_up = () if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else (signal.SIGHUP,)
+    signals = SignalPipe(signal.SIGTERM, signal.SIGINT, *hangs_up)
     stop = threading.Event()
     announcer = threading.Thread(target=_announce_when_ready, args=(host, port, stop), daemon=True)
     announcer.start()
@@ -106,6 +126,16 @@ def _stop_all(processes: Sequence[subprocess.Popen[bytes]]) -> None:
             note("process did not stop in time and is killed", "warning", pid=process.pid)
             process.kill()
             process.wait()
+
+
+def _is_stopped(pid: int) -> bool:
+    """Tell whether a child is stopped, as by SIGSTOP; where the system does not say so, it is not."""
+    if not hasattr(os, "waitid"):
+        return False
+    try:
+        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    except ChildProcessError:  # it has ended since
+        return False
 
 
 def _announce_when_ready(host: str, port: int, stop: threading.Event) -> None:

@@ -12,6 +12,9 @@ import psutil
 
 from algorithms.errors import InvalidInputError
 from service.ports import Json, StepCall, StepContext
+from tests.integration.stopping_transactions import stop_when_told
+
+stop_when_told()
 
 PRACTISING = "practising"
 """File in which a test says how practising goes."""

@@ -13,6 +13,7 @@ from service.adapters.database.steps import DatabaseSteps
 from service.adapters.database.tables import job_steps
 from service.adapters.database.tables import jobs as jobs_table
 from service.ports import JobStatus, StepCall
+from tests.integration.stopping_transactions import STOP
 from tests.servers.databases import NewDatabase
 
 pytestmark = pytest.mark.service
@@ -36,9 +37,16 @@ def with_two_workers(service: Harness) -> None:
 
 
 def worker_of(computing: int) -> psutil.Process:
-    parent = psutil.Process(computing).parent()
-    assert parent is not None
-    return parent
+    """Give the worker whose nursery a computation is a copy of."""
+    nursery = psutil.Process(computing).parent()
+    assert nursery is not None
+    worker = nursery.parent()
+    assert worker is not None
+    return worker
+
+
+def is_stopped(pid: int) -> bool:
+    return psutil.Process(pid).status() == psutil.STATUS_STOPPED
 
 
 def submit(service: Harness, name: str) -> tuple[str, int]:
@@ -55,8 +63,9 @@ def how_often(service: Harness, name: str) -> tuple[int, int]:
 def test_a_worker_that_stops_in_order_hands_its_step_over_without_counting_an_attempt(service: Harness) -> None:
     with_two_workers(service)
     job, computing = submit(service, "ordered")
-    worker_of(computing).send_signal(signal.SIGTERM)
-    wait_until(lambda: not alive(computing), 5.0)
+    worker = worker_of(computing)
+    worker.send_signal(signal.SIGTERM)
+    wait_until(lambda: not alive(computing) and not alive(worker.pid), 10.0)
     finished = service.finished(job)
     assert (finished.status, finished.attempts) == (JobStatus.SUCCESSFUL, 1)
     assert how_often(service, "ordered") == (1, 1)
@@ -70,6 +79,30 @@ def test_another_worker_takes_over_from_a_killed_one(service: Harness) -> None:
     finished = service.finished(job)
     assert finished.status is JobStatus.SUCCESSFUL
     assert how_often(service, "killed") == (1, 1)
+
+
+def test_a_worker_that_was_stopped_for_long_was_taken_for_dead_and_ends_when_it_comes_back(service: Harness) -> None:
+    with_two_workers(service)
+    job, computing = submit(service, "slept")
+    worker = worker_of(computing)
+    worker.suspend()
+    wait_until(lambda: service.queue.live_workers() == 1, 30.0)
+    wait_until(lambda: len(service.events("start", "slept-long")) == 2)
+    worker.resume()
+    wait_until(lambda: not alive(worker.pid), 20.0)
+    finished = service.finished(job)
+    assert (finished.status, finished.attempts) == (JobStatus.SUCCESSFUL, 2)
+
+
+def test_a_server_frees_what_a_worker_holds_that_is_stopped_in_a_transaction(service: Harness) -> None:
+    if not service.settings.database_url:
+        pytest.skip("an embedded database does not notice; the worker's launcher kills it then")
+    with_two_workers(service)
+    jobs = [submit(service, f"held-{number}")[0] for number in range(2)]
+    (service.settings.data_dir / STOP).touch()
+    wait_until(lambda: [is_stopped(worker.pid) for worker in service.workers].count(True) == 1)
+    took_s = wait_until(lambda: all(service.job(job).status is JobStatus.SUCCESSFUL for job in jobs), 60.0)
+    print(f"jobs of a stopped worker and beside it ended after {took_s:.1f} s")
 
 
 @pytest.mark.e2e

@@ -57,6 +57,55 @@ def test_one_that_was_steady_is_started_again_at_once(monkeypatch: pytest.Monkey
     one.process.wait()
 
 
+def test_one_that_stays_stopped_is_killed_and_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(supervisor.time, "monotonic", lambda: now)
+    one = Supervised("one", [sys.executable, "-S", "-c", "import time; time.sleep(600)"])
+    one.keep_running()
+    assert one.process is not None
+    first = psutil.Process(one.process.pid)
+    for stays in (False, True):
+        first.suspend()
+        while first.status() != psutil.STATUS_STOPPED:
+            time.sleep(0.01)
+        one.keep_running()
+        now += supervisor.STOPPED_FOR_S - 1.0
+        one.keep_running()
+        assert first.is_running()
+        if not stays:  # it goes on in time, which is the end of it
+            first.resume()
+            while first.status() == psutil.STATUS_STOPPED:
+                time.sleep(0.01)
+            one.keep_running()
+    now += 2.0
+    one.keep_running()
+    first.wait(10.0)
+    one.keep_running()
+    now = one.next_start
+    one.keep_running()
+    assert one.process is not None
+    assert one.process.pid != first.pid
+    one.process.kill()
+    one.process.wait()
+
+
+def test_a_terminal_that_hangs_up_stops_it_in_order_unless_that_is_ignored() -> None:
+    command = [sys.executable, "-m", "service.supervisor", "--host", "127.0.0.1", "--port", "1"]
+    process = json.dumps({"name": "one", "command": STAYS, "environment": {"SAID": "here"}})
+    for before in ((), ("nohup",)):
+        with subprocess.Popen(
+            [*before, *command, "--process", process], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as running:
+            assert running.stdout is not None
+            assert running.stdout.readline() == b"here\n"
+            running.send_signal(signal.SIGHUP)
+            if before:
+                with pytest.raises(subprocess.TimeoutExpired):
+                    running.wait(1.0)
+                running.terminate()
+            assert running.wait(60.0) == 0
+
+
 def test_told_to_stop_it_stops_all_that_it_started() -> None:
     process = {"name": "one", "command": STAYS, "environment": {"SAID": "here"}}
     command = [sys.executable, "-m", "service.supervisor", "--host", "127.0.0.1", "--port", "1"]
