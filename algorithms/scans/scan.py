@@ -93,7 +93,9 @@ class Scan:
     attributes: Mapping[ScalarField, Array] = field(default_factory=dict)
     """(n,) further numbers of the points, which nothing is computed from; empty unless they were asked for."""
     crs_wkt: str | None = None
-    """Coordinate reference system of the file's coordinates, WKT 1; None: not told, or not asked for."""
+    """Coordinate reference system of the file's coordinates in metres, WKT 1; None: not told."""
+    unit_before: str = ""
+    """Unit of the file's coordinates, by name, where they were converted to metres; empty: they were metres."""
     notes: tuple[str, ...] = ()
     """Points and attributes of the file that are not in the scan, in words."""
 

@@ -70,7 +70,8 @@ class TerrainInputs(SelectedPoints, PosedInputs):
     mesh: bool = False
     """Write the terrain as a triangle mesh."""
     grid_format: Literal["asc", "geotiff"] = "asc"
-    """Format of all grids: ESRI ASCII, or GeoTIFF (float32, without a reference system, for none is known here)."""
+    """Format of all grids: ESRI ASCII, or GeoTIFF (float32). The reference system of the stations' files is named in
+    them, or beside them (`.prj`, `.aux.xml`)."""
     light_azimuth_deg: float = Field(default=315.0, ge=0.0, le=360.0)
     """From where light falls on the picture of the terrain, clockwise from north [degrees]."""
     light_altitude_deg: float = Field(default=45.0, gt=0.0, le=90.0)

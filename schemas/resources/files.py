@@ -68,6 +68,8 @@ class ScanDocument(BaseModel):
     """What the file says of instrument, serial number and time of measurement; null: nothing."""
     gps_time_s: tuple[float, float] | None = None
     """First and last GPS time of a point, as the file counts it [s]; null: the file has no times."""
+    geocentric: str | None = None
+    """Why z is no height: the coordinates are geocentric; null: it may be one."""
     point_sources: int | None = None
     """Number of flight lines (point sources) that the points name; null: the format has none."""
 

@@ -13,7 +13,8 @@ class HeightFigures(Document):
     """A model of heights in figures."""
 
     name: str
-    """dtm, dsm or ndsm, where wanted canopy and stand-height; its file is of that name."""
+    """dtm, dsm or ndsm, where wanted canopy and stand-height; its file is of that name, with `-metres` behind it where
+    the coordinates were in another unit."""
     lowest_m: float
     """Least height [m]."""
     mean_m: float

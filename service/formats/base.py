@@ -49,7 +49,7 @@ class ScanFile:
     selection: PointSelection = USUAL_POINTS
     """Points that are used, of formats that tell flags, classes and returns."""
     attributes: bool = False
-    """Whether attributes of points and the coordinate reference system are read, which nothing is computed from."""
+    """Whether attributes of points are read, which nothing is computed from."""
 
     def unreadable(self, reason: str, place: str = "") -> UnreadableFileError:
         """Build the error that names this file."""
@@ -80,9 +80,9 @@ class ScanRecords:
     attributes: Mapping[ScalarField, Array] = field(default_factory=dict)
     """(n,) further numbers of the records, where `ScanFile.attributes` asks for them."""
     crs_wkt: str | None = None
-    """Coordinate reference system of the coordinates, WKT 1, where `ScanFile.attributes` asks for it."""
+    """Coordinate reference system of the coordinates in metres, WKT 1; None: not told."""
     lost: tuple[str, ...] = ()
-    """What the file has beside that and was not read, in words, where `ScanFile.attributes` asks for it."""
+    """What the file has beside that and was not read, in words."""
     row: Array | None = None
     """(n,) integer row of each record; given together with `column`."""
     column: Array | None = None
@@ -167,6 +167,8 @@ class ScanInfo:
     """Least and largest time of a point; None: the file has no times."""
     point_sources: int | None = None
     """Number of flight lines that the points name as their source; None: the format has none."""
+    geocentric: str | None = None
+    """Why z is no height: the coordinates are geocentric; None: it may be one."""
 
     def to_json(self) -> dict[str, Any]:
         """Give the members as plain JSON values."""
@@ -192,6 +194,7 @@ class ScanInfo:
             "instrument": None if self.instrument is None else self.instrument.to_json(),
             "gps_time_s": None if self.gps_time_s is None else list(self.gps_time_s),
             "point_sources": self.point_sources,
+            "geocentric": self.geocentric,
         }
 
 

@@ -33,11 +33,13 @@ class CityWriter:
 
     ending: str
     media_type: str
-    write: Callable[[Path, Sequence[NamedBuilding], Vector3], None]
-    """Writes buildings whose vertices are in the world less an origin [m]."""
+    write: Callable[[Path, Sequence[NamedBuilding], Vector3, str | None], None]
+    """Writes buildings whose vertices are in the world less an origin [m], and its reference system, WKT 1."""
 
 
-def write_city_json(path: Path, buildings: Sequence[NamedBuilding], origin_m: Vector3) -> None:
+def write_city_json(
+    path: Path, buildings: Sequence[NamedBuilding], origin_m: Vector3, crs_wkt: str | None = None
+) -> None:
     """Write CityJSON 2.0 (OGC 20-072r5): a solid with semantic surfaces each building."""
     vertices: list[list[int]] = []
     objects = {}
@@ -69,14 +71,29 @@ def write_city_json(path: Path, buildings: Sequence[NamedBuilding], origin_m: Ve
         "CityObjects": objects,
         "vertices": vertices,
     }
+    system = None if crs_wkt is None else _system_url(crs_wkt)
+    if system is not None:
+        document["metadata"] = {"referenceSystem": system}
     path.write_text(json.dumps(document, ensure_ascii=False), encoding="utf-8")
 
 
-def write_city_obj(path: Path, buildings: Sequence[NamedBuilding], origin_m: Vector3) -> None:
+def _system_url(crs_wkt: str) -> str | None:
+    """Return the address of a reference system as CityJSON wants it; None where it has no EPSG code."""
+    from pyproj import CRS
+
+    code = CRS.from_wkt(crs_wkt).to_epsg()
+    return None if code is None else f"https://www.opengis.net/def/crs/EPSG/0/{code}"
+
+
+def write_city_obj(
+    path: Path, buildings: Sequence[NamedBuilding], origin_m: Vector3, crs_wkt: str | None = None
+) -> None:
     """Write OBJ in full coordinates, one object of triangles each building."""
     first = 1
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write("# metres, world, z up\n")
+        if crs_wkt is not None:
+            stream.write(f"# crs {' '.join(crs_wkt.split())}\n")
         for building in buildings:
             stream.write(f"o {building.name.replace(' ', '_')}\n")
             np.savetxt(stream, building.model.mesh.vertices + origin_m, fmt="v" + 3 * f" %.{OBJ_DIGITS}f")

@@ -13,6 +13,7 @@ from algorithms.scans.scan import Scan, ScanGrid
 from schemas.values.units import BY_NAME, METRE
 from service.errors import FileTooLargeError
 from service.formats.base import ReadLimits, RefusedScan, ScanFile, ScanInfo, ScanRecords
+from service.formats.geocentric import geocentric_in_words
 from service.formats.intensities import in_unsigned_range, limits_of, range_in_words, signed_range
 from service.formats.point_selection import left_out_in_words, unselected_in_words
 from service.formats.units import DeclaredUnit
@@ -80,6 +81,7 @@ def finish(file: ScanFile, records: ScanRecords) -> Scan:
         world_from_scan=records.world_from_scan,
         attributes={each: values[chosen] for each, values in records.attributes.items()},
         crs_wkt=records.crs_wkt,
+        unit_before="" if (unit := converted_unit(file, records)) is None else unit.name,
         notes=(*reading_notes(file, records), *range_in_words(limits)),
     )
 
@@ -88,7 +90,9 @@ def reading_notes(file: ScanFile, records: ScanRecords) -> tuple[str, ...]:
     """Say which points were left out, and what of them was not read."""
     # formats that tell classes and returns tell point sources
     unmarked = unselected_in_words(file.selection) if records.point_sources is None else ""
-    return tuple(said for said in (left_out_in_words(records.left_out), unmarked, *records.lost) if said)
+    unit = converted_unit(file, records)
+    converted = "" if unit is None else conversion(unit)
+    return tuple(said for said in (converted, left_out_in_words(records.left_out), unmarked, *records.lost) if said)
 
 
 def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
@@ -107,6 +111,7 @@ def scan_info(index: int, scan: Scan, dropped: int) -> ScanInfo:
         scan_pose=None if scan.world_from_scan is None else scan.world_from_scan.as_matrix(),
         warnings=scan_warnings(scan),
         content=content_of(scan.points, scan.origin_m),
+        geocentric=geocentric_in_words(scan.crs_wkt, scan.bounds_m) or None,
     )
 
 
@@ -116,9 +121,10 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
     converted = () if unit is None or unit.name == METRE.name else (conversion(unit),)
     undecided = (records.open_unit,) if records.open_unit else ()
     marked = (left_out_in_words(records.left_out),) if records.left_out else ()
+    no_height = (info.geocentric,) if info.geocentric else ()
     return replace(
         info,
-        warnings=(*info.warnings, *converted, *undecided, *marked, *records.warnings),
+        warnings=(*info.warnings, *converted, *undecided, *no_height, *marked, *records.warnings),
         unit=None if unit is None else unit.name,
         open_unit=records.open_unit or None,
         text_columns=records.text_columns,
@@ -229,9 +235,8 @@ def colors_8bit(channels: Array, largest: float) -> Colors:
 
 def in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
     """Convert all lengths of a scan to metres; what is said by nobody is taken for metres."""
-    declared = records.unit
-    if file.unit:
-        stated = DeclaredUnit(BY_NAME[file.unit], BY_NAME[file.unit], "the request")
+    declared, stated = records.unit, stated_unit(file)
+    if stated is not None:
         if declared is not None and declared.name != stated.name:
             raise file.unreadable(
                 f"the request says that coordinates are in {stated.words}, but according to "
@@ -251,6 +256,17 @@ def in_metres(file: ScanFile, records: ScanRecords, place: str) -> ScanRecords:
         if pose is None
         else RigidTransform.from_components(pose.translation * factors, pose.rotation),
     )
+
+
+def stated_unit(file: ScanFile) -> DeclaredUnit | None:
+    """Return the unit that the owner of a file states."""
+    return DeclaredUnit(BY_NAME[file.unit], BY_NAME[file.unit], "the request") if file.unit else None
+
+
+def converted_unit(file: ScanFile, records: ScanRecords) -> DeclaredUnit | None:
+    """Return the unit from which coordinates are converted; None: they are metres."""
+    unit = stated_unit(file) or records.unit
+    return None if unit is None or (unit.factors == 1.0).all() else unit
 
 
 def finite(points: Points) -> Flags:

@@ -137,10 +137,9 @@ class OpenedLas:
         check_count(file, self.count, smallest, self._limits, "header")
         check_packing(file, self.count, "header")
         self.unit = las_unit(file, header.vlrs)
-        if file.attributes:
-            crs_wkt, why_none = las_crs(file, header.vlrs)
-            lost = [f"not read: {each}" for each in lost_attributes(header)]
-            self.told = {"crs_wkt": crs_wkt, "lost": (*lost, *([why_none] if why_none else []))}
+        crs_wkt, why_none = las_crs(file, header.vlrs)
+        lost = [f"not read: {each}" for each in lost_attributes(header)] if file.attributes else []
+        self.told = {"crs_wkt": crs_wkt, "lost": (*lost, *([why_none] if why_none else []))}
         stated = Instrument(model=system_of_las(header.system_identifier), file_date=day_of(header.creation_date))
         self.instrument = stated_instrument(stated)
         return parallel

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from schemas.values.crs import UnusableCrsError, wkt_1
+from schemas.values.crs import UnusableCrsError, geocentric_wkt, metre_wkt_1
 from schemas.values.units import Unit
 from service.formats.base import ScanFile
 from service.formats.crs_units import LONGEST_WKT, unit_of_crs
@@ -20,6 +20,8 @@ EXTENDED_RECORD = struct.Struct("<2x16sHQ32x")
 MODEL, GEOGRAPHIC, PROJECTED, LINEAR_UNIT, LINEAR_SIZE = 1024, 2048, 3072, 3076, 3077
 VERTICAL, VERTICAL_UNIT = 4096, 4099
 IS_GEOGRAPHIC = 2
+IS_GEOCENTRIC = 3
+WGS_84 = 4326
 USER_DEFINED = 32767
 LINEAR_UNITS = {
     9001: (1.0, "metre"),
@@ -33,7 +35,7 @@ LINEAR_UNITS = {
     1033: (0.01, "centimetre"),
 }
 """Codes of units in GeoTIFF and EPSG -> metres and name."""
-WKT_1_BEGINS = ("PROJCS[", "COMPD_CS[")
+WKT_1_BEGINS = ("PROJCS[", "COMPD_CS[", "GEOCCS[")
 NOT_KEPT = "the coordinate reference system of the file is not kept"
 VLR_CRS, VLR_KEYS = "the coordinate reference system of its header", "the GeoTIFF keys of its header"
 
@@ -63,7 +65,7 @@ def las_unit(file: ScanFile, records: Iterable[Any]) -> DeclaredUnit | UnknownUn
 
 
 def las_crs(file: ScanFile, records: Iterable[Any]) -> tuple[str | None, str]:
-    """Return the coordinate reference system of a LAS file as WKT 1, or None and why it cannot be kept.
+    """Return the coordinate reference system of a LAS file in metres as WKT 1, or None and why it cannot be kept.
 
     Parameters
     ----------
@@ -72,21 +74,28 @@ def las_crs(file: ScanFile, records: Iterable[Any]) -> tuple[str | None, str]:
     records
         The variable-length records of its header, as laspy gives them.
     """
-    found = _records(file, records)
+    try:
+        return _crs_of(_records(file, records))
+    except UnusableCrsError as fault:
+        return None, f"{NOT_KEPT}: {fault}"
+
+
+def _crs_of(found: Mapping[int, bytes]) -> tuple[str | None, str]:
     definition = found[WKT].decode("utf-8", "replace").strip("\0 \n") if WKT in found else ""
     if not definition and KEYS in found:
         keys = _keys(found)
+        if keys.get(MODEL) == IS_GEOCENTRIC:
+            return geocentric_wkt(int(keys.get(GEOGRAPHIC, WGS_84))), ""
         codes = [int(code) for key in (PROJECTED, VERTICAL) if 0 < (code := keys.get(key, 0)) < USER_DEFINED]
         if not codes or keys.get(PROJECTED) is None:
             return None, f"{NOT_KEPT}: its GeoTIFF keys name no EPSG code"
         definition = "EPSG:" + "+".join(map(str, codes))
     if not definition:
         return None, ""
-    try:
-        text = wkt_1(definition)
-    except UnusableCrsError as fault:
-        return None, f"{NOT_KEPT}: {fault}"
-    return definition if definition.startswith(WKT_1_BEGINS) else text, ""
+    text = metre_wkt_1(definition)
+    # a definition that nothing changes stays as its writer wrote it
+    is_same = definition.startswith(WKT_1_BEGINS) and unit_of_crs(definition, "") == unit_of_crs(text, "")
+    return definition if is_same else text, ""
 
 
 def projection_behind_points(file: ScanFile) -> Iterator[tuple[str, int, str, bytes]]:

@@ -55,7 +55,7 @@ def _write(
     """Write what is left of all stations into one file."""
     writer = writer_of(name)
     clouds = [cleaned.cloud(station, left) for station, left in cleaned.stations()]
-    filename = f"cleaned{writer.ending}"
+    filename = f"{cleaned.frame.file_stem('cleaned')}{writer.ending}"
     with output_file(context, job_id, filename) as path:
         written = writer.write(path, clouds, ProgressSection(context.progress, CLEANED, 1.0))
     return [artifact(context, job_id, filename, writer.media_type)], written.notes

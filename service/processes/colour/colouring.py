@@ -124,7 +124,7 @@ def _write(
         cloud_in_world(station, frame.origin_m, np.arange(len(station.scan)), station.points(), colors=colors)
         for station, colors in zip(frame.stations, np.split(result.colors, ends), strict=True)
     ]
-    filename = f"coloured{writer.ending}"
+    filename = f"{frame.file_stem('coloured')}{writer.ending}"
     with output_file(context, job_id, filename) as path:
         written = writer.write(path, clouds, ProgressSection(context.progress, 0.85, 1.0))
     return [artifact(context, job_id, filename, writer.media_type)], written.notes

@@ -42,14 +42,16 @@ from schemas.values.units import unit_named
 from service.errors import InvalidRequestError
 from service.formats.meshes import read_mesh
 from service.formats.writers import PointPiece, ScalarField, StationCloud, writer_of
+from service.formats.writers.grid_files import Files
 from service.names.content_keys import content_key
 from service.ports import Json, StepContext
 from service.processes.compare.drawings import histogram_svg, points_png
-from service.processes.compare.raster_part import Files, compared_surfaces
+from service.processes.compare.raster_part import compared_surfaces
 from service.processes.compare.shown_deviations import store_deviation_scene
 from service.processes.compare.surfaces import StationsInWorld, pose_pairs, read_stations
 from service.use_cases.documents.deviation_documents import deviation_figures
 from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.placed_stations import in_metres_stem, renamed
 from service.use_cases.steps.run_lines_report import software
 
 CLASSES = 41
@@ -113,8 +115,8 @@ def compare(context: StepContext, arguments: Json) -> Json:
     pattern = None
     if inputs.get("raster") is not None and reference is not None:
         context.progress.report(0.9, "rasters")
-        pattern, maps = compared_surfaces(reference.points, cloud.points, inputs["raster"], view, origin)
-        files |= maps
+        pattern, maps = compared_surfaces(reference.points, cloud.points, inputs["raster"], view, origin, cloud.crs_wkt)
+        files |= renamed(maps, is_converted=cloud.is_converted)
     elif inputs.get("raster") is not None:
         compared.remarks.append("rasters are made of two clouds; there is no reference cloud")
     document = CompareDocument(
@@ -135,7 +137,7 @@ def compare(context: StepContext, arguments: Json) -> Json:
         mesh=compared.mesh,
         planes=_plane_figures(compared, inputs, origin),
         pattern=pattern,
-        deviations=_deviations(context, arguments, compared, origin, limit),
+        deviations=_deviations(context, arguments, compared, origin, limit, cloud),
         artifacts=[
             Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
             for name, (media, data) in files.items()
@@ -337,14 +339,19 @@ def _plane_figures(compared: _Compared, inputs: Json, origin: Vector3) -> list[P
 
 
 def _deviations(
-    context: StepContext, arguments: Json, compared: _Compared, origin: Vector3, limit: float
+    context: StepContext,
+    arguments: Json,
+    compared: _Compared,
+    origin: Vector3,
+    limit: float,
+    measured: StationsInWorld,
 ) -> list[Artifact] | None:
     """Write the points in the colours of their deviations, where wanted."""
     wanted: Mapping[str, Json] = arguments["wanted"]
     if "deviations" not in wanted:
         return None
     writer = writer_of(wanted["deviations"]["format"])
-    name = f"deviations{writer.ending}"
+    name = f"{in_metres_stem('deviations', is_converted=measured.is_converted)}{writer.ending}"
     known = np.flatnonzero(np.isfinite(compared.deviations_m))
     colours = deviation_classes(limit).colours_of(compared.deviations_m[known])
     levels = np.full(len(known), np.nan) if compared.m3c2 is None else compared.m3c2.levels_of_detection_m[known]
@@ -361,7 +368,7 @@ def _deviations(
             compared.places[known], color=colours, scalars={each.name: numbers[each.name] for each in scalars}
         )
 
-    cloud = StationCloud("deviations", pieces, origin, has_color=True, scalars=scalars)
+    cloud = StationCloud("deviations", pieces, origin, has_color=True, scalars=scalars, crs_wkt=measured.crs_wkt)
     with output_file(context, arguments["job_id"], name) as path:
         writer.write(path, [cloud], NoProgress())
     return [artifact(context, arguments["job_id"], name, writer.media_type)]

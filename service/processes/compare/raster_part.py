@@ -12,20 +12,24 @@ from algorithms.deviations.rasters import Grid, GridValues, grid_over, raster_su
 from algorithms.deviations.surface_maps import density_map, distance_map, residuals_of, rms_map
 from algorithms.deviations.surface_patterns import surface_pattern
 from schemas.results.deviations_result import PatternFigures
-from service.formats.writers.esri_grid import esri_ascii
+from service.formats.writers.grid_files import Files, GridFrame, grid_files
 from service.ports import Json
 from service.use_cases.reports.grid_pictures import grid_png
 
 POINTS_PER_CELL = 4.0
 CLASSES_IN_METRES = 0.5
 """First class of the source's distance map; others scale with the cell."""
-
-Files = dict[str, tuple[str, bytes]]
-"""Media type and content by name."""
+SEEN_FROM_ABOVE = 1.0 - 1e-9
+"""Least cosine between the view and the vertical of a grid whose axes are those of the world."""
 
 
 def compared_surfaces(
-    reference: Points, cloud: Points, options: Json, view: Vector3, origin_m: Vector3
+    reference: Points,
+    cloud: Points,
+    options: Json,
+    view: Vector3,
+    origin_m: Vector3,
+    crs_wkt: str | None = None,
 ) -> tuple[PatternFigures, Files]:
     """Compare two clouds as surfaces on a grid seen from a side.
 
@@ -39,6 +43,8 @@ def compared_surfaces(
         Direction towards the observer.
     origin_m
         What was subtracted from the coordinates [m].
+    crs_wkt
+        Coordinate reference system of the world; None: not known. Grids seen from aside have none.
     """
     wanted = TypeAdapter(RasterOptions).validate_python(options)
     first, second = viewed_along(reference, view), viewed_along(cloud, view)
@@ -64,9 +70,11 @@ def compared_surfaces(
             surface.std_m, grid, colours.scaled(colours.RMS_CLASSES, _rms_scale(surface.std_m)), "mm", 1e3,
         )  # fmt: skip
     files: Files = {}
+    is_map = view[2] >= SEEN_FROM_ABOVE * np.linalg.norm(view)
+    frame = GridFrame(grid, (float(corner[0]), float(corner[1])), crs_wkt if is_map else None)
     for name, (values, cells, classes, unit, factor) in maps.items():
         files[f"{name}.png"] = ("image/png", grid_png(values, classes, unit, factor))
-        files[f"{name}.asc"] = ("text/plain", esri_ascii(values, cells, (float(corner[0]), float(corner[1]))))
+        files |= grid_files(name, values, replace(frame, grid=cells), "1/m2" if unit == "/m2" else "m")
     figures = PatternFigures(
         cell_m=cell, rows=grid.rows, columns=grid.columns,
         common_cells=int(np.isfinite(difference).sum()), gross_cells=pattern.gross_cells,

@@ -15,6 +15,7 @@ from service.errors import InvalidRequestError
 from service.ports import Json, StepContext
 from service.use_cases.documents.comparison_documents import reference_pose
 from service.use_cases.steps.job_poses import job_result
+from service.use_cases.steps.placed_stations import world_crs
 from service.use_cases.steps.run_features import read_stored_scan
 
 SEED, MOST_DRAWN = 20, 40_000
@@ -36,6 +37,10 @@ class StationsInWorld:
     """Job and name there of each station whose pose is of a job."""
     sensors_m: Points
     """(stations, 3) where the instruments stood, reduced [m]; NaN where nobody knows."""
+    crs_wkt: str | None = None
+    """Coordinate reference system of the world, WKT 1; None: not known."""
+    is_converted: bool = False
+    """Whether coordinates of a file were in another unit than metres."""
 
     def instruments_of(self, labels: Labels) -> Points | None:
         """Return where the instruments of some stations stood, (n, 3) reduced [m]; None where one is not known."""
@@ -62,7 +67,7 @@ def read_stations(
     -------
     The stations, and the origin.
     """
-    parts, labels, poses, jobs, sensors = [], [], [], [], []
+    parts, labels, poses, jobs, sensors, systems, is_converted = [], [], [], [], [], [], False
     for number, station in enumerate(stations):
         context.progress.report(0.3 * number / len(stations), f"reading {station['name']}")
         scan = read_stored_scan(context, station["scan"])
@@ -78,12 +83,17 @@ def read_stations(
         sensors.append(pose.rotation.apply(sensor) + (moved_origin - origin_m))
         poses.append(pose)
         of_job = isinstance(given, dict) and "jobID" in given
+        systems.append(scan.crs_wkt)
+        is_converted |= bool(scan.unit_before)
         jobs.append((given["jobID"], given["station"]) if of_job else None)
     if origin_m is None:
         raise InvalidRequestError("no station is left to compare: none of them has a pose")
+    crs_wkt, why_none = world_crs(systems, [pose.target_from_source for pose in poses])
+    remarks += [why_none] if why_none else []
     found = StationsInWorld(
-        np.concatenate(parts), np.concatenate(labels), tuple(poses), tuple(jobs), np.asarray(sensors)
-    )
+        np.concatenate(parts), np.concatenate(labels), tuple(poses), tuple(jobs), np.asarray(sensors), crs_wkt,
+        is_converted,
+    )  # fmt: skip
     return found, origin_m
 
 

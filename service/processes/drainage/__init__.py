@@ -7,7 +7,7 @@ from schemas.requests.drainage_inputs import DrainageInputs
 from schemas.results.drainage_result import DrainageDocument
 from service.errors import InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.inputs.check_stations import posed_station_faults
+from service.use_cases.inputs.check_stations import height_faults, posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
 from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
@@ -43,7 +43,7 @@ class DrainagePlan:
 
 
 def _check(inputs: DrainageInputs, stored: Stored) -> None:
-    faults = list(posed_station_faults(inputs, stored.files))
+    faults = [*posed_station_faults(inputs, stored.files), *height_faults(inputs.stations, stored.files)]
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

@@ -22,7 +22,7 @@ from algorithms.terrain.options import EVERY_FILTER
 from schemas.results.drainage_result import DrainageDocument, HollowFigures, TerrainLine
 from schemas.results.registration_result import Artifact
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
-from service.formats.writers.esri_grid import esri_ascii
+from service.formats.writers.grid_files import Files, GridFrame, grid_files
 from service.ports import Json, StepContext
 from service.use_cases.reports.grid_pictures import grid_png
 from service.use_cases.steps.placed_stations import read_stations
@@ -32,8 +32,6 @@ COLOURS = {VALLEY: (20, 80, 200), RIDGE: (160, 80, 20), PATH: (200, 30, 160)}
 MOST_HOLLOWS = 1000
 READ, FILTERED, RAINED = 0.2, 0.6, 0.8
 
-Files = dict[str, tuple[str, bytes]]
-"""Media type and content by name."""
 Line = tuple[TerrainLine, Points]
 
 
@@ -47,6 +45,7 @@ def let_it_rain(context: StepContext, arguments: Json) -> Json:
     """
     job_id, inputs = arguments["job_id"], arguments["inputs"]
     frame = read_stations(context, arguments["stations"])
+    frame.require_heights()
     points = np.concatenate([station.points() for station in frame.stations])
     ground = _ground(points, inputs, ProgressSection(context.progress, READ, FILTERED))
     models = terrain_models(points[~ground.low], ground.ground[~ground.low], inputs["cell_m"], None, NoProgress())
@@ -57,7 +56,7 @@ def let_it_rain(context: StepContext, arguments: Json) -> Json:
     context.progress.report(RAINED, "lines")
     paths = hollow_paths(hollows, labels, rain, grid) if inputs["hollow_paths"] else []
     lines = _lines(heights, rain, grid, paths, frame.origin_m, inputs)
-    files = _files(rain, shape, grid, lines, frame.origin_m)
+    files = frame.renamed(_files(rain, shape, grid, lines, frame.origin_m, frame.crs_wkt))
     for name, (_, data) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
     bridged = float(1.0 - np.isfinite(models.dtm_std_m).mean())
@@ -114,15 +113,20 @@ def _described(kind: str, points: Points, catchment_m2: float | None) -> Line:
     return TerrainLine(kind=kind, length_m=length, catchment_m2=catchment_m2, lowest_m=low, highest_m=high), points
 
 
-def _files(rain: Rain, shape: Derivatives, grid: Grid, lines: Sequence[Line], origin_m: Vector3) -> Files:
-    corner, base = (float(origin_m[0]), float(origin_m[1])), float(origin_m[2])
+def _files(
+    rain: Rain, shape: Derivatives, grid: Grid, lines: Sequence[Line], origin_m: Vector3, crs_wkt: str | None
+) -> Files:
+    frame, base = GridFrame(grid, (float(origin_m[0]), float(origin_m[1])), crs_wkt), float(origin_m[2])
     catchment = (rain.runoff + 1.0) * grid.cell_m**2
     grids = {
-        "slope": np.degrees(shape.slope_rad), "aspect": np.degrees(shape.aspect_rad),
-        "profile-curvature": shape.profile_curvature, "plan-curvature": shape.plan_curvature,
-        "mean-curvature": shape.mean_curvature, "catchment": catchment, "filled": rain.filled_m + base,
+        "slope": (np.degrees(shape.slope_rad), "deg"), "aspect": (np.degrees(shape.aspect_rad), "deg"),
+        "profile-curvature": (shape.profile_curvature, "1/m"), "plan-curvature": (shape.plan_curvature, "1/m"),
+        "mean-curvature": (shape.mean_curvature, "1/m"), "catchment": (catchment, "m2"),
+        "filled": (rain.filled_m + base, "m"),
     }  # fmt: skip
-    files: Files = {f"{name}.asc": ("text/plain", esri_ascii(values, grid, corner)) for name, values in grids.items()}
+    files: Files = {}
+    for name, (values, unit) in grids.items():
+        files |= grid_files(name, values, frame, unit)
     steps = np.log10(catchment)
     files["catchment.png"] = ("image/png", grid_png(steps, colours.density_classes(float(steps.max())), "log m2"))
     files["lines.dxf"] = ("image/vnd.dxf", _drawing(lines))

@@ -7,7 +7,7 @@ from schemas.requests.roofs_inputs import BuildingsOutput, RoofsInputs
 from schemas.results.roofs_result import RoofsDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.inputs.check_stations import posed_station_faults
+from service.use_cases.inputs.check_stations import height_faults, posed_station_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS
 from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
@@ -53,6 +53,7 @@ def _check(inputs: RoofsInputs, stored: Stored) -> None:
         if name in names[:k]
     ]
     faults += posed_station_faults(inputs, stored.files)
+    faults += height_faults(inputs.stations, stored.files)
     if faults:
         raise InvalidRequestError(WRONG_FIELDS, faults)
 

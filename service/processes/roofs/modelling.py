@@ -34,6 +34,7 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
     job_id = arguments["job_id"]
     options = TypeAdapter(RoofOptions).validate_python(arguments["roof"])
     frame = read_stations(context, arguments["stations"])
+    frame.require_heights()
     points = np.concatenate([station.points() for station in frame.stations])
     plans = arguments["plans"] or _found_plans(points, options, arguments["least_plan_m2"], frame.origin_m)
     documents: list[ModelledBuilding] = []
@@ -59,9 +60,9 @@ def model_roofs(context: StepContext, arguments: Json) -> Json:
     files: list[Artifact] | None = None
     if arguments["wanted"] is not None:
         writer = CITY_WRITERS[arguments["wanted"]["format"]]
-        filename = f"buildings{writer.ending}"
+        filename = f"{frame.file_stem('buildings')}{writer.ending}"
         with output_file(context, job_id, filename) as path:
-            writer.write(path, buildings, frame.origin_m)
+            writer.write(path, buildings, frame.origin_m, frame.crs_wkt)
         files = [artifact(context, job_id, filename, writer.media_type)]
     document = RoofsDocument(
         buildings=documents,

@@ -8,7 +8,7 @@ from schemas.requests.terrain_inputs import ClassifiedOutput, TerrainInputs
 from schemas.results.terrain_result import TerrainDocument
 from service.errors import FieldFault, InvalidRequestError
 from service.ports import Json, Process, StepCall, Stored
-from service.use_cases.inputs.check_stations import posed_station_faults, scan_faults
+from service.use_cases.inputs.check_stations import height_faults, posed_station_faults, scan_faults
 from service.use_cases.inputs.validate_request import WRONG_FIELDS, pointer_to
 from service.use_cases.steps.posed_plan import PosesFirst, about_poses
 from service.use_cases.steps.station_calls import scan_of
@@ -49,7 +49,7 @@ class TerrainPlan:
 
 
 def _check(inputs: TerrainInputs, stored: Stored) -> None:
-    faults = list(posed_station_faults(inputs, stored.files))
+    faults = [*posed_station_faults(inputs, stored.files), *height_faults(inputs.stations, stored.files)]
     if inputs.training is not None:
         for name in ("ground", "objects"):
             faults += scan_faults(getattr(inputs.training, name), stored.files, pointer_to("inputs", "training", name))

@@ -18,8 +18,9 @@ from schemas.results.registration_result import Artifact
 from schemas.results.terrain_result import ComparedFilter, GroundResiduals, HeightFigures, TerrainDocument
 from service.formats.las_attributes import CLASSIFICATION
 from service.formats.writers import ScalarField, writer_of
+from service.formats.writers.grid_files import Files
 from service.ports import Json, StepContext
-from service.processes.terrain.pictures import Files, drawn
+from service.processes.terrain.pictures import drawn
 from service.use_cases.steps.output_files import artifact, output_file
 from service.use_cases.steps.placed_stations import CommonFrame, cloud_in_world, read_stations
 from service.use_cases.steps.run_features import read_stored_scan
@@ -44,6 +45,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
     """
     job_id, inputs = arguments["job_id"], arguments["inputs"]
     frame = read_stations(context, arguments["stations"], attributes=arguments["wanted"] is not None)
+    frame.require_heights()
     points = np.concatenate([station.points() for station in frame.stations])
     chosen = _chosen(context, arguments)
     ground = ground_of(points, chosen, inputs["cell_m"], ProgressSection(context.progress, LEARNED, FILTERED))
@@ -60,7 +62,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         part = ProgressSection(context.progress, MODELLED, DRAWING)
         canopy = canopy_over(points, models, chosen, inputs["cell_m"], part)
     context.progress.report(DRAWING, "maps and drawings")
-    files = drawn(points, ground.ground, models, canopy, frame.origin_m, inputs)
+    files = frame.renamed(drawn(points, ground.ground, models, canopy, frame.origin_m, inputs, frame.crs_wkt))
     for name, (_, data) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
     document = TerrainDocument(
@@ -193,7 +195,7 @@ def _classified(
             scalars[CLASSES_BEFORE.name], fields = before, (*fields, CLASSES_BEFORE)
         numbers = np.arange(len(station.scan))
         clouds.append(cloud_in_world(station, frame.origin_m, numbers, points[part], scalars=scalars, fields=fields))
-    filename = f"classified{writer.ending}"
+    filename = f"{frame.file_stem('classified')}{writer.ending}"
     with output_file(context, arguments["job_id"], filename) as path:
         writer.write(path, clouds, NoProgress())
     return [artifact(context, arguments["job_id"], filename, writer.media_type)]

@@ -13,8 +13,7 @@ from algorithms.terrain.contours import contours
 from algorithms.terrain.hillshade import hillshade
 from algorithms.terrain.models import Canopy, TerrainModels, residuals_above
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
-from service.formats.writers.esri_grid import esri_ascii
-from service.formats.writers.geotiff import geotiff
+from service.formats.writers.grid_files import Files, GridFrame, grid_files
 from service.ports import Json
 from service.use_cases.reports.grid_pictures import grid_png, png
 
@@ -23,12 +22,15 @@ UNIT_CELLS = 5
 CONTOURS, STANDS = (150, 90, 40), (30, 120, 60)
 """Colours of contour lines and of the lines of objects' heights."""
 
-Files = dict[str, tuple[str, bytes]]
-"""Media type and content by name."""
-
 
 def drawn(
-    points: Points, ground: Flags, models: TerrainModels, canopy: Canopy | None, origin_m: Vector3, inputs: Json
+    points: Points,
+    ground: Flags,
+    models: TerrainModels,
+    canopy: Canopy | None,
+    origin_m: Vector3,
+    inputs: Json,
+    crs_wkt: str | None = None,
 ) -> Files:
     """Give all files of the models.
 
@@ -42,18 +44,20 @@ def drawn(
         Of the common frame [m].
     inputs
         Of the process.
+    crs_wkt
+        Coordinate reference system of the world; None: not known.
     """
-    grid, corner, base = models.grid, (float(origin_m[0]), float(origin_m[1])), float(origin_m[2])
+    grid, base = models.grid, float(origin_m[2])
+    frame = GridFrame(grid, (float(origin_m[0]), float(origin_m[1])), crs_wkt, inputs["grid_format"])
     shade = hillshade(models.dtm_m, grid, inputs["light_azimuth_deg"], inputs["light_altitude_deg"])
     grids = {"dtm": models.dtm_m + base, "dsm": models.dsm_m + base, "ndsm": models.ndsm_m}
     if canopy is not None:
         grids |= {"canopy": canopy.heights_m + base, "stand-height": canopy.stand_m}
-    files: Files = {
-        **dict(_grid_file(name, values, grid, corner, inputs) for name, values in grids.items()),
-        "hillshade.png": ("image/png", png(np.repeat(shade[::-1, :, None], 3, axis=2))),
-    }
+    files: Files = {"hillshade.png": ("image/png", png(np.repeat(shade[::-1, :, None], 3, axis=2)))}
+    for name, values in grids.items():
+        files |= grid_files(name, values, frame, "m")
     if inputs["maps"]:
-        files |= _maps(points[ground], models, corner, inputs)
+        files |= _maps(points[ground], models, frame)
     if inputs.get("contour_interval_m") is not None:
         files["contours.dxf"] = ("image/vnd.dxf", _contours(models, origin_m, inputs["contour_interval_m"]))
     if inputs["mesh"]:
@@ -61,16 +65,7 @@ def drawn(
     return files
 
 
-def _grid_file(
-    name: str, values: GridValues, grid: Grid, corner: tuple[float, float], inputs: Json
-) -> tuple[str, tuple[str, bytes]]:
-    """Give name, media type and content of a grid in the format that is wanted."""
-    if inputs["grid_format"] == "geotiff":
-        return f"{name}.tif", ("image/tiff; application=geotiff", geotiff(values, grid, corner))
-    return f"{name}.asc", ("text/plain", esri_ascii(values, grid, corner))
-
-
-def _maps(on_ground: Points, models: TerrainModels, corner: tuple[float, float], inputs: Json) -> Files:
+def _maps(on_ground: Points, models: TerrainModels, frame: GridFrame) -> Files:
     """Map what the terrain is worth: density, distance, residuals and expected height accuracy."""
     grid = models.grid
     units = replace(
@@ -86,7 +81,7 @@ def _maps(on_ground: Points, models: TerrainModels, corner: tuple[float, float],
     files: Files = {}
     for name, (values, cells, classes, unit) in maps.items():
         files[f"{name}.png"] = ("image/png", grid_png(values, classes, unit))
-        files |= [_grid_file(name, values, cells, corner, inputs)]
+        files |= grid_files(name, values, replace(frame, grid=cells), "1/m2" if unit == "/m2" else unit)
     return files
 
 

@@ -7,6 +7,7 @@ from algorithms.network.options import MOST_TIED
 from algorithms.scans.content import ROUNDED_M, ScanContent, same_content
 from schemas.requests.posed_stations import PosedInputs, PosedStation
 from schemas.requests.register_inputs import RegisterInputs, ScanReference, Station
+from schemas.values.crs import HEIGHTS_NEEDED
 from service.errors import FieldFault, InvalidRequestError
 from service.names.identifiers import is_identifier
 from service.names.result_lists import comes_in_pages
@@ -55,6 +56,7 @@ def check_register_inputs(
         *_method_faults(inputs),
         *_compared_faults(inputs, max_whole_stations),
         *_same_scan_faults(inputs.stations, files),
+        *height_faults(inputs.stations, files),
         *(
             fault
             for number, station in enumerate(inputs.stations)
@@ -94,6 +96,18 @@ def station_faults(stations: Sequence[Station | PosedStation], files: FileStore,
     yield from _name_faults(stations, name)
     for number, station in enumerate(stations):
         yield from _file_faults(station, files, pointer_to("inputs", name, number))
+
+
+def height_faults(
+    stations: Sequence[Station | PosedStation] | object, files: FileStore, name: str = "stations"
+) -> Iterable[FieldFault]:
+    """Name the scans whose z is no height, of stations that need one: levelled ones, and all of other processes."""
+    for number, station in enumerate(stations if isinstance(stations, list) else ()):  # else those of a job
+        is_free = station.levelled_std_gon is None if isinstance(station, Station) else station.world_from_scan
+        found = None if is_free else _found_scan(station.scan, files)
+        if found is not None and found[1].get("geocentric") and found[1].get("scan_pose") is None:
+            why = f"{found[1]['geocentric']}: {HEIGHTS_NEEDED}"
+            yield FieldFault(pointer_to("inputs", name, number, "scan"), why)
 
 
 def _name_faults(stations: Sequence[Station | PosedStation], name: str = "stations") -> Iterable[FieldFault]:

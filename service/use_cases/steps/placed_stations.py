@@ -8,9 +8,13 @@ from scipy.spatial.transform import RigidTransform
 
 from algorithms.arrays import Array, Colors, Indices, Points, Vector3
 from algorithms.cleaning.cleaned_stations import PlacedScan, placed
+from algorithms.errors import InvalidInputError
+from schemas.values.crs import HEIGHTS_NEEDED
+from service.formats.geocentric import geocentric_in_words
 from service.formats.las_attributes import COLORS_16
 from service.formats.writers import PointPiece, ScalarField, StationCloud
 from service.formats.writers.base import POINTS_AT_ONCE
+from service.formats.writers.grid_files import Files
 from service.ports import Json, StepContext
 from service.use_cases.steps.run_features import read_stored_scan
 
@@ -26,9 +30,49 @@ class CommonFrame:
     origin_m: Vector3
     """Of the reduced common frame, in the world [m]."""
 
+    @property
+    def crs_wkt(self) -> str | None:
+        """Coordinate reference system of the world, WKT 1; None: no file states one, or several do."""
+        return next((each.scan.crs_wkt for each in self.stations if each.scan.crs_wkt), None)
+
+    def file_stem(self, name: str) -> str:
+        """Return the name of a written file without its ending: it says where units were converted."""
+        return in_metres_stem(name, is_converted=any(each.scan.unit_before for each in self.stations))
+
+    def renamed(self, files: Files) -> Files:
+        """Return files by the names that say where units were converted; pictures have no coordinates."""
+        return renamed(files, is_converted=any(each.scan.unit_before for each in self.stations))
+
+    def require_heights(self) -> None:
+        """Check that z may be a height.
+
+        Raises
+        ------
+        InvalidInputError
+            The coordinates are geocentric.
+        """
+        why = geocentric_in_words(self.crs_wkt, np.tile(self.origin_m, (2, 1)))
+        if why:
+            raise InvalidInputError("stations", why, HEIGHTS_NEEDED)
+
     def notes(self) -> list[str]:
         """Return what of the files is not in the scans, in words, for each station."""
         return [f"{each.scan.name}: {note}" for each in self.stations for note in each.scan.notes]
+
+
+def in_metres_stem(name: str, *, is_converted: bool) -> str:
+    """Return the name of a written file without its ending, `dtm-metres` where its source was in another unit."""
+    return f"{name}-metres" if is_converted else name
+
+
+def renamed(files: Files, *, is_converted: bool) -> Files:
+    """Return files, those with coordinates by names that say where units were converted."""
+    found: Files = {}
+    for name, (media, content) in files.items():
+        stem, _, ending = name.partition(".")
+        is_picture = media in {"image/png", "image/svg+xml"}
+        found[name if is_picture else f"{in_metres_stem(stem, is_converted=is_converted)}.{ending}"] = media, content
+    return found
 
 
 def pose_of(station: Json) -> RigidTransform:

@@ -80,6 +80,39 @@ def test_spheres_are_found_and_named(service: RunningService, uploaded: Document
     assert len(table) == 5
 
 
+def test_intensities_under_zero_show_the_same_boards_and_come_back_as_shares(
+    service: RunningService, tmp_path: Path
+) -> None:
+    """PTS has intensities from -2047 to 2048: found targets, and files of all ranges, are those of shares."""
+    places = np.array([[6.0, 0.4, 0.25], [5.5, -0.4, 0.2], [5.8, 0.35, -0.2]])
+    boards = [part for place in places for part in checker_board(facing(place, -place, 0.4), BOARD_M)]
+    scene = scene_from_parts("boards", [box((9.0, -4.0, -3.0), (9.2, 4.0, 3.0), PLASTER), *boards], [])
+    scan = scan_scene(scene, RigidTransform.identity(), BOARD_SCANNER, np.random.default_rng(4))
+    assert scan.intensity is not None
+    shares = scan.intensity / scan.intensity.max()
+    shares[shares.argmin()] = 0.0
+    found, written = {}, {}
+    for name, values in {"shares": shares, "signed": np.rint(4095.0 * shares - 2047.0)}.items():
+        (tmp_path / f"{name}.ptx").write_text(_as_ptx(replace(scan, intensity=values.astype(np.float32))))
+        station = {"name": "A", "scan": {"file": service.upload(tmp_path / f"{name}.ptx")["id"]}}
+        inputs = {"station": station, "kinds": [{"kind": "board", "size_m": BOARD_M}]}
+        result = service.result(service.execute("find-targets", inputs))
+        found[name] = np.array(sorted(each["xyz_m"] for each in result["targets"]))
+        said = "intensities from -2047 to 2048 are read as shares from 0 to 1 of the range -2047 … 2048"
+        assert (said in result["remarks"]) == (name == "signed")
+        for ending in ("pts", "ptx"):
+            file = service.result(service.execute("transform", {"stations": [station], "format": ending}))["files"][0]
+            text = service.get(file["href"]).text.splitlines()
+            table = np.array([line.split() for line in text[1 if ending == "pts" else 10 :]], dtype=np.float64)
+            written[name, ending] = table[table[:, :3].any(axis=1), 3]
+    assert len(found["signed"]) == len(places)
+    np.testing.assert_allclose(found["signed"], found["shares"], atol=1e-4)
+    np.testing.assert_allclose(written["signed", "ptx"], written["shares", "ptx"], atol=0.5 / 4095.0 + 0.51e-4)
+    assert (written["signed", "ptx"].min(), written["signed", "ptx"].max()) == (0.0, 1.0)
+    np.testing.assert_allclose(written["signed", "pts"], written["shares", "pts"], atol=1.0)
+    assert (written["signed", "pts"].min(), written["signed", "pts"].max()) == (-2048.0, 2047.0)
+
+
 def test_boards_are_measured_in_a_photo_and_adjust_and_calibration_take_them(
     service: RunningService, tmp_path: Path
 ) -> None:
