@@ -1,6 +1,6 @@
 """A building from its ground plan and the points of its roof: roof faces, vertical walls, ground."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +12,18 @@ from algorithms.deviations.triangles import Mesh, condition_of
 from algorithms.errors import InvalidInputError
 from algorithms.meshing.reconstruction import enclosed_volume
 from algorithms.meshing.repair import ears_of
+from algorithms.roofs.faces import Faces, faces_of, heights_at, outline_of
 from algorithms.roofs.options import RoofOptions
-from algorithms.roofs.partition import PlanCell, area_of, divided, outline_of, rings_of, without_slivers
-from algorithms.roofs.planes import LEAST_NEIGHBOURS, MAD, TOLERANCE, RoofPlane, roof_planes
+from algorithms.roofs.partition import area_of, divided
+from algorithms.roofs.planes import LEAST_NEIGHBOURS, MAD, TOLERANCE, RoofPlane, least_points, roof_planes
 from algorithms.roofs.surroundings import share_above
 
 ROOF, WALL, GROUND = "RoofSurface", "WallSurface", "GroundSurface"
 """As CityJSON calls them."""
 JOINED_M = 0.05
 """Heights at one corner that differ by less than this beyond the noise are one."""
+PLANE_M = 8e-3
+"""Corners of a polygon lie so near its plane."""
 AROUND_M, LOW = 3.0, 0.1
 """The ground is this quantile of the heights of points so near around the plan, each the median of those beside it."""
 SMOOTHED = 16
@@ -145,11 +148,12 @@ def modelled_building(points: Points, outline: Array, ground_m: float, options: 
     if not planes:  # as the source: what has no plane gets a horizontal one
         heights = over[:, 2]
         level = float(heights.mean())
-        planes = [RoofPlane(np.array([0.0, 0.0, level]), 0, len(over), float(heights.std()))]
+        planes = [RoofPlane(np.array([0.0, 0.0, level]), 0, len(over), float(heights.std()), float(heights.std()))]
         labels = np.zeros(len(over), dtype=np.int64)
-    known = labels >= 0
-    cells = without_slivers(divided(outline, planes, over[known, :2], labels[known]), options.least_area_m2)
-    return _solid(cells, planes, ground_m, len(over), TOLERANCE * options.noise_m + JOINED_M)
+    joined_m = TOLERANCE * options.noise_m + JOINED_M
+    plan = divided(outline, planes, over, labels, least_points(over, options), options.least_area_m2)
+    corners, faces, met = faces_of(plan, planes, over, labels, outline, joined_m)
+    return _solid(corners, faces, met, ground_m, len(over), joined_m)
 
 
 @dataclass(eq=False)
@@ -172,28 +176,16 @@ class _Columns:
 
 
 def _solid(
-    cells: Sequence[PlanCell], planes: Sequence[RoofPlane], ground_m: float, points: int, joined_m: float
+    corners: Array, faces: Faces, planes: Sequence[RoofPlane], ground_m: float, points: int, joined_m: float
 ) -> BuildingModel:
-    corners, faces = rings_of(cells)
-    tops: dict[tuple[int, int], float] = {}
+    tops = heights_at(corners, faces, planes, joined_m)
     columns = _Columns(corners, [[ground_m] for _ in corners], {})
-    of_corner: list[set[int]] = [set() for _ in corners]
-    for plane, rings in faces:
-        for ring in rings:
-            for corner in ring.tolist():
-                of_corner[corner].add(plane)
-    for corner, those in enumerate(of_corner):
-        heights = sorted((float(planes[k].heights(corners[corner][None])[0]), k) for k in those)
-        group: list[tuple[float, int]] = []
-        for height, k in [*heights, (np.inf, -1)]:
-            if group and height - group[-1][0] > joined_m:
-                level = float(np.mean([each for each, _ in group]))
-                columns.heights[corner].append(level)
-                tops.update({(corner, each): level for _, each in group})
-                group = []
-            group.append((height, k))
+    for corner, level in sorted({(corner, level) for (corner, _), level in tops.items()}):
+        columns.heights[corner].append(level)
     surfaces = [
-        BuildingSurface(ROOF, [_top(columns, tops, ring, plane) for ring in rings], plane) for plane, rings in faces
+        BuildingSurface(ROOF, each, plane)
+        for plane, rings in faces
+        for each in _plane_parts(columns, [_top(columns, tops, ring, plane) for ring in rings])
     ]
     surfaces += _walls(columns, tops, faces, ground_m)
     surfaces += [
@@ -208,14 +200,24 @@ def _solid(
     return BuildingModel(vertices, surfaces, planes, ground_m, points, triangulated(vertices, surfaces))
 
 
-def _top(columns: _Columns, tops: dict[tuple[int, int], float], ring: Array, plane: int) -> Array:
+def _plane_parts(columns: _Columns, rings: Sequence[Array]) -> Sequence[Sequence[Array]]:
+    """Cut a face whose corners lie in no plane, where more than three meet, into triangles."""
+    vertices, ring = columns.vertices(), np.concatenate(rings)
+    centred = vertices[ring] - vertices[ring].mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    if len(ring) == 3 or np.abs(centred @ normal).max() <= PLANE_M:
+        return [rings]
+    return [[each] for each in ring[ears_of(vertices[ring, :2], [len(each) for each in rings])]]
+
+
+def _top(columns: _Columns, tops: Mapping[tuple[int, int], float], ring: Array, plane: int) -> Array:
     return np.array([columns.vertex(corner, tops[corner, plane]) for corner in ring.tolist()])
 
 
 def _walls(
     columns: _Columns,
-    tops: dict[tuple[int, int], float],
-    faces: Sequence[tuple[int, Sequence[Array]]],
+    tops: Mapping[tuple[int, int], float],
+    faces: Faces,
     ground_m: float,
 ) -> list[BuildingSurface]:
     """Put a wall below every side of a face down to what lies beside it: a lower face, or the ground."""

@@ -1,41 +1,139 @@
-"""Divide a ground plan among roof planes: at their intersections, and at jumps where they do not meet."""
+"""Divide a ground plan among roof planes by lines that pay: planes' intersections, and jumps along sides of the plan.
+
+The lines cut the plan into cells that have corners and sides in common by number, never by place, so that the faces
+made of them meet edge to edge. A minimum cut gives planes to cells: points off their plane cost, and so do walls.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import pairwise
 
 import mapbox_earcut
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Points
-from algorithms.deviations.signed_distances import inside_polygon
-from algorithms.errors import InvalidInputError
-from algorithms.roofs.planes import RoofPlane
+from algorithms.arrays import Array, Flags, Points, Scalars
+from algorithms.roofs.planes import TOLERANCE, RoofPlane
 
-SAME_M = 1e-4
-"""Corners nearer than this are one."""
-LEAST_CELL_M2 = 1e-6
-MIXED = 0.8
-"""A cell of whose points fewer belong to one plane holds a jump."""
-LEAST_IN_CELL = 8
-MOST_JUMPS = 8
-NEAREST = 5
-"""A cell without points is labelled by so many next to its middle."""
+SAME_M = 5e-3
+"""A line goes through corners that it passes so near."""
+OFF = 0.5 * TOLERANCE**2
+"""What a point costs at most: half its squared distance in standard deviations."""
+LEAST_GAIN = 3.0
+"""A line brings so many points to their plane, or a quarter of those of the smallest face."""
+MOST_LINES, MOST_POINTS = 80, 6000
+WALL, HIGH_M, BORDER = 6.0, 0.3, 0.05
+"""Cost of a square metre of wall between faces as far as it is not higher than this, and of a metre of border."""
+RELABELLED, REACH_M = 2, 0.5
+"""Borders so near to where their planes meet are sought there as well."""
+SWEEPS, ASCENTS = 4, 4
+FINE = 1000.0
+"""Steps of a cost: flows are whole numbers."""
+NEAR = 8
+"""One plane lies beside another where it is among so many next points."""
+SAME_DIRECTION = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class PlanCell:
-    """A convex part of the plan that one plane covers."""
+class DividedPlan:
+    """A plan cut into convex cells, each of one plane."""
 
     corners: Array
-    """(k, 2) anticlockwise [m]."""
-    plane: int
+    """(c, 2) of the cells; those of the plan first, in its order [m]."""
+    cells: Sequence[Sequence[int]]
+    """Corners of each, anticlockwise; neighbours have both ends of their common side in common."""
+    planes: Array
+    """(cells,) which plane each has."""
 
 
-def divided(outline: Array, planes: Sequence[RoofPlane], places: Array, labels: Array) -> Sequence[PlanCell]:
+@dataclass(eq=False)
+class _Cut:
+    """A plan while it is cut, and the points over it."""
+
+    corners: Array
+    cells: list[list[int]]
+    places: Array
+    costs: Array
+    """(n, planes) of each point."""
+    of_point: Array
+    """(n,) cell."""
+
+    def sums(self, right: Flags | None = None) -> Array:
+        """Sum the costs of all planes over cells, or over their two parts, those left of a line first."""
+        groups, count = self.of_point, len(self.cells)
+        if right is not None:
+            groups, count = groups + len(self.cells) * right, 2 * count
+        rows = csr_array((np.ones(len(groups)), (groups, np.arange(len(groups)))), shape=(count, len(groups)))
+        return np.asarray(rows @ self.costs)
+
+    def gain(self, line: Array) -> float:
+        """Return what the cells cost less when a line cuts them."""
+        both = self.sums(self.places @ line[:2] + line[2] > 0.0).min(axis=1)
+        return float(np.sum(self.sums().min(axis=1)) - np.sum(both))
+
+    def cut(self, line: Array) -> None:
+        """Cut all cells that a line (unit normal, offset) goes through; a side that it cuts has one corner there."""
+        apart = self.corners @ line[:2] + line[2]
+        signs = np.where(np.abs(apart) < SAME_M, 0.0, np.sign(apart))
+        crossings: dict[tuple[int, int], int] = {}
+        added: list[Array] = []
+        for cell in self.cells:
+            for here, there in _sides(cell):
+                key = (min(here, there), max(here, there))
+                if signs[here] * signs[there] < 0.0 and key not in crossings:
+                    crossings[key] = len(self.corners) + len(added)
+                    share = apart[here] / (apart[here] - apart[there])
+                    added.append(self.corners[here] + share * (self.corners[there] - self.corners[here]))
+        if added:
+            self.corners = np.vstack([self.corners, added])
+            signs = np.append(signs, np.zeros(len(added)))
+        right = self.places @ line[:2] + line[2] > 0.0
+        cells: list[list[int]] = []
+        of_point = np.empty_like(self.of_point)
+        for number, cell in enumerate(self.cells):
+            mine = self.of_point == number
+            full = [
+                each
+                for here, there in _sides(cell)
+                for each in (here, crossings.get((min(here, there), max(here, there))))
+                if each is not None
+            ]
+            parts = _halves(full, signs)
+            if len(parts) == 1:
+                of_point[mine] = len(cells)
+            else:
+                of_point[mine & right] = len(cells)
+                of_point[mine & ~right] = len(cells) + 1
+            cells += parts
+        self.cells, self.of_point = cells, of_point
+
+
+def _sides(ring: Sequence[int]) -> list[tuple[int, int]]:
+    return [*pairwise(ring), (ring[-1], ring[0])]
+
+
+def _halves(cell: list[int], signs: Array) -> list[list[int]]:
+    """Cut a ring at its corners on a line: the part of positive signs first; the ring itself where nothing is cut."""
+    own = signs[cell]
+    off = np.flatnonzero(own)
+    turns = np.flatnonzero(own[off] != np.roll(own[off], 1))
+    if len(turns) != 2:
+        return [cell]
+    first = int(off[turns[0]] if own[off[turns[0]]] > 0.0 else off[turns[1]])
+    ring = [*cell[first:], *cell[:first]]
+    own = np.roll(own, -first)
+    plus, minus = np.flatnonzero(own > 0.0), np.flatnonzero(own < 0.0)
+    # of several corners on the line in a row, the inner ones are of the part beyond
+    one = [ring[-1], *ring[: plus[-1] + 2]] if own[-1] == 0.0 else [*ring[: plus[-1] + 2]]
+    return [one, ring[plus[-1] + 1 :]] if len(minus) else [cell]
+
+
+def divided(
+    outline: Array, planes: Sequence[RoofPlane], points: Points, labels: Array, least_points: int,
+    least_area_m2: float,
+) -> DividedPlan:  # fmt: skip
     """Divide a plan.
 
     Parameters
@@ -44,249 +142,272 @@ def divided(outline: Array, planes: Sequence[RoofPlane], places: Array, labels: 
         (k, 2) corners of the plan, anticlockwise [m].
     planes
         The planes.
-    places, labels
-        (n, 2) points that have a plane, and which one.
-
-    Returns
-    -------
-    Cells that cover the plan once and meet edge to edge.
+    points, labels
+        (n, 3) all points of the roof, and the plane of each, -1 for none.
+    least_points, least_area_m2
+        Of the smallest face.
     """
-    cells = convex_parts(outline)
-    for one, other in combinations(range(len(planes)), 2):
-        line = planes[one].parameters - planes[other].parameters
-        if np.hypot(line[0], line[1]) > 1e-3:
-            cells = [part for cell in cells for part in halves(cell, line)]
-    tree = cKDTree(places)
-    for _ in range(MOST_JUMPS):
-        jump = _jump(cells, outline, places, labels)
-        if jump is None:
+    step = max(1, len(points) // MOST_POINTS)
+    points, labels = points[::step], labels[::step]
+    off = np.abs(points[:, 2:] - np.column_stack([plane.heights(points) for plane in planes]))
+    off /= np.array([plane.noise_m for plane in planes])
+    costs = np.minimum(0.5 * off**2, OFF)
+    cells = _convex_parts(outline)
+    plan = _Cut(outline, cells, points[:, :2], costs, _cell_of(points[:, :2], outline, cells))
+    crossing = _intersections(planes, points, labels)
+    least = OFF * max(LEAST_GAIN, 0.25 * least_points / step)
+    for _ in range(MOST_LINES):
+        # a box beside a ridge gains as well: jumps are sought in what intersections leave
+        gain, lines = max(((plan.gain(line), [line]) for line in crossing), key=_first, default=(0.0, []))
+        if gain < least:
+            gain, lines = max(_jumps(plan, outline, labels), key=_first, default=(0.0, []))
+        if gain < least:
             break
-        cells = [part for cell in cells for part in halves(cell, jump)]
-    return [PlanCell(cell, _label(cell, places, labels, tree)) for cell in cells]
-
-
-def without_slivers(cells: Sequence[PlanCell], least_area_m2: float) -> Sequence[PlanCell]:
-    """Give faces smaller than `least_area_m2` to the neighbour with which they have most of their border in common.
-
-    Intersections of three planes hardly ever meet in one point, so that splinters lie about every corner of a roof.
-    """
-    corners, rows = _numbered(cells)
-    sides = {(start, end): k for k, row in enumerate(rows) for start, end in zip(row, [*row[1:], row[0]], strict=True)}
-    areas = np.array([area_of(cell.corners) for cell in cells])
-    planes = np.array([cell.plane for cell in cells])
-    borders = [
-        (k, sides[end, start], float(np.hypot(*(corners[end] - corners[start]))))
-        for (start, end), k in sides.items()
-        if (end, start) in sides
-    ]
-    one, other = (np.array([border[k] for border in borders], dtype=np.int64) for k in (0, 1))
-    lengths = np.array([border[2] for border in borders])
-    for _ in range(len(cells)):
-        same = planes[one] == planes[other]
-        graph = coo_array((np.ones(int(same.sum())), (one[same], other[same])), shape=(len(cells), len(cells)))
-        _, parts = connected_components(graph, directed=False)
-        sizes = np.bincount(parts, areas)
-        for part in np.argsort(sizes):
-            out = (parts[one] == part) & ~same
-            if sizes[part] < least_area_m2 and out.any():
-                shared = np.bincount(planes[other[out]], lengths[out])
-                planes[parts == part] = int(np.argmax(shared))
-                break
-        else:
+        for line in lines:
+            plan.cut(line)
+    chosen = _labelled(plan, planes, labels)
+    for _ in range(RELABELLED):
+        lines = _missed(plan, planes, chosen)
+        if not lines:
             break
-    return [PlanCell(cell.corners, int(plane)) for cell, plane in zip(cells, planes, strict=True)]
+        for line in lines:
+            plan.cut(line)
+        chosen = _labelled(plan, planes, labels)
+    return DividedPlan(plan.corners, plan.cells, _without_slivers(plan, planes, chosen, least_area_m2))
 
 
-def convex_parts(outline: Array) -> list[Array]:
-    """Cut a plan into triangles, anticlockwise."""
+def _first(proposal: tuple[float, list[Array]]) -> float:
+    return proposal[0]
+
+
+def _convex_parts(outline: Array) -> list[list[int]]:
+    """Cut a plan into triangles, anticlockwise, unless it is convex."""
+    ahead, back = np.roll(outline, -1, axis=0) - outline, outline - np.roll(outline, 1, axis=0)
+    if (back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0] > 0.0).all():
+        return [list(range(len(outline)))]
     triangles = mapbox_earcut.triangulate_float64(
         np.ascontiguousarray(outline), np.array([len(outline)], dtype=np.uint32)
     ).reshape(-1, 3)
-    return [_anticlockwise(outline[triangle]) for triangle in triangles]
+    return [each if area_of(outline[each]) > 0.0 else each[::-1] for each in triangles.astype(np.int64).tolist()]
 
 
-def halves(cell: Array, line: Array) -> list[Array]:
-    """Cut a convex polygon (k, 2) by a line a x + b y + c = 0; parts without area are left out."""
-    norm = float(np.hypot(line[0], line[1]))
-    apart = (cell @ line[:2] + line[2]) / norm
-    apart[np.abs(apart) < SAME_M] = 0.0
-    if (apart >= 0.0).all() or (apart <= 0.0).all():
-        return [cell]
-    parts: list[list[Array]] = [[], []]
-    for k in range(len(cell)):
-        here, there = apart[k], apart[(k + 1) % len(cell)]
-        if here >= 0.0:
-            parts[0].append(cell[k])
-        if here <= 0.0:
-            parts[1].append(cell[k])
-        if here * there < 0.0:
-            crossing = cell[k] + here / (here - there) * (cell[(k + 1) % len(cell)] - cell[k])
-            parts[0].append(crossing)
-            parts[1].append(crossing)
-    return [np.array(part) for part in parts if len(part) >= 3 and area_of(np.array(part)) > LEAST_CELL_M2]
+def _cell_of(places: Array, corners: Array, cells: Sequence[Sequence[int]]) -> Array:
+    """Give the convex cell in which each place lies, or lies least outside."""
+    outside = []
+    for cell in cells:
+        starts, ways = corners[cell], np.roll(corners[cell], -1, axis=0) - corners[cell]
+        normals = np.column_stack([ways[:, 1], -ways[:, 0]]) / np.linalg.norm(ways, axis=1)[:, None]
+        outside.append((places @ normals.T - np.einsum("ij,ij->i", starts, normals)).max(axis=1))
+    return np.asarray(np.argmin(np.array(outside), axis=0))
+
+
+def _intersections(planes: Sequence[RoofPlane], points: Points, labels: Array) -> list[Array]:
+    """Give the lines in which planes that lie beside one another meet, seen from above."""
+    known = np.flatnonzero(labels >= 0)
+    _, near = cKDTree(points[known, :2]).query(points[known, :2], k=min(NEAR, len(known)))
+    beside = labels[known][np.asarray(near).reshape(len(known), -1)]
+    pairs = np.unique(
+        np.sort(np.column_stack([np.repeat(beside[:, 0], beside.shape[1]), beside.ravel()]), axis=1), axis=0
+    )
+    lines = []
+    for one, other in pairs.tolist():
+        line = planes[one].parameters - planes[other].parameters
+        if one != other and (steep := float(np.hypot(line[0], line[1]))) > 1e-3:
+            lines.append(line / steep)
+    return lines
+
+
+def _jumps(plan: _Cut, outline: Array, labels: Array) -> list[tuple[float, list[Array]]]:
+    """Propose for every plane the box along sides of the plan in which it, for the cells' planes, gains most."""
+    present = plan.sums().argmin(axis=1)[plan.of_point]
+    own = plan.costs[np.arange(len(labels)), present]
+    proposals = []
+    for turn in _frames(outline):
+        turned = plan.places @ turn
+        for k in range(plan.costs.shape[1]):
+            gains = own - plan.costs[:, k]
+            seeds = (gains > 0.5 * OFF) & (labels == k)
+            if np.sum(gains[seeds]) < OFF * LEAST_GAIN:
+                continue
+            box = _largest_part(turned[seeds])
+            gain = 0.0
+            for _ in range(ASCENTS):
+                before = gain
+                for axis in (0, 1):
+                    within = (turned[:, 1 - axis] >= box[0, 1 - axis]) & (turned[:, 1 - axis] <= box[1, 1 - axis])
+                    if not within.any():
+                        break
+                    gain, box[0, axis], box[1, axis] = _best_stretch(turned[within, axis], gains[within])
+                if gain <= before:
+                    break
+            lines = [
+                np.array([*turn[:, axis], -box[end, axis]]) for axis in (0, 1) for end in (0, 1)
+                if np.isfinite(box[end, axis])
+            ]  # fmt: skip
+            proposals.append((gain, lines))
+    return proposals
+
+
+def _frames(outline: Array) -> list[Array]:
+    """Give the turns (2, 2) whose columns are the directions of the plan's sides, right-angled ones once."""
+    ways = np.roll(outline, -1, axis=0) - outline
+    lengths = np.hypot(*ways.T)
+    frames: list[Array] = []
+    for way in (ways / lengths[:, None])[np.argsort(-lengths)]:
+        if all(np.min(np.abs(way @ frame)) > SAME_DIRECTION for frame in frames):
+            frames.append(np.column_stack([way, [-way[1], way[0]]]))
+    return frames
+
+
+def _largest_part(places: Array) -> Array:
+    """Give the ends (2, 2) of the largest cluster of places, linked over twice their spacing."""
+    distances, _ = cKDTree(places).query(places, k=min(4, len(places)))
+    reach = 3.0 * float(np.median(np.asarray(distances).reshape(len(places), -1)[:, -1])) + SAME_M
+    pairs = cKDTree(places).query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(places), len(places)))
+    _, parts = connected_components(graph, directed=False)
+    largest = places[parts == np.argmax(np.bincount(parts))]
+    return np.array([largest.min(axis=0), largest.max(axis=0)])
+
+
+def _best_stretch(along: Scalars, gains: Scalars) -> tuple[float, float, float]:
+    """Give the stretch with the largest sum of gains; its ends are infinite where no point lies beyond."""
+    order = np.argsort(along)
+    along = along[order]
+    total = np.append(0.0, np.cumsum(gains[order]))
+    lowest = np.minimum.accumulate(total)
+    end = int(np.argmax(total - lowest))
+    start = int(np.argmin(total[: end + 1]))
+    low = -np.inf if start == 0 else 0.5 * float(along[start - 1] + along[start])
+    high = np.inf if end == len(along) else 0.5 * float(along[end - 1] + along[end])
+    return float(total[end] - total[start]), low, high
+
+
+@dataclass(frozen=True, eq=False)
+class _Borders:
+    """Where cells meet, and what it costs when they have different planes."""
+
+    one: Array
+    other: Array
+    lengths: Scalars
+    heights: Array
+    """(borders, 2, planes) at both ends [m]."""
+
+    def cost(self, first: Array, second: Array) -> Scalars:
+        """Return the cost of each border for planes on its two sides."""
+        rows = np.arange(len(self.one))
+        apart = np.minimum(np.abs(self.heights[rows, :, first] - self.heights[rows, :, second]), HIGH_M).mean(axis=1)
+        return np.where(first != second, self.lengths * (WALL * apart + BORDER), 0.0)
+
+
+def _borders(plan: _Cut, planes: Sequence[RoofPlane]) -> _Borders:
+    sides = {side: k for k, cell in enumerate(plan.cells) for side in _sides(cell)}
+    found = [
+        (k, sides[end, start], start, end) for (start, end), k in sides.items() if (end, start) in sides and start < end
+    ]
+    one, other, start, end = np.array(found, dtype=np.int64).reshape(-1, 4).T
+    heights = np.column_stack([plane.heights(plan.corners) for plane in planes])
+    lengths = np.hypot(*(plan.corners[end] - plan.corners[start]).T)
+    return _Borders(one, other, lengths, np.stack([heights[start], heights[end]], axis=1))
+
+
+def _missed(plan: _Cut, planes: Sequence[RoofPlane], chosen: Array) -> list[Array]:
+    """Give the lines in which planes meet that have a border near them, but not there."""
+    borders = _borders(plan, planes)
+    missed: dict[tuple[int, int], Array] = {}
+    for k in np.flatnonzero(chosen[borders.one] != chosen[borders.other]).tolist():
+        one, other = sorted((int(chosen[borders.one[k]]), int(chosen[borders.other[k]])))
+        line = planes[one].parameters - planes[other].parameters
+        steep = float(np.hypot(line[0], line[1]))
+        if steep <= 1e-3:
+            continue
+        apart = np.abs(borders.heights[k, :, one] - borders.heights[k, :, other]) / steep
+        if SAME_M < apart.max() <= REACH_M:
+            missed[one, other] = line / steep
+    return list(missed.values())
+
+
+def _labelled(plan: _Cut, planes: Sequence[RoofPlane], labels: Array) -> Array:
+    """Give planes to cells by moves that spread one plane each (Boykov, Veksler and Zabih 2001)."""
+    sums = plan.sums()
+    chosen: Array = sums.argmin(axis=1)
+    empty = np.bincount(plan.of_point, minlength=len(plan.cells)) == 0
+    known = labels >= 0
+    if empty.any() and known.any():
+        middles = np.array([plan.corners[cell].mean(axis=0) for cell in plan.cells])
+        _, nearest = cKDTree(plan.places[known]).query(middles[empty])
+        chosen[empty] = labels[known][nearest]
+    borders = _borders(plan, planes)
+    if len(borders.one) == 0 or len(planes) == 1:
+        return chosen
+    for _ in range(SWEEPS):
+        before = chosen
+        for k in range(len(planes)):
+            chosen = _spread(chosen, k, sums, borders)
+        if (before == chosen).all():
+            break
+    return chosen
+
+
+def _spread(chosen: Array, k: int, sums: Array, borders: _Borders) -> Array:
+    """Let plane k take the cells whose change to it costs least together."""
+    count = len(chosen)
+    one, other = borders.one, borders.other
+    spread = np.full(len(one), k)
+    stay, first, second = (
+        borders.cost(*each) for each in ((chosen[one], chosen[other]), (chosen[one], spread), (spread, chosen[other]))
+    )  # first: the other changes alone; second: the one alone
+    change = sums[:, k] - sums[np.arange(count), chosen]
+    change = change + np.bincount(one, second - stay, minlength=count) - np.bincount(other, second, minlength=count)
+    # what one side keeps and the other gives up costs the rest
+    rest = np.maximum(first + second - stay, 0.0)
+    source, sink = count, count + 1
+    cells = np.arange(count)
+    rows = np.concatenate([np.full(count, source), cells, one])
+    columns = np.concatenate([cells, np.full(count, sink), other])
+    values = np.concatenate([np.maximum(change, 0.0), np.maximum(-change, 0.0), rest])
+    graph = csr_array((np.rint(FINE * values).astype(np.int32), (rows, columns)), shape=(count + 2, count + 2))
+    graph.sum_duplicates()
+    flow = maximum_flow(graph, source, sink).flow
+    left = csr_array(graph - flow)
+    left.data = np.maximum(left.data, 0)
+    left.eliminate_zeros()
+    kept = breadth_first_order(left, source, return_predecessors=False)
+    changed = np.ones(count + 2, dtype=np.bool_)
+    changed[kept] = False
+    return np.where(changed[:count], k, chosen)
+
+
+def _without_slivers(plan: _Cut, planes: Sequence[RoofPlane], chosen: Array, least_area_m2: float) -> Array:
+    """Give faces smaller than a least area to the plane beside them that costs least."""
+    borders = _borders(plan, planes)
+    areas = np.array([area_of(plan.corners[cell]) for cell in plan.cells])
+    sums, chosen = plan.sums(), chosen.copy()
+    for _ in range(len(areas)):
+        same = chosen[borders.one] == chosen[borders.other]
+        pairs = (borders.one[same], borders.other[same])
+        graph = coo_array((np.ones(len(pairs[0])), pairs), shape=(len(areas), len(areas)))
+        _, parts = connected_components(graph, directed=False)
+        sizes = np.bincount(parts, areas)
+        for part in np.argsort(sizes):
+            mine = parts == part
+            across = ~same & (mine[borders.one] | mine[borders.other])
+            if sizes[part] >= least_area_m2 or not across.any():
+                continue
+            beside = np.unique(np.append(chosen[borders.one[across]], chosen[borders.other[across]]))
+            trials = [(np.where(mine, k, chosen), k) for k in beside.tolist() if k != chosen[mine][0]]
+            costs = [
+                sums[mine, k].sum() + borders.cost(trial[borders.one], trial[borders.other])[across].sum()
+                for trial, k in trials
+            ]
+            chosen = trials[int(np.argmin(costs))][0]
+            break
+        else:
+            break
+    return chosen
 
 
 def area_of(corners: Array) -> float:
     """Give the area of a polygon (k, 2), positive when it runs anticlockwise [m²]."""
     x, y = (corners - corners[0]).T
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-def _anticlockwise(corners: Array) -> Array:
-    return corners if area_of(corners) > 0.0 else corners[::-1]
-
-
-def _label(cell: Array, places: Array, labels: Array, tree: cKDTree) -> int:
-    inside = labels[inside_polygon(places, cell)]
-    if len(inside) < LEAST_IN_CELL:
-        _, nearest = tree.query(cell.mean(axis=0), k=min(NEAREST, len(places)))
-        inside = labels[np.atleast_1d(nearest)]
-    return int(np.argmax(np.bincount(inside)))
-
-
-def _jump(cells: Sequence[Array], outline: Array, places: Array, labels: Array) -> Array | None:
-    """Find the line, along a side of the plan, that parts the planes best in the cell in which most are mixed."""
-    worst, chosen = 0.0, None
-    for cell in cells:
-        inside = inside_polygon(places, cell)
-        counts = np.bincount(labels[inside], minlength=1)
-        wrong = float(counts.sum() - counts.max(initial=0))
-        if counts.sum() >= LEAST_IN_CELL and counts.max() < MIXED * counts.sum() and wrong > worst:
-            worst, chosen = wrong, inside
-    if chosen is None:
-        return None
-    own, which = places[chosen], labels[chosen]
-    main = which == np.argmax(np.bincount(which))
-    sides = np.roll(outline, -1, axis=0) - outline
-    normals = np.column_stack([-sides[:, 1], sides[:, 0]]) / np.linalg.norm(sides, axis=1)[:, None]
-    best, line = worst, None
-    for normal in normals:
-        along = own @ normal
-        order = np.argsort(along)
-        before = np.cumsum(main[order])[:-1]
-        steps = np.arange(1, len(order))
-        right = np.maximum(before + (~main).sum() - (steps - before), steps - before + main.sum() - before)
-        k = int(np.argmax(right))
-        if len(order) - right[k] < best:
-            best = float(len(order) - right[k])
-            line = np.array([*normal, -0.5 * (along[order[k]] + along[order[k + 1]])])
-    # a line that leaves half of the mixture is no jump
-    return line if best < 0.5 * worst else None
-
-
-def rings_of(cells: Sequence[PlanCell]) -> tuple[Array, Sequence[tuple[int, Sequence[Array]]]]:
-    """Unite the cells of each plane that touch.
-
-    Returns
-    -------
-    Corners (c, 2), and for each face the number of its plane and its rings of corners: the outer one anticlockwise
-    first, then those of holes clockwise.
-    """
-    corners, rows = _numbered(cells)
-    faces: list[tuple[int, Sequence[Array]]] = []
-    for plane in sorted({cell.plane for cell in cells}):
-        sides: dict[tuple[int, int], bool] = {}
-        for cell, row in zip(cells, rows, strict=True):
-            if cell.plane == plane:
-                for start, end in zip(row, [*row[1:], row[0]], strict=True):
-                    if (end, start) in sides:
-                        del sides[end, start]
-                    else:
-                        sides[start, end] = True
-        faces += [(plane, rings) for rings in _faces(corners, _chained(corners, list(sides)))]
-    return corners, _without_straight_corners(corners, faces)
-
-
-def outline_of(corners: Array, faces: Sequence[tuple[int, Sequence[Array]]]) -> Sequence[Sequence[Array]]:
-    """Give the rings (k,) of corners that bound all faces together, as `rings_of` gives those of one."""
-    sides = [
-        side
-        for _, rings in faces
-        for ring in rings
-        for side in zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True)
-    ]
-    inner = set(sides)
-    return _faces(corners, _chained(corners, [(start, end) for start, end in sides if (end, start) not in inner]))
-
-
-def _without_straight_corners(
-    corners: Array, faces: Sequence[tuple[int, Sequence[Array]]]
-) -> Sequence[tuple[int, Sequence[Array]]]:
-    """Leave out the corners at which no face turns: lines that parted cells of one face left them."""
-    needed = np.zeros(len(corners), dtype=np.bool_)
-    for _, rings in faces:
-        for ring in rings:
-            there, back = (corners[np.roll(ring, step)] - corners[ring] for step in (-1, 1))
-            across = there[:, 0] * back[:, 1] - there[:, 1] * back[:, 0]
-            # two sides and the height of their triangle: how far the corner lies from the line of its neighbours
-            apart = np.abs(across) / np.maximum(np.linalg.norm(there - back, axis=1), SAME_M)
-            needed[ring[(apart > 3.0 * SAME_M) | (np.einsum("ij,ij->i", there, back) > 0.0)]] = True
-    return [(plane, [ring[needed[ring]] for ring in rings]) for plane, rings in faces]
-
-
-def _numbered(cells: Sequence[PlanCell]) -> tuple[Array, list[list[int]]]:
-    """Unite equal corners, and put corners of neighbours that lie on a side into it."""
-    stacked: Points | Array = np.concatenate([cell.corners for cell in cells])
-    groups = cKDTree(stacked).query_ball_point(stacked, 2.0 * SAME_M)
-    first = np.array([min(group) for group in groups])
-    first = first[first]
-    kept, numbers = np.unique(first, return_inverse=True)
-    corners = stacked[kept]
-    rows, start = [], 0
-    for cell in cells:
-        row = numbers[start : start + len(cell.corners)].tolist()
-        start += len(cell.corners)
-        full: list[int] = []
-        for here, there in zip(row, [*row[1:], row[0]], strict=True):
-            if here == there:
-                continue
-            way = corners[there] - corners[here]
-            length = float(np.hypot(*way))
-            apart = corners - corners[here]
-            along = apart @ way / length
-            across = np.abs(apart @ np.array([-way[1], way[0]])) / length
-            between = np.flatnonzero((across < 2.0 * SAME_M) & (along > SAME_M) & (along < length - SAME_M))
-            full += [here, *(k for k in between[np.argsort(along[between])].tolist() if k not in {here, there})]
-        rows.append(full)
-    return corners, rows
-
-
-def _chained(corners: Array, sides: list[tuple[int, int]]) -> list[list[int]]:
-    """Chain sides to rings; where several go on, the one that turns most to the left, so that rings do not cross."""
-    onward: dict[int, list[int]] = {}
-    for start, end in sides:
-        onward.setdefault(start, []).append(end)
-    rings = []
-    for first in list(onward):
-        while onward[first]:
-            ring = [first, onward[first].pop()]
-            while ring[-1] != first:
-                choices = onward.get(ring[-1])
-                if not choices:
-                    raise InvalidInputError(
-                        "plan", "the faces found over it do not meet edge to edge", "try another `neighbourhood_m`"
-                    )
-                back = corners[ring[-2]] - corners[ring[-1]]
-                turn = [_angle(corners[k] - corners[ring[-1]], back) for k in choices]
-                ring.append(choices.pop(int(np.argmin(turn))))
-            rings.append(ring[:-1])
-    return rings
-
-
-def _angle(way: Array, back: Array) -> float:
-    """Turn from a way, anticlockwise, to the way back, in (0, 2π]; the smallest keeps the inside to the left."""
-    angle = float(np.arctan2(way[0] * back[1] - way[1] * back[0], way @ back))
-    return angle if angle > 0.0 else angle + 2.0 * np.pi
-
-
-def _faces(corners: Array, rings: list[list[int]]) -> list[Sequence[Array]]:
-    """Put rings that run clockwise into the ring that they are holes of."""
-    areas = [area_of(corners[ring]) for ring in rings]
-    outer = [[np.array(ring)] for ring, area in zip(rings, areas, strict=True) if area > 0.0]
-    for ring, area in zip(rings, areas, strict=True):
-        if area < 0.0:
-            middle = corners[ring[:2]].mean(axis=0)[None]
-            holders = [face for face in outer if inside_polygon(middle, corners[face[0]])[0]]
-            if holders:
-                min(holders, key=lambda face: area_of(corners[face[0]])).append(np.array(ring))
-    return list(outer)

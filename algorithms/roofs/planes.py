@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array, CorePoints, Flags, Points, Scalars, Vector3
@@ -20,11 +22,13 @@ TOLERANCE = 3.0
 """In standard deviations of the points."""
 MAD = 1.4826
 """From the median of absolute deviations to a normal distribution's standard deviation."""
-ROUNDS = 3
+ROUNDS, PASSES = 3, 2
 MOST_STATED = 4.0
 """In stated noises: what scatters more is vegetation."""
 CLASSES, WEAK, STEADY = 4, 0.05, 0.02
 """Of slopes; weight of equal noise in all directions; residuals so small are never left out of these fits."""
+LINKED = 1.5
+"""What is left lies together where the next points are so many of its spacings apart at most."""
 MOST_FACES = 60
 """More faces over one plan are no roof but a heap."""
 
@@ -41,6 +45,13 @@ class RoofPlane:
     """Points that fit it."""
     rms_m: float
     """Of their height differences [m]."""
+    noise_m: float
+    """Standard deviation of heights about it, by the noise of all points [m]."""
+
+    @property
+    def level(self) -> bool:
+        """Whether it was made horizontal."""
+        return not self.parameters[:2].any()
 
     def heights(self, places: Array) -> Scalars:
         """Give z at places (n, 2) [m]."""
@@ -80,16 +91,37 @@ def roof_planes(points: Points, options: RoofOptions) -> tuple[Sequence[RoofPlan
     if len(points) <= LEAST_NEIGHBOURS:
         return [], labels
     noise = noise_of(points, options)
+    least = least_points(points, options)
+    planes: list[RoofPlane] = []
+    # small faces are seen by themselves when the large ones are gone
+    for _ in range(PASSES):
+        free = np.flatnonzero(labels < 0)
+        if len(free) < max(least, LEAST_NEIGHBOURS + 1):
+            break
+        more, taken = _clustered(points[free], options, noise, least, len(planes))
+        labels[free] = taken
+        planes += more
+        if not more:
+            break
+    refined, labels = _refined(points, planes, labels, options, noise)
+    rest, labels = _rest(points, labels, least, noise)
+    return [*refined, *rest], labels
+
+
+def _clustered(
+    points: Points, options: RoofOptions, noise: HeightNoise, least: int, first: int
+) -> tuple[list[RoofPlane], Array]:
+    """Find clusters of small planes among points, and number the planes from `first` on; -1 for points of none."""
+    labels = np.full(len(points), -1, dtype=np.int64)
     small, good = small_planes(points, options, noise)
     # a slope counts by the height that it makes across the neighbourhood's own place: the parameters are those at the
     # middle of the plan, where neither slope nor height is better known than the other
     lever = max(float(np.hypot(*np.ptp(points[:, :2], axis=0))) / 2.0, options.neighbourhood_m)
     scaled = small * np.array([lever, lever, 1.0])
     reach = TOLERANCE * noise.at(np.hypot(small[:, 0], small[:, 1])) * lever / options.neighbourhood_m
-    least = _least_points(points, options)
     planes: list[RoofPlane] = []
     free = good.copy()
-    while free.sum() >= least and len(planes) < MOST_FACES:
+    while free.sum() >= least and first + len(planes) < MOST_FACES:
         numbers = np.flatnonzero(free)
         tree = cKDTree(scaled[numbers])
         counts = tree.query_ball_point(scaled[numbers], reach[numbers], return_length=True)
@@ -102,9 +134,9 @@ def roof_planes(points: Points, options: RoofOptions) -> tuple[Sequence[RoofPlan
         free[taken] = False
         if plane is None or plane.after < least:
             continue
-        labels[taken] = len(planes)
+        labels[taken] = first + len(planes)
         planes.append(plane)
-    return _refined(points, planes, labels, options, noise)
+    return planes, labels
 
 
 def _small_fits(points: Points, options: RoofOptions, steady_m: float) -> tuple[Array, Array, Array]:
@@ -193,7 +225,7 @@ def _grown(
         alike = np.hypot(*(small[:, :2] - parameters[:2]).T) <= slopes
         taken = np.flatnonzero(free & alike & (off <= TOLERANCE * sigma))
     rms = float(np.sqrt(np.mean(off[taken] ** 2))) if len(taken) else np.inf
-    return RoofPlane(parameters, len(members), len(taken), rms), taken
+    return RoofPlane(parameters, len(members), len(taken), rms, sigma), taken
 
 
 def _refined(
@@ -219,8 +251,38 @@ def _refined(
         own = points[labels == k]
         parameters = least_squares_plane(own)
         rms = float(np.sqrt(np.mean((own[:, 2] - own[:, :2] @ parameters[:2] - parameters[2]) ** 2)))
-        refined.append(RoofPlane(parameters, plane.before, len(own), rms))
+        sigma = float(noise.at(np.hypot(*parameters[:2])[None])[0])
+        refined.append(RoofPlane(parameters, plane.before, len(own), rms, sigma))
     return refined, labels
+
+
+def _rest(points: Points, labels: Array, least: int, noise: HeightNoise) -> tuple[Sequence[RoofPlane], Array]:
+    """Give horizontal planes to what is left, where it lies together: as the source does with parts without a face."""
+    free = np.flatnonzero(labels < 0)
+    labels, first = labels.copy(), int(labels.max()) + 1
+    planes: list[RoofPlane] = []
+    if len(free) < least:
+        return planes, labels
+    distances, _ = cKDTree(points[:, :2]).query(points[free, :2], k=LEAST_NEIGHBOURS)
+    spacing = float(np.median(np.asarray(distances)[:, -1]))
+    level = float(noise.at(np.zeros(1))[0])
+    scaled = points[free] / np.array([LINKED * spacing, LINKED * spacing, TOLERANCE * level])
+    pairs = cKDTree(scaled).query_pairs(1.0, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(free), len(free)))
+    _, parts = connected_components(graph, directed=False)
+    sizes = np.bincount(parts)
+    for part in np.argsort(-sizes, kind="stable")[:MOST_FACES]:
+        own = free[(parts == part) & (labels[free] < 0)]
+        if len(own) < least:
+            continue
+        # parts of one level, as the sides of a parapet, are one
+        own = free[(np.abs(points[free, 2] - np.median(points[own, 2])) <= TOLERANCE * level) & (labels[free] < 0)]
+        if len(own) < least:
+            continue
+        heights = points[own, 2]
+        labels[own] = first + len(planes)
+        planes.append(RoofPlane(np.array([0.0, 0.0, float(heights.mean())]), 0, len(own), float(heights.std()), level))
+    return planes, labels
 
 
 def least_squares_plane(points: Points) -> Vector3:
@@ -230,7 +292,7 @@ def least_squares_plane(points: Points) -> Vector3:
     return np.array([slope[0], slope[1], middle[2] - slope @ middle[:2]])
 
 
-def _least_points(points: Points, options: RoofOptions) -> int:
+def least_points(points: Points, options: RoofOptions) -> int:
     """Give the points that the smallest face has, by the density of all."""
     tree = cKDTree(points[:, :2])
     sample = points[:: max(1, len(points) // 500), :2]

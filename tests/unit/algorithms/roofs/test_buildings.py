@@ -1,9 +1,11 @@
 """Simulated roofs: their faces are found, and the buildings enclose what they enclose in truth."""
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from algorithms.arrays import Array
 from algorithms.deviations.signed_distances import inside_polygon
@@ -11,6 +13,7 @@ from algorithms.errors import InvalidInputError
 from algorithms.roofs.building import ROOF, BuildingModel, ground_height_m, modelled_building
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import area_of
+from tests.scenes.roof_kinds import KINDS, flown
 
 EAVES_M, NOISE_M, SPACING_M = 6.0, 0.02, 0.4
 RECTANGLE = np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 8.0], [0.0, 8.0]])
@@ -105,6 +108,34 @@ def test_on_a_slope_a_building_stands_on_the_low_ground() -> None:
     points = np.column_stack([places, 0.1 * places[:, 0] + rng.normal(0.0, 0.02, 3000)])
     height, _ = ground_height_m(points, RECTANGLE)
     assert height == pytest.approx(-0.18, abs=0.03)  # a tenth of what lies beside the plan is lower
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+@pytest.mark.parametrize("noise_m", [(0.02, 0.01), (0.1, 0.05)], ids=["fine", "coarse"])
+def test_a_building_is_a_valid_solid(name: str, noise_m: tuple[float, float]) -> None:
+    points, plan = flown(KINDS[name], 2, 6.0, noise_m), KINDS[name].outline
+    model = modelled_building(points, plan, 0.0, RoofOptions())
+    assert model.watertight
+    sides: Counter[tuple[int, int]] = Counter()
+    for surface in model.surfaces:
+        for ring in surface.rings:
+            assert len(set(ring.tolist())) == len(ring) >= 3
+            sides.update(zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True))
+        outer = model.vertices[surface.rings[0]] - model.vertices[surface.rings[0][0]]
+        normal = np.cross(outer, np.roll(outer, -1, axis=0)).sum(axis=0)
+        assert 0.5 * np.linalg.norm(normal) > 1e-4
+        corners = model.vertices[np.concatenate(surface.rings)]
+        apart = (corners - corners.mean(axis=0)) @ (normal / np.linalg.norm(normal))
+        assert np.abs(apart).max() < 0.01
+    assert all(count == 1 and sides[end, start] == 1 for (start, end), count in sides.items())
+    distances, _ = cKDTree(model.vertices).query(model.vertices, k=2)
+    assert np.asarray(distances)[:, 1].min() > 0.015
+
+
+def test_what_no_plane_takes_gets_a_level_one() -> None:
+    kind = KINDS["parapet"]
+    model = modelled_building(flown(kind, 1, 6.0, (0.02, 0.01)), kind.outline, 0.0, RoofOptions())
+    assert sorted(float(plane.parameters[2]) for plane in model.planes) == pytest.approx([6.0, 7.0], abs=0.02)
 
 
 def test_what_stands_on_a_roof_changes_no_face() -> None:

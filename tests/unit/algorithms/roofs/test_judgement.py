@@ -48,15 +48,15 @@ def test_a_volume_over_a_stated_plan_that_is_called_right_is_right(name: str) ->
     assert abs(error) <= 0.01 or reason
 
 
-@pytest.mark.parametrize("name", ["flat", "shed", "gable", "hip", "ell", "stepped"])
-def test_a_plain_roof_of_little_noise_is_called_right(name: str) -> None:
+@pytest.mark.parametrize("name", list(KINDS))
+def test_a_roof_of_little_noise_is_called_right(name: str) -> None:
     error, figures, reason = judged(flown(KINDS[name], 1, 6.0, (0.02, 0.01)), KINDS[name], found=False)
     assert reason is None
     assert error == pytest.approx(0.0, abs=0.01)
-    assert figures.share_without_face < 0.02
+    assert figures.share_without_face < 0.05
 
 
-@pytest.mark.parametrize("name", ["gable", "steep gable", "hip"])
+@pytest.mark.parametrize("name", ["gable", "steep gable", "hip", "pyramid", "mansard", "ell", "dormer"])
 def test_faces_are_found_in_noise_that_the_request_does_not_state(name: str) -> None:
     error, _, reason = judged(flown(KINDS[name], 1, 6.0, (0.1, 0.05)), KINDS[name], found=False)
     assert reason is None
