@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from algorithms.arrays import Array, Points, Vector3
+from algorithms.deviations.raster_std import CellPlanes, plane_std
 from algorithms.errors import InvalidInputError
 
 GridValues = Float64[Array, "rows columns"]
@@ -94,8 +95,8 @@ class RasterSurface:
     heights_m: GridValues
     """Heights of the moving plane at the middles of the cells [m]."""
     std_m: GridValues
-    """Standard deviations of these heights, from the points' number, places and scatter [m] (A-08 of the quality of
-    terrain models: density, distance, curvature, residuals)."""
+    """Standard deviations of these heights, from the points' number, places and scatter, and from bends and steps of
+    the surface [m] (A-08 of the quality of terrain models: density, distance, curvature, residuals)."""
     counts: GridValues
     """Points in each cell."""
 
@@ -103,9 +104,8 @@ class RasterSurface:
 def raster_surface(uvh: Points, grid: Grid) -> RasterSurface:
     """Fit a plane to the points in each cell and its eight neighbours, and take its height in the middle (MATH 11.5).
 
-    Unlike the mean of the heights it has no error on slopes whose points lie aside. h = h₀ of
-    z = h₀ + b₁ u + b₂ v, var h₀ = s² (N⁻¹)₀₀ with s² = Σ r² / (n − 3): few points, far points, curvature and noise all
-    enlarge it. O(n + cells).
+    Unlike the mean of the heights it has no error on slopes whose points lie aside. h = h₀ of z = h₀ + b₁ u + b₂ v,
+    its standard deviation is that of `plane_std`. O(n + cells).
 
     Parameters
     ----------
@@ -114,7 +114,8 @@ def raster_surface(uvh: Points, grid: Grid) -> RasterSurface:
     grid
         The cells.
     """
-    moments = _pooled(_cell_moments(uvh, grid))
+    own = _cell_moments(uvh, grid)
+    moments = _pooled(own)
     n, u, v, z, uu, uv, vv, uz, vz, zz = np.moveaxis(moments, -1, 0)
     enough = n >= LEAST_POINTS
     safe = np.where(enough, n, 1.0)
@@ -126,13 +127,13 @@ def raster_surface(uvh: Points, grid: Grid) -> RasterSurface:
     per = 1.0 / np.where(good, determinant, 1.0)
     b1, b2 = (cvv * cuz - cuv * cvz) * per, (cuu * cvz - cuv * cuz) * per
     squares = np.maximum(czz - b1 * cuz - b2 * cvz, 0.0)
-    cofactor = 1.0 / safe + (cvv * mu**2 - 2.0 * cuv * mu * mv + cuu * mv**2) * per
-    std = np.sqrt(squares / np.maximum(n - 3.0, 1.0) * cofactor)
+    heights = mz - b1 * mu - b2 * mv
+    planes = CellPlanes(own, good, n, (mu, mv), (cuu, cuv, cvv), heights, (b1, b2), squares)
     cells = grid.cells_of(uvh)
     counts = np.bincount(cells[cells >= 0], minlength=grid.rows * grid.columns)
     return RasterSurface(
-        np.where(good, mz - b1 * mu - b2 * mv, np.nan),
-        np.where(good, std, np.nan),
+        np.where(good, heights, np.nan),
+        plane_std(planes),
         counts.reshape(grid.shape).astype(np.float64),
     )
 

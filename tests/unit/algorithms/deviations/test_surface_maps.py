@@ -46,10 +46,13 @@ def test_a_tilted_plane_is_exact_wherever_its_points_lie() -> None:
 
 
 def test_the_standard_deviation_of_heights_is_honest_on_a_plane() -> None:
-    rng = np.random.default_rng(2)
-    uv = rng.uniform([0.0, 0.0], [60.0, 40.0], (12_000, 2))
-    surface = raster_surface(np.column_stack([uv, rng.normal(0.0, 0.05, len(uv))]), GRID)
-    ratios = (surface.heights_m / surface.std_m)[np.isfinite(surface.std_m)]
+    found = []
+    for seed in range(2, 10):
+        rng = np.random.default_rng(seed)
+        uv = rng.uniform([0.0, 0.0], [60.0, 40.0], (12_000, 2))
+        surface = raster_surface(np.column_stack([uv, rng.normal(0.0, 0.05, len(uv))]), GRID)
+        found.append((surface.heights_m / surface.std_m)[np.isfinite(surface.std_m)])
+    ratios = np.concatenate(found)
     assert np.sqrt(np.mean(ratios**2)) == pytest.approx(1.0, abs=0.05)
 
 

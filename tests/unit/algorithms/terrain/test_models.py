@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from algorithms.arrays import Array
 from algorithms.deviations.rasters import Grid
 from algorithms.progress import NoProgress
 from algorithms.terrain.cell_heights import filled
@@ -26,6 +27,45 @@ def test_heights_of_objects_are_surface_minus_terrain_and_the_terrain_runs_on_be
     known = np.isfinite(models.dtm_std_m.ravel())
     normalised = errors[known] / models.dtm_std_m.ravel()[known]
     assert 0.7 < np.sqrt((normalised**2).mean()) < 1.5
+
+
+def waves(x: Array, y: Array, lengths_m: tuple[float, ...], share: float) -> Array:
+    """Return heights of waves (n,) in several directions, as high as a share of their length."""
+    rng = np.random.default_rng(4)
+    z = np.zeros_like(x)
+    for length in lengths_m:
+        for azimuth, phase in rng.uniform(0.0, 2.0 * np.pi, (3, 2)):
+            z += share * length * np.sin((x * np.cos(azimuth) + y * np.sin(azimuth)) * 2.0 * np.pi / length + phase)
+    return z
+
+
+TERRAINS = {
+    "plane": lambda x, y: 0.2 * x - 0.1 * y,
+    "hills": lambda x, y: 6.0 * np.sin(x / 11.0) + 4.0 * np.cos(y / 9.0),
+    "waves of all lengths": lambda x, y: waves(x, y, (400.0, 160.0, 70.0, 30.0), 0.01),
+    "terraces": lambda x, y: 2.0 * np.floor((x + 0.3 * y) / 12.0) + 0.02 * y,
+    "roof of a ridge": lambda x, y: -0.6 * np.abs(x - 25.0 + 0.2 * y),
+    "rough": lambda x, y: 0.05 * x + 0.3 * np.sin(x / 1.5) * np.sin(y / 1.7),
+    "level and hills": lambda x, y: np.where(x < 25.0, 0.1 * x, 2.5 + 1.5 * np.sin(x / 6.0) * np.cos(y / 5.0)),
+}
+
+
+@pytest.mark.parametrize("density", [1.0, 4.0, 20.0])
+@pytest.mark.parametrize("noise_m", [0.02, 0.1])
+def test_standard_deviations_of_heights_are_those_of_their_errors(density: float, noise_m: float) -> None:
+    """Over terrains that bend, step and are rough, half of each with noise three times as large."""
+    squares = {}
+    for number, (name, height) in enumerate(TERRAINS.items()):
+        rng = np.random.default_rng(number)
+        x, y = rng.uniform(0.0, 50.0, (2, rng.poisson(density * 2500.0)))
+        noise = noise_m * np.where(y > 25.0, 3.0, 1.0)
+        points = np.column_stack([x, y, height(x, y) + noise * rng.normal(size=len(x))])
+        models = terrain_models(points, np.ones(len(points), dtype=np.bool_), 1.0, None, NoProgress())
+        known = np.isfinite(models.dtm_std_m)
+        truth = height(*models.grid.centres().T).reshape(models.grid.shape)
+        squares[name] = (((models.dtm_m - truth) / models.dtm_std_m)[known] ** 2).mean()
+        assert 0.7 < np.sqrt(squares[name]) < 1.35, name
+    assert 0.9 < np.sqrt(np.mean(list(squares.values()))) < 1.1
 
 
 def test_the_canopy_stands_as_high_as_its_trees() -> None:
