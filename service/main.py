@@ -93,7 +93,7 @@ def app_from_environment() -> FastAPI:
         jobs=DatabaseJobStore(database),
         files=DatabaseFileStore(database),
         blobs=blobs,
-        queue=DatabaseQueue(DatabaseExecutors(database), DatabaseSteps(database, settings.max_running_jobs)),
+        queue=DatabaseQueue(DatabaseExecutors(database), DatabaseSteps(database)),
         steps=readers,
         log=DatabaseJobLog(database),
         requests=readers,

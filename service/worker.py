@@ -19,6 +19,7 @@ from service.adapters.database.job_log import DatabaseJobLog
 from service.adapters.database.jobs import DatabaseJobStore
 from service.adapters.database.steps import DatabaseSteps
 from service.adapters.database.tables import FRESH_FOR_WORKERS_S, connect
+from service.adapters.database.turns import DatabaseTurns
 from service.adapters.files.object_files import blob_store
 from service.adapters.outgoing.callback_thread import CallbackThread
 from service.adapters.outgoing.http_callbacks import HttpCallbacks
@@ -28,7 +29,7 @@ from service.adapters.processes.nursery_client import WarmUp
 from service.adapters.processes.process_limits import DEFAULT_STEPS, die_with_parent
 from service.adapters.processes.signal_pipe import SignalPipe
 from service.adapters.uploads.shared_uploads import upload_store_of
-from service.engine import Engine, Tools
+from service.engine import ClaimedSteps, Engine, Tools
 from service.engine.patience import patiently
 from service.errors import ServiceError
 from service.ports import BlobStore, Plan
@@ -79,10 +80,12 @@ def main(
     _remove_half_made(blobs, settings)
     belongings = Belongings(files, jobs, upload_store_of(settings, database, blobs))
     intake = FileIntake(belongings, blobs, runner, settings)
+    steps_kept = DatabaseSteps(database)
     tools = Tools(
         settings=settings,
         jobs=jobs,
-        steps=DatabaseSteps(database, settings.max_running_jobs),
+        steps=steps_kept,
+        source=ClaimedSteps(settings, DatabaseTurns(database, settings.max_running_jobs), steps_kept),
         log=DatabaseJobLog(database),
         files=files,
         executors=executors,

@@ -5,7 +5,8 @@ comes next, and puts that on the queue. A step runs in a child process; what fin
 what a dead worker left is computed by another. A database that is away is waited for.
 """
 
+from service.engine.claiming import ClaimedSteps
 from service.engine.execution import Engine
 from service.engine.tools import Tools
 
-__all__ = ["Engine", "Tools"]
+__all__ = ["ClaimedSteps", "Engine", "Tools"]

@@ -3,17 +3,18 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from service.ports import ExecutorRegistry, FileStore, JobLog, JobStore, Plan, StepQueue, StepRunner
+from service.ports import ExecutorRegistry, FileStore, JobLog, JobStore, Plan, StepRecords, StepRunner, StepSource
 from service.settings import Settings
 
 
 @dataclass(frozen=True)
 class Tools:
-    """Stores, queue, plans and the runner of steps."""
+    """Stores, source of steps, plans and the runner of steps."""
 
     settings: Settings
     jobs: JobStore
-    steps: StepQueue
+    steps: StepRecords
+    source: StepSource
     log: JobLog
     files: FileStore
     executors: ExecutorRegistry

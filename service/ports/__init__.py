@@ -10,9 +10,11 @@ from service.ports.callbacks import (
     ClaimedCallback,
     Subscription,
 )
+from service.ports.dispatch import FreshJob, StepSource, StepWork, Turns
 from service.ports.documents import Json, JsonText, as_text
 from service.ports.files import FileStore, StoredAmount, StoredFile, admit_any_file
 from service.ports.idempotency import KEPT_ANSWERS, Answer, Claim, IdempotencyStore
+from service.ports.job_steps import ClaimedStep, LeftBehind, LostStep, StepFigures, StepPlace, StepRecords
 from service.ports.jobs import (
     USUAL_URGENCY,
     Job,
@@ -30,15 +32,6 @@ from service.ports.owners import narrowed
 from service.ports.processes import Process, Stored
 from service.ports.sessions import SessionStore
 from service.ports.sources import RemoteFile, Sources
-from service.ports.step_queue import (
-    ClaimedStep,
-    FreshJob,
-    LeftBehind,
-    LostStep,
-    StepFigures,
-    StepPlace,
-    StepQueue,
-)
 from service.ports.steps import (
     REQUEST_BODY,
     REQUEST_INPUTS,
@@ -105,13 +98,16 @@ __all__ = [
     "StepFiles",
     "StepPlace",
     "StepProgress",
-    "StepQueue",
+    "StepRecords",
     "StepRunner",
+    "StepSource",
+    "StepWork",
     "Stored",
     "StoredAmount",
     "StoredFile",
     "StoredKey",
     "Subscription",
+    "Turns",
     "UnfinishedJobs",
     "UploadState",
     "UploadStore",

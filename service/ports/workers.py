@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from service.ports.step_queue import StepFigures
+from service.ports.job_steps import StepFigures
 
 
 class Queue(Protocol):

@@ -125,7 +125,7 @@ def service_of(block: CityBlock, folder: Path) -> Iterator[tuple[Client, City, A
     migrate(settings)
     database = connect(settings)
     files, jobs, log = DatabaseFileStore(database), DatabaseJobStore(database), DatabaseJobLog(database)
-    steps, executors, blobs = DatabaseSteps(database, 64), DatabaseExecutors(database), LocalFiles(folder)
+    steps, executors, blobs = DatabaseSteps(database), DatabaseExecutors(database), LocalFiles(folder)
     city = City(block, blobs, settings)
     adapters = Adapters(jobs, files, blobs, DatabaseQueue(executors, steps), city, log)  # type: ignore[arg-type]
     tools = Tools(settings, jobs, steps, log, files, executors, city, PLANS, lambda _job_id: None)

@@ -37,10 +37,11 @@ from service.adapters.database.job_log import DatabaseJobLog
 from service.adapters.database.jobs import DatabaseJobStore, migrate
 from service.adapters.database.steps import DatabaseSteps
 from service.adapters.database.tables import FRESH_FOR_WORKERS_S, connect
+from service.adapters.database.turns import DatabaseTurns
 from service.adapters.files.object_files import blob_store
 from service.adapters.outgoing.callback_thread import CallbackThread
 from service.adapters.outgoing.http_callbacks import HttpCallbacks
-from service.engine import Engine, Tools
+from service.engine import ClaimedSteps, Engine, Tools
 from service.ports import FreshJob, Job, JobStatus, Json, StepCall
 from service.settings import Settings
 from service.use_cases.callbacks.deliver_callbacks import CallbackDelivery
@@ -122,10 +123,12 @@ class Worker:
         self._database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
         jobs, files = DatabaseJobStore(self._database), DatabaseFileStore(self._database)
         blobs, log = blob_store(settings), DatabaseJobLog(self._database)
+        steps, turns = DatabaseSteps(self._database), DatabaseTurns(self._database, settings.max_running_jobs)
         tools = Tools(
             settings=settings,
             jobs=jobs,
-            steps=DatabaseSteps(self._database, settings.max_running_jobs),
+            steps=steps,
+            source=ClaimedSteps(settings, turns, steps),
             log=log,
             files=files,
             executors=DatabaseExecutors(self._database),
@@ -422,10 +425,10 @@ def test_how_fast_turns_are_given(server: PostgresServer, burst: str, tmp_path: 
                 "DELETE FROM jobs WHERE id NOT IN (SELECT id FROM jobs ORDER BY created LIMIT %s)", [waiting]
             )
         engine = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
-        steps, taken = DatabaseSteps(engine, settings.max_running_jobs), []
+        steps, turns, taken = DatabaseSteps(engine), DatabaseTurns(engine, settings.max_running_jobs), []
         for _ in range(300):
             began = time.monotonic()
-            turn = steps.take_turn("w", datetime.now(UTC), alone=True)
+            turn = turns.take_turn("w", datetime.now(UTC), alone=True)
             taken.append(time.monotonic() - began)
             if isinstance(turn, FreshJob):
                 steps.plan_stage(turn.id, 0, PairPlan().next_stage({}, []) or (), SECONDS)

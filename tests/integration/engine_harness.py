@@ -136,7 +136,7 @@ def harness(directory: Path, **values: object) -> Iterator[Harness]:
     settings = Settings(data_dir=directory, **values)  # type: ignore[arg-type]
     prepare(settings)
     engine = connect(settings)
-    queue = DatabaseQueue(DatabaseExecutors(engine), DatabaseSteps(engine, settings.max_running_jobs))
+    queue = DatabaseQueue(DatabaseExecutors(engine), DatabaseSteps(engine))
     made = Harness(settings, engine, queue, DatabaseJobStore(engine))
     try:
         yield made

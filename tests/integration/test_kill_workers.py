@@ -125,7 +125,7 @@ def test_jobs_of_another_order_of_steps_and_jobs_whose_steps_were_lost_are_begun
 ) -> None:
     with harness(tmp_path, database_url=new_database()) as service:
         jobs = [service.submit([{**SHORT, "name": name}]) for name in ("older", "lost")]
-        steps = DatabaseSteps(service.engine, 64)
+        steps = DatabaseSteps(service.engine)
         for job in jobs:
             steps.plan_stage(job, 0, [StepCall("unknown", {}, "what an older version did")], 1.0)
         older, lost = jobs

@@ -1,6 +1,6 @@
 """What the web process sees of the queue, in the metadata database."""
 
-from service.ports import ExecutorRegistry, StepFigures, StepQueue
+from service.ports import ExecutorRegistry, StepFigures, StepRecords
 
 
 class DatabaseQueue:
@@ -14,7 +14,7 @@ class DatabaseQueue:
         The steps.
     """
 
-    def __init__(self, executors: ExecutorRegistry, steps: StepQueue) -> None:
+    def __init__(self, executors: ExecutorRegistry, steps: StepRecords) -> None:
         self._executors = executors
         self._steps = steps
 

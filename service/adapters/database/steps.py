@@ -1,4 +1,4 @@
-"""The steps of all jobs in the metadata database: the queue that workers share.
+"""The steps of all jobs in the metadata database: which wait, which are computed by whom, and what came out.
 
 A step is a row that waits, is computed by one worker, or is done with its output. Transactions change the row of a job
 before those of its steps, so that no two wait for each other.
@@ -10,14 +10,13 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.adapters.database.changes import Changes
 from service.adapters.database.executors import clock, present
 from service.adapters.database.jobs import UNFINISHED, change_job
-from service.adapters.database.tables import executors, job_steps, jobs, lock_name, turns
+from service.adapters.database.tables import executors, job_steps, jobs
 from service.adapters.database.totals import add_to_totals, read_totals
 from service.ports import (
     ClaimedStep,
-    FreshJob,
+    Job,
     JobStatus,
     Json,
     LeftBehind,
@@ -26,85 +25,33 @@ from service.ports import (
     StepFigures,
     StepPlace,
 )
-from service.use_cases.jobs.turns import HELD_BACK_S, ProjectShare, WaitingPlace, before, in_turn
 
 ORDER_OF_STEPS = 1
 """Changed only when the order of steps in a plan changes; jobs that were planned in another one are begun again."""
 WAITING, RUNNING, DONE = "waiting", "running", "done"
 QUIET = timedelta(seconds=2.0)
 """A job of which no step has run for so long waits: shorter pauses are those between two steps."""
-BEGINNING = timedelta(seconds=2.0)
-"""A job that one worker was told to begin is told to no other for so long: of many that begin the same job all but one
-work in vain, hold up the turns of the rest, and with them are ever more of the same."""
 WAITS_MESSAGE = "waiting for a worker"
 UNFINISHED_JOB = jobs.c.status.in_(UNFINISHED)
-UNPLANNED = tuple(sa.and_(jobs.c.planned == 0, jobs.c.status == status) for status in UNFINISHED)
-"""By status: of each alone an index gives them in order."""
 STEPS_OF_JOBS = job_steps.join(jobs, jobs.c.id == job_steps.c.job_id)
 OURS = sa.and_(UNFINISHED_JOB, jobs.c.planned == ORDER_OF_STEPS)
 
 
 class DatabaseSteps:
-    """Hand out steps in order, and keep what came out.
+    """Keep steps and what comes of them.
 
     Parameters
     ----------
     engine
         From `connect`.
-    max_running_jobs
-        Most jobs of a project that are begun and not finished; more urgent ones come in besides.
     """
 
-    def __init__(self, engine: sa.Engine, max_running_jobs: int) -> None:
+    def __init__(self, engine: sa.Engine) -> None:
         self._engine = engine
         self._reading = engine.execution_options(reads_only=True)
-        self._max_running_jobs = max_running_jobs
-        self._changes = Changes(engine)
-        self._first_fresh_query = _first_fresh_query(max_running_jobs)
-
-    # turns
-
-    def look(self) -> bool:
-        """Tell whether anything waits."""
-        if not self._changes.may_be():
-            return False
-        found = self._waits()
-        self._changes.note(new=found)
-        return found
-
-    def _waits(self) -> bool:
-        steps = sa.exists(sa.select(sa.literal(1)).where(job_steps.c.state == WAITING))
-        fresh = sa.exists(sa.select(sa.literal(1)).select_from(jobs).where(sa.or_(*UNPLANNED)))
-        with self._reading.begin() as connection:
-            return bool(connection.execute(sa.select(sa.or_(steps, fresh))).scalar())
-
-    def take_turn(self, executor_id: str, now: datetime, *, alone: bool) -> ClaimedStep | FreshJob | None:
-        """Claim the step whose turn it is, or tell which job is to be begun."""
-        with self._engine.begin() as connection:
-            lock_name(connection, "turns")
-            for owner in in_turn(_shares(connection)):
-                step, fresh = _first_step(connection, owner), self._first_fresh(connection, owner, now)
-                if fresh is not None and (step is None or before(fresh, _place_in_line(step))):
-                    connection.execute(sa.update(jobs).where(jobs.c.id == fresh.job_id).values(updated=now))
-                    return FreshJob(fresh.job_id)
-                if step is not None:
-                    if step["deaths"] >= 1.0 and not alone:
-                        return None  # nobody else begins meanwhile, so that it will be alone soon
-                    return _claim(connection, executor_id, step, now)
-        return None
-
-    def _first_fresh(self, connection: sa.Connection, owner: str, now: datetime) -> WaitingPlace | None:
-        """Find the next job of a project that is to be begun and nobody begins, unless enough of them are under way."""
-        values = {"owner": owner, "earliest": now - BEGINNING, "latest": now + BEGINNING}
-        row = connection.execute(self._first_fresh_query, values).one_or_none()
-        if row is None or row.number >= self._max_running_jobs:
-            return None
-        return WaitingPlace(row.urgency, 0, row.created, row.id)
-
-    # stages
 
     def plan_stage(self, job_id: str, stage: int, calls: Sequence[StepCall], total_weight: float) -> None:
-        """Put the steps of a stage on the queue; doing so again changes nothing."""
+        """Let the steps of a stage wait; doing so again changes nothing."""
         of_stage = sa.and_(job_steps.c.job_id == job_id, job_steps.c.stage == stage)
         values = {"total_weight": total_weight, "planned": ORDER_OF_STEPS}
         with self._engine.begin() as connection:
@@ -193,7 +140,7 @@ class DatabaseSteps:
         unfinished = sa.exists().where(job_steps.c.job_id == jobs.c.id, job_steps.c.state != DONE)
         stalled = sa.select(jobs.c.id).where(OURS, sa.not_(unfinished))
         with self._engine.begin() as connection:
-            _tell_waiting(connection, jobs.c.updated < now - QUIET, now)
+            tell_waiting(connection, jobs.c.updated < now - QUIET, now)
             steps = [LostStep(StepPlace(*row[:3]), row.executor) for row in connection.execute(lost)]
             return LeftBehind(steps, list(connection.execute(stalled).scalars()))
 
@@ -232,67 +179,7 @@ class DatabaseSteps:
             return StepFigures(numbers[WAITING], numbers[RUNNING], max(wait_s, 0.0), read_totals(connection))
 
 
-def _owners(which: sa.ColumnElement[bool]) -> sa.Select[Any]:
-    """Ask for the projects that have some of the jobs, from one to the next by an index: O(projects), not O(jobs)."""
-    first = sa.select(jobs.c.owner).where(which).order_by(jobs.c.owner).limit(1)
-    found = sa.select(first.subquery().c.owner).cte(recursive=True)
-    following = first.where(jobs.c.owner > found.c.owner).correlate(found).scalar_subquery()
-    found = found.union_all(sa.select(following).where(found.c.owner.is_not(None)))
-    return sa.select(found.c.owner).where(found.c.owner.is_not(None))
-
-
-OWNERS_OF_FRESH = sa.union_all(*map(_owners, UNPLANNED))
-
-
-def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
-    """Give the projects of which something waits, and what each of them has."""
-    runs, waits = (sa.func.sum(sa.case((job_steps.c.state == state, 1), else_=0)) for state in (RUNNING, WAITING))
-    steps = sa.select(jobs.c.owner, runs.label("running"), waits.label("waiting")).select_from(STEPS_OF_JOBS)
-    unfinished = steps.where(OURS, job_steps.c.state.in_((RUNNING, WAITING))).group_by(jobs.c.owner)
-    rows = connection.execute(unfinished).all()
-    running, waiting = {row.owner: row.running for row in rows}, {row.owner for row in rows if row.waiting}
-    fresh = set(connection.execute(OWNERS_OF_FRESH).scalars())
-    begun = {row.owner: row.begun for row in connection.execute(sa.select(turns))}
-    return [ProjectShare(owner, running.get(owner, 0), begun.get(owner, 0.0)) for owner in waiting | fresh]
-
-
-def _first_fresh_query(most: int) -> sa.Select[Any]:
-    """Ask for the first job of a project that nobody begins, and how many as urgent ones are begun or being begun."""
-    owner = sa.bindparam("owner", type_=jobs.c.owner.type)
-    earliest, latest = (sa.bindparam(name, type_=jobs.c.updated.type) for name in ("earliest", "latest"))
-    changed = sa.func.coalesce(jobs.c.updated, jobs.c.created)
-    begins = sa.and_(changed > jobs.c.created, changed.between(earliest, latest))
-    columns = (jobs.c.urgency, jobs.c.created, jobs.c.id, begins.label("begins"))
-    # each in the order of the index; when as many as may run are being begun, no more are
-    heads = [
-        sa.select(*columns).where(which, jobs.c.owner == owner).order_by(*columns[:3]).limit(most + 1).subquery()
-        for which in UNPLANNED
-    ]
-    head = sa.union_all(*map(sa.select, heads)).cte()
-    free = sa.select(head).where(sa.not_(head.c.begins)).order_by(head.c.urgency, head.c.created, head.c.id)
-    first = free.limit(1).cte()
-    begun = sa.select(sa.func.count()).select_from(jobs).where(OURS, jobs.c.owner == owner)
-    begun = begun.where(jobs.c.urgency <= first.c.urgency).correlate(first)
-    others = sa.select(sa.func.count()).select_from(head).where(head.c.begins, head.c.urgency <= first.c.urgency)
-    number = begun.scalar_subquery() + others.correlate(first).scalar_subquery()
-    return sa.select(first, number.label("number"))
-
-
-def _first_step(connection: sa.Connection, owner: str) -> sa.RowMapping | None:
-    """Find the waiting step of a project that comes first; in the order of `service.use_cases.jobs.turns`."""
-    since = present(connection) - HELD_BACK_S
-    held_back = sa.case((sa.and_(job_steps.c.deaths > 0.0, job_steps.c.waiting_since > since), 1), else_=0)
-    query = (
-        sa.select(job_steps, jobs.c.urgency, jobs.c.created, held_back.label("held_back"))
-        .select_from(STEPS_OF_JOBS)
-        .where(job_steps.c.state == WAITING, OURS, jobs.c.owner == owner)
-        .order_by(jobs.c.urgency, held_back, job_steps.c.stage.desc(), jobs.c.created, jobs.c.id, job_steps.c.position)
-        .limit(1)
-    )
-    return connection.execute(query).mappings().one_or_none()
-
-
-def _tell_waiting(connection: sa.Connection, which: sa.ColumnElement[bool], now: datetime) -> None:
+def tell_waiting(connection: sa.Connection, which: sa.ColumnElement[bool], now: datetime) -> None:
     """Mark jobs as waiting of which steps wait and none is computed."""
     of_job = job_steps.c.job_id == jobs.c.id
     runs = sa.exists().where(of_job, job_steps.c.state == RUNNING)
@@ -305,35 +192,28 @@ def _tell_waiting(connection: sa.Connection, which: sa.ColumnElement[bool], now:
         connection.execute(sa.update(jobs).where(jobs.c.id == job_id, idle).values(values))
 
 
-def _place_in_line(step: sa.RowMapping) -> WaitingPlace:
-    held_back = bool(step["held_back"])
-    return WaitingPlace(step["urgency"], step["stage"], step["created"], step["job_id"], step["position"], held_back)
-
-
-def _claim(connection: sa.Connection, executor_id: str, step: sa.RowMapping, now: datetime) -> ClaimedStep | None:
-    """Give a step to a worker, and mark its job as running; None when it was over just now."""
-    place = StepPlace(step["job_id"], step["stage"], step["position"])
+def begin_step(
+    connection: sa.Connection, place: StepPlace, executor_id: str, now: datetime
+) -> tuple[Job, ClaimedStep] | None:
+    """Give a waiting step to a worker, and mark its job as running; None when it was over just now."""
+    label = sa.select(job_steps.c.label).where(_at(place)).scalar_subquery()
     job = change_job(
         connection,
         place.job_id,
         status=JobStatus.RUNNING.value,
         attempts=sa.case((jobs.c.attempts < 1, 1), else_=jobs.c.attempts),
         started=sa.func.coalesce(jobs.c.started, sa.literal(now, jobs.c.started.type)),
-        message=step["label"],
+        message=label,
         updated=now,
     )
     if job is None:
         return None
-    moment = present(connection)
     waiting = sa.and_(_at(place), job_steps.c.state == WAITING)
-    values = {"state": RUNNING, "executor": executor_id, "begun": moment}
-    if not connection.execute(sa.update(job_steps).where(waiting).values(values)).rowcount:
+    values = {"state": RUNNING, "executor": executor_id, "begun": present(connection)}
+    step = connection.execute(sa.update(job_steps).where(waiting).values(values).returning(job_steps)).one_or_none()
+    if step is None:
         return None
-    if not connection.execute(sa.update(turns).where(turns.c.owner == job.owner).values(begun=moment)).rowcount:
-        connection.execute(sa.insert(turns).values(owner=job.owner, begun=moment))
-    # the slot might have gone to another one whose step has just ended
-    _tell_waiting(connection, jobs.c.id != job.id, now)
-    return ClaimedStep(place, step["name"], step["arguments"], step["label"], job.request_id, step["deaths"])
+    return job, ClaimedStep(place, step.name, step.arguments, step.label, job.request_id, step.deaths)
 
 
 def _note(

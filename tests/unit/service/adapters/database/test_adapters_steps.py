@@ -13,8 +13,9 @@ import sqlalchemy as sa
 from service.adapters.database import changes
 from service.adapters.database.executors import DatabaseExecutors
 from service.adapters.database.jobs import DatabaseJobStore, migrate
-from service.adapters.database.steps import BEGINNING, DatabaseSteps
+from service.adapters.database.steps import DatabaseSteps
 from service.adapters.database.tables import connect, job_steps
+from service.adapters.database.turns import BEGINNING, DatabaseTurns
 from service.ports import ClaimedStep, FreshJob, Job, JobStatus, LostStep, StepCall, StepPlace
 from service.settings import Settings
 from service.use_cases.jobs.turns import HELD_BACK_S
@@ -29,7 +30,8 @@ class Stores:
     def __init__(self, engine: sa.Engine) -> None:
         self.engine = engine
         self.jobs = DatabaseJobStore(engine)
-        self.steps = DatabaseSteps(engine, MOST)
+        self.steps = DatabaseSteps(engine)
+        self.turns = DatabaseTurns(engine, MOST)
         self.executors = DatabaseExecutors(engine)
         for worker in ("w1", "w2"):
             self.executors.register(worker)
@@ -43,7 +45,7 @@ class Stores:
             self.steps.plan_stage(job_id, stage, calls, 4.0)
 
     def take(self, worker: str = "w1", *, alone: bool = True) -> ClaimedStep | FreshJob | None:
-        return self.steps.take_turn(worker, NOW, alone=alone)
+        return self.turns.take_turn(worker, NOW, alone=alone)
 
     def claim(self, worker: str = "w1", *, alone: bool = True) -> ClaimedStep:
         turn = self.take(worker, alone=alone)
@@ -83,16 +85,16 @@ def test_an_embedded_database_that_has_not_changed_is_not_asked_whether_anything
     settings = Settings(data_dir=tmp_path)
     migrate(settings)
     engine, other = connect(settings), connect(settings)
-    steps, asked = DatabaseSteps(engine, MOST), []
+    turns, asked = DatabaseTurns(engine, MOST), []
     sa.event.listen(engine, "before_cursor_execute", lambda *told: asked.append(told[2]))
-    assert not steps.look()
+    assert not turns.look()
     time.sleep(2.0 * changes.SETTLED_S)
-    assert not steps.look()
+    assert not turns.look()
     so_far = len(asked)
-    assert not any(steps.look() for _ in range(5))
+    assert not any(turns.look() for _ in range(5))
     assert len(asked) == so_far
     DatabaseJobStore(other).create_and_enqueue(JOB)
-    assert all(steps.look() for _ in range(2))
+    assert all(turns.look() for _ in range(2))
     for each in (engine, other):
         each.dispose()
 
@@ -101,7 +103,7 @@ def test_each_step_is_handed_out_once(stores: Stores) -> None:
     stores.add("j1", width=2)
     steps = [stores.claim("w1"), stores.claim("w2")]
     assert [(step.arguments["n"], step.request_id) for step in steps] == [(0, "r1"), (1, "r1")]
-    assert (stores.take(), stores.steps.look()) == (None, False)
+    assert (stores.take(), stores.turns.look()) == (None, False)
 
 
 def test_a_job_runs_from_its_first_step_on_and_waits_before(stores: Stores) -> None:
@@ -192,7 +194,7 @@ def test_a_job_that_is_being_begun_is_told_to_nobody_else_for_a_while(stores: St
     begun = [stores.take(worker) for worker in ("w1", "w2", "w1", "w2", "w1")]
     assert begun == [*(FreshJob(f"j{number}") for number in range(MOST)), None]
     later = NOW + 1.1 * BEGINNING  # who was told so is gone
-    assert stores.steps.take_turn("w2", later, alone=True) == FreshJob("j0")
+    assert stores.turns.take_turn("w2", later, alone=True) == FreshJob("j0")
 
 
 def test_projects_take_turns_whatever_one_of_them_sends(stores: Stores) -> None:

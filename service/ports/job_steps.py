@@ -1,4 +1,4 @@
-"""The steps of all jobs: which wait, which are computed, and what came out."""
+"""The steps of all jobs as they are kept: which wait, which are computed, and what came out."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -38,13 +38,6 @@ class ClaimedStep:
 
 
 @dataclass(frozen=True)
-class FreshJob:
-    """A job whose turn it is, and of which no step is known yet."""
-
-    id: str
-
-
-@dataclass(frozen=True)
 class LostStep:
     """A step whose worker is gone."""
 
@@ -74,20 +67,11 @@ class StepFigures:
     kind, ``deaths`` of workers that computed."""
 
 
-class StepQueue(Protocol):
-    """Hand out steps in order. Every method is one transaction; times are those of the database machine."""
-
-    def look(self) -> bool:
-        """Tell whether anything waits, as cheaply as possible."""
-
-    def take_turn(self, executor_id: str, now: datetime, *, alone: bool) -> ClaimedStep | FreshJob | None:
-        """Claim the step whose turn it is, and mark its job as running, or tell which job is to be begun.
-
-        None when nothing waits but what others begin, or when the next step wants to be alone on its worker and is not.
-        """
+class StepRecords(Protocol):
+    """Keep steps and what comes of them. Every method is one transaction; times are those of the database machine."""
 
     def plan_stage(self, job_id: str, stage: int, calls: Sequence[StepCall], total_weight: float) -> None:
-        """Put the steps of a stage on the queue; doing so again changes nothing."""
+        """Let the steps of a stage wait; doing so again changes nothing."""
 
     def outputs(self, job_id: str) -> Sequence[Sequence[Json]] | None:
         """Give the outputs of all stages; None while a step waits or is computed."""
