@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from schemas.requests.callback_secret import CallbackSecret
@@ -44,7 +44,7 @@ class Settings(BaseSettings):
     api_processes: int = Field(default=1, ge=1)
     """API processes that `tieline serve` starts."""
     workers: int = Field(default=1, ge=0)
-    """Worker processes that `tieline serve` starts."""
+    """Worker processes that `tieline serve` starts; more than one need PostgreSQL."""
     slots: int = Field(default=0, ge=0)
     """Computations side by side in one worker; 0: two where there are two cores, with all cores for each: while one
     reads its file on one core, the other computes."""
@@ -180,6 +180,15 @@ class Settings(BaseSettings):
             return f"sqlite:///{(self.data_dir / 'tieline.sqlite').resolve()}"
         scheme, _, rest = self.database_url.partition("://")
         return f"{POSTGRESQL}://{rest}" if scheme in {"postgres", "postgresql"} else self.database_url
+
+    @model_validator(mode="after")
+    def _has_one_worker_where_embedded(self) -> "Settings":
+        if self.workers > 1 and self.embedded_database:
+            raise ValueError(
+                f"{self.workers} workers need PostgreSQL (TIELINE_DATABASE_URL); one computes several steps side by "
+                "side (TIELINE_SLOTS)"
+            )
+        return self
 
     @field_validator("storage_url")
     @classmethod

@@ -1,11 +1,14 @@
 """A worker: executes jobs until it is told to stop. `python -m service.worker`."""
 
 import argparse
+import fcntl
 import importlib
 import os
 import signal
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import cast
@@ -31,7 +34,7 @@ from service.adapters.processes.signal_pipe import SignalPipe
 from service.adapters.uploads.shared_uploads import upload_store_of
 from service.engine import ClaimedSteps, Engine, Tools
 from service.engine.patience import patiently
-from service.errors import ServiceError
+from service.errors import ServiceError, StorageError
 from service.ports import BlobStore, Plan
 from service.processes import OFFERED_PROCESSES
 from service.settings import Settings
@@ -45,6 +48,8 @@ log = structlog.get_logger()
 DEFAULT_PLANS = "service.processes:PLANS"
 STOP_WITHIN_S = 6.0
 """Less than the launcher waits. Longer than it takes, but when the database is away."""
+WAITS_FOR_ANOTHER_S = 3.0
+LOCK = "worker.lock"
 STOPPING = frozenset((signal.SIGTERM, signal.SIGINT))
 WARM_UP = WarmUp(
     "service.use_cases.steps.warm_up:load_for_registration",
@@ -69,6 +74,11 @@ def main(
     """
     signals = SignalPipe(*STOPPING, signal.SIGCONT)
     configure_log()
+    with _the_only_one(settings):
+        _work(settings, signals, slot, steps=steps, plans=plans, launcher=launcher)
+
+
+def _work(settings: Settings, signals: SignalPipe, slot: str, *, steps: str, plans: str, launcher: int | None) -> None:
     remove_left_scratch(settings)
     database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
     executors = DatabaseExecutors(database)
@@ -117,6 +127,32 @@ def main(
     engine.stop()
     runner.close()
     database.dispose()
+
+
+@contextmanager
+def _the_only_one(settings: Settings) -> Iterator[None]:
+    """Keep a second worker off an embedded database, and wait a moment for one that is just ending.
+
+    Raises
+    ------
+    StorageError
+        Another worker lives.
+    """
+    if not settings.embedded_database:
+        yield
+        return
+    with (settings.data_dir / LOCK).open("ab") as lock:  # the kernel opens it when this process is gone
+        deadline = time.monotonic() + WAITS_FOR_ANOTHER_S
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    text = f"another worker uses {settings.data_dir.resolve()}; several need PostgreSQL"
+                    raise StorageError(text) from None
+            time.sleep(0.1)
+        yield
 
 
 def _remove_half_made(blobs: BlobStore, settings: Settings) -> None:

@@ -82,7 +82,10 @@ class ClaimedSteps:
         if self._unsure:  # it may be that steps were claimed of which this worker was not told
             kept = [step.place for step in self._running.values()]
             await asyncio.to_thread(self._steps.hand_back, executor_id, kept)
+            left = await asyncio.to_thread(self._steps.tidy, _now())
             self._unsure = False
+            for job_id in left.jobs:
+                await work.lead(job_id)
         if not self._has_room or not await asyncio.to_thread(self._turns.look):
             return
         known: set[str] = set()

@@ -13,8 +13,8 @@ from service.ports import ClaimedStep, Json, LogLine, StepFailedError
 
 STEP_ATTEMPTS = 3
 REPORT_INTERVAL_S = 0.2
-LOOK_INTERVAL_S = 1.0
-"""How often it is looked whether a step of which nothing is heard is still wanted."""
+LOOK_INTERVAL_S = 0.5
+"""How often it is looked whether a step of which nothing is heard is still wanted: a cancelled one ends within 1 s."""
 PAUSE_S = 0.5
 """Before a computation that crashed is tried again."""
 log = structlog.get_logger()

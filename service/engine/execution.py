@@ -23,6 +23,8 @@ log = structlog.get_logger()
 class Engine:
     """Compute steps of jobs in this process until stopped.
 
+    On an embedded database it is the only one: those before it are dead, and nobody has to hear that it lives.
+
     Parameters
     ----------
     tools
@@ -50,13 +52,16 @@ class Engine:
         """Enter this worker, put back what dead ones left, and begin to work; wait for a database that is away."""
         patience_s = float(self._tools.settings.step_timeout_s)
         patiently_at_once(patience_s, lambda: self._tools.executors.register(self.executor_id, self._launcher))
-        self._keep("heartbeat", self._beat, HEARTBEAT_S)
+        several = not self._tools.settings.embedded_database
+        if several:
+            self._keep("heartbeat", self._beat, HEARTBEAT_S)
         patiently_at_once(patience_s, self._reaper.begin_stale_again)
         patiently_at_once(patience_s, self._take_up)
         work = self._tools.source.run(self.executor_id, StepWork(self._compute, self._lead))
         self._threads.append(threading.Thread(target=self._loop.run_until_complete, args=(work,), name="work"))
         self._threads[-1].start()
-        self._keep("reaper", self._take_up, REAPING_S)
+        if several:
+            self._keep("reaper", self._take_up, REAPING_S)
         log.info("worker started", executor=self.executor_id, slots=self._tools.settings.computations)
 
     def stop(self) -> None:

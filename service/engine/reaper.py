@@ -19,7 +19,7 @@ log = structlog.get_logger()
 
 
 class Reaper:
-    """Puts back what dead workers left. One worker at a time does so, but each is ready to.
+    """Puts back what dead workers left. Of several, one worker at a time does so, but each is ready to.
 
     Parameters
     ----------
@@ -32,12 +32,13 @@ class Reaper:
     def __init__(self, tools: Tools, executor_id: str) -> None:
         self._tools = tools
         self._executor_id = executor_id
+        self._several = not tools.settings.embedded_database
         self._seen = self._steady_since = time.monotonic()
 
     def take_up(self) -> Sequence[str]:
         """Bury the dead, and put what they computed back on the queue; give the jobs that nobody leads on."""
         executors, steps = self._tools.executors, self._tools.steps
-        leads = executors.lease("reaper", self._executor_id, LEASE_S)
+        leads = self._has("reaper")
         by_heart = self._may_judge_hearts()
         # only now: what a database that is away refuses was not seen
         self._seen = time.monotonic()
@@ -52,9 +53,13 @@ class Reaper:
 
     def begin_stale_again(self) -> None:
         """Begin jobs again that were planned in another order of steps."""
-        if self._tools.executors.lease("begin-again", self._executor_id, LEASE_S):
+        if self._has("begin-again"):
             for job_id in self._tools.steps.begin_stale_again():
                 log.info("begun again", job=job_id)
+
+    def _has(self, lease: str) -> bool:
+        """Tell whether nobody else does the same."""
+        return not self._several or self._tools.executors.lease(lease, self._executor_id, LEASE_S)
 
     def _may_judge_hearts(self) -> bool:
         """Tell whether others could have told of their life: after the database was away, or this process was stopped,

@@ -57,9 +57,7 @@ SCANNER = VirtualScanner(rows=300, columns=720)
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with running_service(
-        tmp_path_factory.mktemp("service"), WORKERS="2", SLOTS="1", API_PROCESSES=API_PROCESSES
-    ) as running:
+    with running_service(tmp_path_factory.mktemp("service"), SLOTS="2", API_PROCESSES=API_PROCESSES) as running:
         yield running
 
 

@@ -26,7 +26,7 @@ from tests.servers.postgres_server import PostgresServer, postgres_server
 
 STEPS = {"features of S1": "0:0", "features of S2": "0:1", "registering S2 to S1": "1:0", "writing the report": "2:0"}
 """What a job of two stations does, and the name of the step within the job."""
-SETTINGS = {"SLOTS": "1", "WORKERS": "2", "MAX_ATTEMPTS": "1000"}
+SETTINGS = {"SLOTS": "1", "MAX_ATTEMPTS": "1000"}
 ANSWER_WITHIN_S = 300.0
 """A killed API process is there again in some seconds of processor time, which may be minutes on a busy machine."""
 FINISHED = {"successful", "failed", "dismissed"}
@@ -34,7 +34,7 @@ FINISHED = {"successful", "failed", "dismissed"}
 
 @dataclass
 class AttackedService:
-    """A service with two workers, its clients, and its database server if it has one."""
+    """A service, its clients, and its database server if it has one: then there are two workers."""
 
     running: RunningService
     server: PostgresServer | None
@@ -123,7 +123,7 @@ class AttackedService:
         self.running.start()
 
     def _kill_life_of_worker(self) -> None:
-        """Stop a worker until the others take it for dead, and let it go on then."""
+        """Stop a worker until others, if there are any, take it for dead, and let it go on then."""
         worker = self._busy_worker()
         worker.suspend()
         time.sleep(9.0)
@@ -253,7 +253,7 @@ def attacked_service(home: Path, kind: str, scans: Path) -> Iterator[AttackedSer
 @contextmanager
 def _attacked(home: Path, scans: Path, server: PostgresServer | None) -> Iterator[AttackedService]:
     url = "" if server is None else server.new_database()
-    running = RunningService(home, {**SETTINGS, "DATABASE_URL": url})
+    running = RunningService(home, {**SETTINGS, "DATABASE_URL": url, "WORKERS": "1" if server is None else "2"})
     running.start()
     service = AttackedService(running, server)
     try:

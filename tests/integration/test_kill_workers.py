@@ -28,12 +28,20 @@ def service(tmp_path_factory: pytest.TempPathFactory, new_database: NewDatabase)
         yield made
 
 
-def with_two_workers(service: Harness) -> None:
-    """Start what is missing of two workers; there are some left of the test before."""
+def with_workers(service: Harness) -> None:
+    """Start what is missing of two workers, or of the one of an embedded database; there may be some left."""
+    number = 1 if service.settings.embedded_database else 2
     service.workers[:] = [worker for worker in service.workers if worker.poll() is None]
-    while len(service.workers) < 2:
+    while len(service.workers) < number:
         service.start_worker(str(len(service.workers)))
-    wait_until(lambda: service.queue.live_workers() == 2)
+    wait_until(lambda: service.queue.live_workers() == number)
+
+
+def with_successor(service: Harness) -> None:
+    """Start another worker where there was only one; of two the other goes on."""
+    if service.settings.embedded_database:
+        service.workers[-1].wait()
+        service.start_worker()
 
 
 def worker_of(computing: int) -> psutil.Process:
@@ -61,11 +69,12 @@ def how_often(service: Harness, name: str) -> tuple[int, int]:
 
 
 def test_a_worker_that_stops_in_order_hands_its_step_over_without_counting_an_attempt(service: Harness) -> None:
-    with_two_workers(service)
+    with_workers(service)
     job, computing = submit(service, "ordered")
     worker = worker_of(computing)
     worker.send_signal(signal.SIGTERM)
     wait_until(lambda: not alive(computing) and not alive(worker.pid), 10.0)
+    with_successor(service)
     finished = service.finished(job)
     assert (finished.status, finished.attempts) == (JobStatus.SUCCESSFUL, 1)
     assert how_often(service, "ordered") == (1, 1)
@@ -73,16 +82,19 @@ def test_a_worker_that_stops_in_order_hands_its_step_over_without_counting_an_at
 
 @pytest.mark.e2e
 def test_another_worker_takes_over_from_a_killed_one(service: Harness) -> None:
-    with_two_workers(service)
+    with_workers(service)
     job, computing = submit(service, "killed")
     worker_of(computing).kill()
+    with_successor(service)
     finished = service.finished(job)
     assert finished.status is JobStatus.SUCCESSFUL
     assert how_often(service, "killed") == (1, 1)
 
 
 def test_a_worker_that_was_stopped_for_long_was_taken_for_dead_and_ends_when_it_comes_back(service: Harness) -> None:
-    with_two_workers(service)
+    if service.settings.embedded_database:
+        pytest.skip("there is only one worker, which nobody takes for dead")
+    with_workers(service)
     job, computing = submit(service, "slept")
     worker = worker_of(computing)
     worker.suspend()
@@ -97,7 +109,7 @@ def test_a_worker_that_was_stopped_for_long_was_taken_for_dead_and_ends_when_it_
 def test_a_server_frees_what_a_worker_holds_that_is_stopped_in_a_transaction(service: Harness) -> None:
     if not service.settings.database_url:
         pytest.skip("an embedded database does not notice; the worker's launcher kills it then")
-    with_two_workers(service)
+    with_workers(service)
     jobs = [submit(service, f"held-{number}")[0] for number in range(2)]
     (service.settings.data_dir / STOP).touch()
     wait_until(lambda: [is_stopped(worker.pid) for worker in service.workers].count(True) == 1)
@@ -134,3 +146,13 @@ def test_jobs_of_another_order_of_steps_and_jobs_whose_steps_were_lost_are_begun
             connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == lost))
         service.start_worker()
         assert [service.finished(job).status for job in jobs] == [JobStatus.SUCCESSFUL] * 2
+
+
+def test_a_second_worker_of_an_embedded_database_is_refused(tmp_path: Path) -> None:
+    with harness(tmp_path) as service:
+        service.start_worker()
+        wait_until(lambda: service.queue.live_workers() == 1)
+        second = service.start_worker("1")
+        wait_until(lambda: second.poll() is not None)
+        assert (second.returncode, service.queue.live_workers()) == (1, 1)
+        assert "several need PostgreSQL" in (service.settings.data_dir / "worker.log").read_text()

@@ -1,4 +1,4 @@
-"""Which workers live: one row per worker, touched by its heartbeat."""
+"""Which workers live: one row per worker, touched by its heartbeat where there are several."""
 
 import os
 import time
@@ -16,11 +16,20 @@ DEAD_AFTER_S = 6.0
 
 
 class DatabaseExecutors:
-    """Keep the workers and named leases. Times are those of the database machine."""
+    """Keep the workers and named leases. Times are those of the database machine.
 
-    def __init__(self, engine: sa.Engine) -> None:
+    Parameters
+    ----------
+    engine
+        From `connect`.
+    several
+        Whether there may be several workers, whose hearts beat; None: where the database is a server.
+    """
+
+    def __init__(self, engine: sa.Engine, *, several: bool | None = None) -> None:
         self._engine = engine
         self._host = this_host()
+        self._several = engine.dialect.name == "postgresql" if several is None else several
 
     def register(self, executor_id: str, launcher: int | None = None) -> None:
         """Enter a worker, and the process that keeps it running."""
@@ -51,20 +60,25 @@ class DatabaseExecutors:
             connection.execute(sa.delete(executors).where(executors.c.id == executor_id))
 
     def bury_dead(self, executor_id: str, *, by_heart: bool = True) -> Sequence[DeadExecutor]:
-        """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller."""
+        """Strike out workers whose process is gone or whose heart has not beaten for a while, except the caller.
+
+        Where there is only one, all others are gone.
+        """
         with self._engine.begin() as connection:
             overdue = clock(connection) - DEAD_AFTER_S
             rows = connection.execute(sa.select(executors).where(executors.c.id != executor_id)).all()
-            dead = [row for row in rows if (by_heart and row.heartbeat < overdue) or self._is_gone(row)]
+            silent = [by_heart and row.heartbeat < overdue for row in rows]
+            judged = zip(rows, silent, strict=True)
+            dead = [row for row, is_silent in judged if not self._several or is_silent or self._is_gone(row)]
             if dead:
                 connection.execute(sa.delete(executors).where(executors.c.id.in_([row.id for row in dead])))
         return [DeadExecutor(row.id, self._launcher_is_gone(row)) for row in dead]
 
     def live(self) -> Sequence[str]:
         """List the workers that are entered and not overdue."""
-        with self._engine.begin() as connection:
-            overdue = clock(connection) - DEAD_AFTER_S
-            rows = connection.execute(sa.select(executors).where(executors.c.heartbeat >= overdue)).all()
+        with self._engine.execution_options(reads_only=True).begin() as connection:
+            beats = executors.c.heartbeat >= clock(connection) - DEAD_AFTER_S if self._several else sa.true()
+            rows = connection.execute(sa.select(executors).where(beats)).all()
         return [row.id for row in rows if not self._is_gone(row)]
 
     def lease(self, name: str, holder: str, seconds: float) -> bool:
@@ -93,9 +107,12 @@ class DatabaseExecutors:
         return row.host == self._host and _has_ended(row.pid, row.process_started)
 
     def _launcher_is_gone(self, row: sa.Row[tuple[object, ...]]) -> bool:
-        """Tell whether the process that kept a worker of this machine running has ended too."""
-        known = row.host == self._host and row.launcher_pid is not None
-        return known and _has_ended(row.launcher_pid, row.launcher_started)
+        """Tell whether it is known that the process that kept a worker running has ended too."""
+        if row.launcher_pid is None:
+            return False
+        if row.host != self._host:
+            return not self._several  # it was on this machine, before that was restarted
+        return _has_ended(row.launcher_pid, row.launcher_started)
 
 
 def _has_ended(pid: int, started: float) -> bool:

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.service
 
 MACHINES = {
     "one after the other on one thread": {"WORKERS": "1", "SLOTS": "1", "THREADS": "1"},
-    "side by side on two workers with two threads each": {"WORKERS": "2", "SLOTS": "1", "THREADS": "2"},
+    "side by side with two threads each": {"SLOTS": "2", "THREADS": "2"},
 }
 
 

@@ -34,7 +34,7 @@ def executors_entered(engine: sa.Engine) -> list[str]:
 
 
 def test_a_worker_lives_from_its_entry_to_its_removal(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     registry.register("a")
     entered = list(registry.live())
     registry.remove("a")
@@ -42,7 +42,7 @@ def test_a_worker_lives_from_its_entry_to_its_removal(engine: sa.Engine) -> None
 
 
 def test_a_worker_whose_heart_has_stopped_is_buried_and_told_so(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     registry.register("a")
     change(engine, "a", heartbeat=executors.c.heartbeat - DEAD_AFTER_S - 1)
     before = list(registry.live())
@@ -51,7 +51,7 @@ def test_a_worker_whose_heart_has_stopped_is_buried_and_told_so(engine: sa.Engin
 
 
 def test_a_worker_without_process_is_buried_without_waiting(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     registry.register("a")
     change(engine, "a", process_started=executors.c.process_started - 100)  # the number now belongs to another process
     registry.bury_dead("b")
@@ -59,7 +59,7 @@ def test_a_worker_without_process_is_buried_without_waiting(engine: sa.Engine) -
 
 
 def test_a_worker_of_another_machine_is_judged_by_its_heart_only(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     registry.register("a")
     change(engine, "a", host="elsewhere", pid=os.getpid() + 1, process_started=0.0)
     registry.bury_dead("b")
@@ -67,7 +67,7 @@ def test_a_worker_of_another_machine_is_judged_by_its_heart_only(engine: sa.Engi
 
 
 def test_a_lease_has_one_holder_until_it_is_gone(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     for each in ("a", "b"):
         registry.register(each)
     taken = [registry.lease("reaper", each, 60.0) for each in ("a", "b", "a")]
@@ -76,7 +76,7 @@ def test_a_lease_has_one_holder_until_it_is_gone(engine: sa.Engine) -> None:
 
 
 def test_a_lease_ends(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     for each in ("a", "b"):
         registry.register(each)
     registry.lease("reaper", "a", -1.0)
@@ -84,7 +84,7 @@ def test_a_lease_ends(engine: sa.Engine) -> None:
 
 
 def test_a_lease_whose_holder_has_no_process_any_more_is_free_at_once(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     for each in ("a", "b"):
         registry.register(each)
     registry.lease("reaper", "a", 60.0)
@@ -93,7 +93,7 @@ def test_a_lease_whose_holder_has_no_process_any_more_is_free_at_once(engine: sa
 
 
 def test_of_a_dead_worker_it_is_known_whether_its_launcher_died_too(engine: sa.Engine) -> None:
-    registry = DatabaseExecutors(engine)
+    registry = DatabaseExecutors(engine, several=True)
     for each in ("alone", "together"):
         registry.register(each, os.getpid())
     change(engine, "together", launcher_started=executors.c.launcher_started - 100)
@@ -101,3 +101,21 @@ def test_of_a_dead_worker_it_is_known_whether_its_launcher_died_too(engine: sa.E
         change(engine, each, process_started=executors.c.process_started - 100)
     dead = {each.id: each.whole_service for each in registry.bury_dead("b")}
     assert dead == {"alone": False, "together": True}
+
+
+def test_of_an_embedded_database_all_other_workers_are_gone_and_no_heart_has_to_beat(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    migrate(settings)
+    engine = connect(settings)
+    registry = DatabaseExecutors(engine)
+    for each in ("before", "now", "after a restart of the machine"):
+        registry.register(each, os.getpid())
+    change(engine, "after a restart of the machine", host="another boot")
+    change(engine, "now", heartbeat=0.0)
+    change(engine, "before", process_started=executors.c.process_started - 100)
+    live = list(registry.live())
+    dead = {each.id: each.whole_service for each in registry.bury_dead("now")}
+    engine.dispose()
+    assert "now" in live
+    assert "before" not in live
+    assert dead == {"before": False, "after a restart of the machine": True}
