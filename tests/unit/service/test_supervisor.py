@@ -6,11 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import psutil
 import pytest
+from pydantic import ValidationError
 
 from service import supervisor
+from service.settings import Settings
 from service.supervisor import Supervised
 
 LOADED = "import service.supervisor, sys; print(*sys.modules)"
@@ -149,3 +152,9 @@ def test_two_hundred_starts_end_in_time_whenever_the_signal_comes() -> None:
                     assert each.wait(10.0) in {0, -signal.SIGTERM, -signal.SIGINT}
                 finally:
                     each.kill()
+
+
+def test_more_than_one_worker_is_refused_on_an_embedded_database(tmp_path: Path) -> None:
+    with pytest.raises(ValidationError, match="need PostgreSQL"):
+        Settings(data_dir=tmp_path, workers=2)
+    assert Settings(data_dir=tmp_path, workers=2, database_url="postgresql://x@y/z").workers == 2
