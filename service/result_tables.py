@@ -31,7 +31,8 @@ OF_POSE = ("position_m", "angles_gon", "std_origin_m", "std_angles_gon", "std_ce
 OF_PLACE = ("projected_m", "std_projected_m")
 OF_PAIR = ("overlap_0_1m", "overlap_0_5m", "rms_m", "sigma0", "removed")
 OF_LINES = ("lines", "line_offset_m", "line_angle_gon")
-OF_POINT = ("difference_m", "largest_w", "statistic", "critical")
+OF_POINT = ("difference_m", "statistic", "critical")
+"""Figures that fit side by side into 80 columns."""
 
 
 def print_result(console: Console, result: Document) -> None:

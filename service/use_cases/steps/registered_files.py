@@ -123,7 +123,7 @@ def _write_poses(
 
 
 def _figures(context: StepContext, arguments: Json) -> list[StationFigures]:
-    """Give the figures of the stations of the job's own result; none where the request has the poses."""
+    """Pick the figures of the stations of the job's own result; none where the request has the poses."""
     if arguments.get("result") is None:
         return []
     document = _document(context, arguments["result"])
@@ -131,7 +131,7 @@ def _figures(context: StepContext, arguments: Json) -> list[StationFigures]:
 
 
 def _with_figures(files: Mapping[str, bytes], own: Sequence[StationFigures]) -> dict[str, bytes]:
-    """Put what the job's own result says of the stations into the files that its report has by the same names."""
+    """Write what the job's own result says of the stations into the files that its report has by the same names."""
     if not own:
         return dict(files)
     texts = {f"{station.name}.txt": matrix_text(station).encode() for station in own if station.matrix is not None}

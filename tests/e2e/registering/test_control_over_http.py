@@ -1,5 +1,6 @@
 """Two scans of a house with control given as points of the stations: poses come out in the control's frame."""
 
+import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -148,6 +149,17 @@ def test_the_command_line_takes_control_of_a_projection_from_a_table(
         assert crs.to_epsg() == 25832
         place = told["control"]["stations"][number]["xyz_m"]
         assert np.linalg.norm(np.median(np.asarray(cloud.xyz), axis=0) - place) < 30.0
+    with (tmp_path / "out" / "poses.csv").open(newline="") as table:
+        poses = list(csv.DictReader(table))
+    for row, station, pose in zip(poses, told["control"]["stations"], STATIONS, strict=True):
+        assert (row["crs"], "the middle of the control in EPSG:25832" in row["frame"]) == ("EPSG:25832", True)
+        place, std = ([float(row[f"{axis}_m{end}"]) for axis in ("east", "north", "height")] for end in ("", "_std"))
+        assert (place, std) == (station["xyz_m"], station["std_m"])
+        truth = TopocentricFrame("EPSG:25832", np.array([500_000.0, 5_400_000.0, 300.0])).from_local(
+            np.asarray(pose.translation)[None]
+        )
+        assert (np.abs(place - truth[0]) < 4.0 * np.array(std) + 1e-4).all()  # control is given to 0.1 mm
+    assert "projected east · north · height [m]" in answer.stdout
 
 
 def test_files_with_rigid_poses_are_not_called_projected(service: RunningService, files: Sequence[str]) -> None:
