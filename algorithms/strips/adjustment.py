@@ -27,6 +27,8 @@ from algorithms.progress import Progress
 from algorithms.strips.block import Block, Equations, Reduced, State, positive_solution
 from algorithms.strips.mixing import Mixing
 from algorithms.strips.options import CorrectionOptions
+from algorithms.strips.residual_blocks import BlockTest, across_strips, along_strips, block_test
+from algorithms.strips.waves import WaveSizes, likeliest_sizes
 
 MOST_ITERATIONS = 60
 """Usual are three to six; what ties hardly tell, such as the bore-sight over level ground, takes many times more."""
@@ -38,6 +40,8 @@ SETTLED_SHARE = 0.9
 """The usual misfit has settled where a round lowers it by less than a tenth."""
 MOST_ROBUST_ROUNDS, MOST_ROUNDS = 60, 40
 GLOBAL_ALPHA = 0.05
+FREED = 1e-4
+"""Share of the weights of observations of zero that stays when sizes of waves are estimated."""
 KNOWN_BY_DATA = 0.5
 """An observation of zero is given up only where the data alone tell more than it does."""
 LEAST_TIES = 4
@@ -50,14 +54,26 @@ class Adjusted:
 
     block: Block
     state: State
-    cofactors: Float64[Array, "u u"]
-    """(u, u) covariance of the unknowns of strips and bore-sight, the variance factor in it."""
-    data_normal: Float64[Array, "u u"]
-    """(u, u) of the data alone, the variance factor in it, planes eliminated."""
-    zero_weights: Float64[Array, "u"]
-    """(u,) of the observations of zero; 0 where they were given up."""
-    zero_stds: Float64[Array, "u"]
-    """(u,) as stated."""
+    cofactors: Float64[Array, "s s"]
+    """(s, s) covariance of the unknowns of strips and bore-sight, the variance factor in it."""
+    whole_cofactors: Float64[Array, "u u"]
+    """(u, u) the same with mount and waves."""
+    data_normal: Float64[Array, "s s"]
+    """(s, s) of the data alone, the variance factor in it, planes, mount and waves eliminated."""
+    zero_weights: Float64[Array, "s"]
+    """(s,) of the observations of zero; 0 where they were given up."""
+    zero_stds: Float64[Array, "s"]
+    """(s,) as stated."""
+    mount_stds: Float64[Array, "common"]
+    """(m,) expected of what strips without trajectories have in common; none where all have one."""
+    sizes: WaveSizes
+    """Of the waves."""
+    along: BlockTest
+    """Residuals by blocks along the strips."""
+    across: BlockTest
+    """The same across them."""
+    block_factor: float
+    """By which variances of ties and control are multiplied more, because residuals of blocks are correlated."""
     used: Bool[Array, "k"]
     """(k,) ties that take part."""
     control_used: Bool[Array, "m"]
@@ -143,10 +159,15 @@ def adjust_block(block: Block, start: State, options: CorrectionOptions, alpha: 
     search.check()
     progress.report(0.0, "robust adjustment")
     search.robust()
+    progress.report(0.4, "sizes of waves")
+    search.fit_waves()
     progress.report(0.5, "testing the patches")
+    tests, factor = search.snooped(alpha)
+    search.fit_waves()
     tests, factor = search.snooped(alpha)
     progress.report(0.9, "testing the observations of zero")
     search.without_wrong_zeros(alpha)
+    search.block_tests()
     return search.result(tests, factor, alpha)
 
 
@@ -166,9 +187,12 @@ class _Search:
         self.block, self.state = block, start
         self.zero_stds = block.zero_stds(options)
         self.zero_weights = self.zero_stds**-2
+        self.mount_stds = block.mount_stds(options)
+        self.sizes = WaveSizes()
         self.used = np.ones(len(block.ties), dtype=bool)
         self.control_used = np.ones(len(block.control.patches), dtype=bool)
-        self.factor = 1.0
+        self.factor = self.block_factor = 1.0
+        self.along = self.across = BlockTest(0.0, 0)
         self.iterations = 0
 
     def check(self) -> None:
@@ -189,8 +213,8 @@ class _Search:
         share, mixing = np.inf, Mixing()
         for _ in range(MOST_ITERATIONS):
             reduced, normal = self.linear(own, known)
-            at = self.block.vector(self.state)
-            step = positive_solution(normal, reduced.right - self.zero_weights * at)
+            at = self.block.whole_vector(self.state)
+            step = positive_solution(normal, reduced.right - (normal - reduced.normal) @ at)
             planes = self.block.plane_step(reduced, step)
             # (gᵀ step)² <= (gᵀ N⁻¹ g) (stepᵀ N step) for every g
             share = float(np.sqrt(step @ normal @ step))
@@ -210,7 +234,27 @@ class _Search:
         reduced = self.block.reduced(
             at, own / (self.factor * self.block.ties.std_m**2), known / (self.factor * at.control_std_m**2)
         )
-        return reduced, reduced.normal + np.diag(self.zero_weights)
+        return reduced, reduced.normal + self.prior()
+
+    def prior(self) -> Matrix:
+        """Return the weights of what is expected of the unknowns before any data: zero, and smooth waves."""
+        known = np.diag(np.concatenate([self.zero_weights, self.mount_stds**-2.0]))
+        return np.asarray(linalg.block_diag(known, *self.sizes.precisions(self.block.knots)))
+
+    def fit_waves(self) -> None:
+        """Estimate the sizes of waves, with variances as the tests find them."""
+        if not self.block.knots:
+            return
+        at, reduced, normal = self.solve()
+        factor = self.test_factor(self.tests(at, reduced, linalg.inv(normal)))
+        reduced, normal = self.linear(self.used.astype(np.float64), self.control_used.astype(np.float64))
+        waves = np.arange(self.block.before_waves, self.block.count)
+        right = reduced.right + reduced.normal @ self.block.whole_vector(self.state)
+        # what polynomials explain is no wave, however far from zero they are
+        free = normal - reduced.normal
+        free[: self.block.stated, : self.block.stated] *= FREED
+        own, rest = eliminated(reduced.normal / factor, right / factor, free, waves)
+        self.sizes = likeliest_sizes(self.sizes, self.block.knots, own, rest)
 
     def robust(self) -> None:
         """Mark ties and control with weights that narrow from round to round (MATH 4.6).
@@ -321,7 +365,8 @@ class _Search:
         """Sum the weighted squares, those of the observations of zero too."""
         ties = ((at.residuals[self.used] / self.block.ties.std_m[self.used, None]) ** 2).sum()
         known = ((at.control[self.control_used] / at.control_std_m[self.control_used]) ** 2).sum()
-        return float(ties + known + (self.zero_weights * self.block.vector(self.state) ** 2).sum())
+        values = self.block.whole_vector(self.state)
+        return float(ties + known + values @ self.prior() @ values)
 
     def without_wrong_zeros(self, alpha: float) -> None:
         """Scale variances by the global test, then give up the observations of zero that the data contradict."""
@@ -331,7 +376,8 @@ class _Search:
             self.factor = told.omega / told.redundancy
             _, _, normal = self.solve()
         critical, values = normal_critical_value(alpha), self.block.vector(self.state)
-        data, right = normal - np.diag(self.zero_weights), normal @ values
+        data = self.stated_normal(normal)
+        right = (data + np.diag(self.zero_weights)) @ values
         while True:
             variances = np.diag(linalg.inv(data + np.diag(self.zero_weights)))
             control = 1.0 - variances * self.zero_weights
@@ -343,17 +389,44 @@ class _Search:
             self.zero_weights[worst] = 0.0
             values = positive_solution(data + np.diag(self.zero_weights), right)
 
+    def block_tests(self) -> None:
+        """Test whether residuals of blocks are correlated; if so, let variances be those of blocks."""
+        at, _, _ = self.solve()
+        weights = self.used / (self.factor * self.block.ties.std_m**2)
+        known = self.control_used / (self.factor * at.control_std_m**2)
+        self.along, self.across = (
+            block_test(self.block, self.state, at, weights, known, self.prior(), number(self.block, self.used))
+            for number in (along_strips, across_strips)
+        )
+        self.block_factor = max([1.0, *(test.factor for test in (self.along, self.across) if test.significant)])
+        self.factor *= self.block_factor
+
+    def stated_normal(self, normal: Matrix) -> Array:
+        """Return the normal matrix of coefficients and bore-sight by the data alone, mount and waves eliminated."""
+        stated, whole = np.arange(self.block.stated), normal.copy()
+        whole[stated, stated] -= self.zero_weights
+        own, _ = eliminated(whole, np.zeros(len(whole)), np.zeros_like(whole), stated)
+        return own
+
     def result(self, tests: _Tests, factor: float, alpha: float) -> Adjusted:
         """Describe the last adjustment."""
         at, reduced, normal = self.solve()
         cofactors = linalg.inv(normal)
         tests = self.tests(at, reduced, cofactors)
+        cofactors = 0.5 * (cofactors + cofactors.T)
+        stated = self.block.stated
         before = _at_zero(self)
         return Adjusted(
             block=self.block,
             state=self.state,
-            cofactors=np.asarray(0.5 * (cofactors + cofactors.T)),
-            data_normal=reduced.normal,
+            cofactors=cofactors[:stated, :stated],
+            whole_cofactors=cofactors,
+            data_normal=self.stated_normal(normal),
+            mount_stds=self.mount_stds,
+            sizes=self.sizes,
+            along=self.along,
+            across=self.across,
+            block_factor=self.block_factor,
             zero_weights=self.zero_weights,
             zero_stds=self.zero_stds,
             used=self.used,
@@ -373,6 +446,18 @@ class _Search:
             test=global_test(self.omega(at), self.redundancy(), GLOBAL_ALPHA),
             iterations=self.iterations,
         )
+
+
+def eliminated(normal: Matrix, right: Array, prior: Matrix, kept: Array) -> tuple[Array, Array]:
+    """Eliminate all unknowns but those kept, with what is expected of the former; return normal matrix and right."""
+    others = np.setdiff1d(np.arange(len(normal)), kept)
+    own, mixed = normal[np.ix_(kept, kept)], normal[np.ix_(others, kept)]
+    if len(others) == 0:
+        return own, right[kept]
+    inner = normal[np.ix_(others, others)] + prior[np.ix_(others, others)]
+    solved = positive_solution(inner, np.column_stack([mixed, right[others]]))
+    reduced = own - mixed.T @ solved[:, :-1]
+    return 0.5 * (reduced + reduced.T), right[kept] - mixed.T @ solved[:, -1]
 
 
 def lifts_of(cofactors: Matrices3, residuals: Points, *, used: Flags) -> Array:

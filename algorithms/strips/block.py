@@ -1,4 +1,4 @@
-"""The equations of a block of strips: patches as planes, polynomials in time, observations of zero (MATH 12.2)."""
+"""The equations of a block of strips: patches as planes, polynomials and waves in time (MATH 12.2, 12.4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,16 +9,19 @@ from scipy import linalg, sparse
 
 from algorithms.arrays import Array, Matrices3, Matrix, Points, Scalars, Vector3
 from algorithms.errors import InvalidInputError
-from algorithms.strips.corrections import Correction, Degrees
+from algorithms.strips.corrections import MOUNT, Correction, Degrees
 from algorithms.strips.homologous import Ties
 from algorithms.strips.options import CorrectionOptions
 from algorithms.strips.strip import StripPath
+from algorithms.strips.waves import PER_KNOT, Knots, knots_of
 
 GON = np.pi / 200.0
 MOST_UNKNOWNS = 4000
 MEAN, FIRST, SECOND = np.array([1, 1, 1, 1]), np.array([-1, 1, 1, -1]), np.array([-1, -1, 1, 1])
 COMBINED = np.stack([MEAN, FIRST, SECOND]) / 4.0
 """Of the distances of four anchors from a plane: their mean, and half their differences along both main axes."""
+NARROW = np.tan(np.radians(20.0))
+"""Half a narrow field of view: without a trajectory the width of a strip tells how high it was flown at most."""
 AT_ONCE = 1 << 22
 """Numbers of a product that are in memory at once."""
 
@@ -39,6 +42,10 @@ class State:
     coefficients: Float64[Array, "strips c"]
     """Of each strip, in the order of `Degrees.names` [m, rad]."""
     boresight_rad: Vector3
+    mount: Float64[Array, "5"]
+    """(5,) in the order of `MOUNT`, common to strips without trajectories [m, rad]."""
+    waves: Float64[Array, "w"]
+    """(w,) six of every knot, strip by strip [m, rad]."""
     planes: Float64[Array, "patches 3"]
     """(patches, 3) height along the normal, and tilts, of each global plane in the frame of its patch [m, 1]."""
 
@@ -50,7 +57,7 @@ class Equations:
     residuals: Float64[Array, "k 3"]
     """(k, 3) of the ties: distance of the corrected patch from its plane, and half differences at the anchors [m]."""
     jacobian: sparse.csr_array
-    """(3 k, u) by the unknowns of strips and bore-sight."""
+    """(3 k, u) by the unknowns of strips, bore-sight, mount and waves."""
     by_planes: Float64[Array, "k 3 3"]
     """(k, 3, 3) by each one's plane."""
     control: Float64[Array, "m"]
@@ -92,6 +99,10 @@ class Block:
     ties: Ties
     control: Control
     with_boresight: bool
+    with_mount: bool = False
+    """Whether strips without trajectories have an error in common."""
+    knots: Sequence[Knots] = ()
+    """Of each strip; none: no waves."""
 
     @staticmethod
     def of(
@@ -115,35 +126,107 @@ class Block:
                 "strips", f"{len(paths)} strips with {degrees.count} coefficients each are too many unknowns",
                 f"at most {MOST_UNKNOWNS}: lower `shift_degree` or `tilt_degree`, or divide the block",
             )  # fmt: skip
-        seen = any(path.bodies is not None for path in paths)
-        return Block(paths, degrees, references_m, frames, ties, control, options.boresight and seen)
+        seen = [path.bodies is not None for path in paths]
+        knots = knots_of([(path.first_s, path.last_s) for path in paths]) if options.waves else []
+        return Block(
+            paths, degrees, references_m, frames, ties, control, options.boresight and any(seen),
+            options.boresight and not all(seen), tuple(knots),
+        )  # fmt: skip
+
+    @property
+    def stated(self) -> int:
+        """Number of coefficients and of turns of the bore-sight."""
+        return self.degrees.count * len(self.paths) + 3 * self.with_boresight
+
+    @property
+    def before_waves(self) -> int:
+        """Number of unknowns before those of waves."""
+        return self.stated + len(MOUNT) * self.with_mount
+
+    @property
+    def wave_starts(self) -> Int64[Array, "n"]:
+        """Number of the first unknown of the waves of each strip, and of all unknowns."""
+        counts = [PER_KNOT * len(each) for each in self.knots] if self.knots else [0] * len(self.paths)
+        return self.before_waves + np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
     @property
     def count(self) -> int:
-        """Number of unknowns but for the planes."""
-        return self.degrees.count * len(self.paths) + 3 * self.with_boresight
+        """Number of unknowns but for the planes: coefficients, bore-sight, mount, waves."""
+        return int(self.wave_starts[-1])
 
     def zero_state(self) -> State:
         """Give the state without any correction."""
         planes = np.zeros((len(self.references_m), 3))
-        return State(np.zeros((len(self.paths), self.degrees.count)), np.zeros(3), planes)
+        waves = np.zeros(self.count - self.before_waves)
+        return State(
+            np.zeros((len(self.paths), self.degrees.count)), np.zeros(3), np.zeros(len(MOUNT)), waves, planes
+        )  # fmt: skip
 
     def correction(self, state: State, strip: int) -> Correction:
         """Give what corrects a strip."""
-        return Correction(self.paths[strip], self.degrees, state.coefficients[strip], state.boresight_rad)
+        first, last = self.wave_starts[strip : strip + 2] - self.before_waves
+        knots = self.knots[strip] if self.knots else None
+        waves = state.waves[first:last].reshape(-1, PER_KNOT) if self.knots else None
+        return Correction(
+            self.paths[strip], self.degrees, state.coefficients[strip], state.boresight_rad, state.mount, knots, waves
+        )
 
-    def vector(self, state: State) -> Float64[Array, "u"]:
+    def vector(self, state: State) -> Float64[Array, "s"]:
         """Give the unknowns of strips, then the bore-sight, as one vector."""
         own = state.coefficients.ravel()
         return np.concatenate([own, state.boresight_rad]) if self.with_boresight else own
 
+    def whole_vector(self, state: State) -> Float64[Array, "u"]:
+        """Return all unknowns but for the planes as one vector."""
+        mount = state.mount if self.with_mount else np.zeros(0)
+        return np.concatenate([self.vector(state), mount, state.waves])
+
     def moved(self, state: State, step: Float64[Array, "u"], planes: Points) -> State:
         """Add a step."""
-        own = self.degrees.count * len(self.paths)
-        boresight = state.boresight_rad + step[own:] if self.with_boresight else state.boresight_rad
-        return State(state.coefficients + step[:own].reshape(-1, self.degrees.count), boresight, state.planes + planes)
+        own, stated, before = self.degrees.count * len(self.paths), self.stated, self.before_waves
+        return State(
+            state.coefficients + step[:own].reshape(-1, self.degrees.count),
+            state.boresight_rad + step[own:stated] if self.with_boresight else state.boresight_rad,
+            state.mount + step[stated:before] if self.with_mount else state.mount,
+            state.waves + step[before:],
+            state.planes + planes,
+        )
 
-    def zero_stds(self, options: CorrectionOptions) -> Float64[Array, "u"]:
+    def columns_of(self, strip: int) -> Int64[Array, "c"]:
+        """Return the numbers of the unknowns that move a strip, in the order of `design`."""
+        own, starts = self.degrees.count, self.wave_starts
+        return np.concatenate(
+            [
+                np.arange(strip * own, (strip + 1) * own),
+                np.arange(len(self.paths) * own, self.before_waves),
+                np.arange(starts[strip], starts[strip + 1]),
+            ]
+        )
+
+    def design(self, state: State, strip: int, points: Points, times_s: Scalars) -> Float64[Array, "n 3 c"]:
+        """Return how points of a strip move along the axes with the unknowns of `columns_of`."""
+        correction, parts = self.correction(state, strip), []
+        for axis in np.eye(3):
+            fields, turns = correction.fields(points, times_s, np.tile(axis, (len(points), 1)))
+            rows = [correction.by_coefficients(fields, times_s)]
+            rows += [turns] * self.with_boresight + [correction.by_mount(fields)] * self.with_mount
+            if self.knots:
+                numbers, values = self.knots[strip].spread(fields, times_s)
+                dense = np.zeros((len(points), PER_KNOT * len(self.knots[strip])))
+                np.add.at(dense, (np.arange(len(points))[:, None], numbers), values)
+                rows.append(dense)
+            parts.append(np.hstack(rows))
+        return np.stack(parts, axis=1)
+
+    def mount_stds(self, options: CorrectionOptions) -> Float64[Array, "n"]:
+        """Return standard deviations of the mount: turns as the bore-sight, shifts by what these move the ground."""
+        if not self.with_mount:
+            return np.zeros(0)
+        turn = options.boresight_std_gon * GON
+        height = max(path.reach_m for path in self.paths) / NARROW
+        return np.array([height * turn] * 2 + [turn] * 3)
+
+    def zero_stds(self, options: CorrectionOptions) -> Float64[Array, "s"]:
         """Give the standard deviations of the observations of zero."""
         own = []
         for name, power in self.degrees.names():
@@ -163,21 +246,31 @@ class Block:
         ties, c = self.ties, self.degrees.count
         k = len(ties)
         distances, by_planes = np.empty((k, 4)), np.empty((k, 4, 3))
-        own, turns = np.zeros((k, 4, c)), np.zeros((k, 4, 3))
+        own, shared = np.zeros((k, 4, c)), np.zeros((k, 4, self.before_waves - len(self.paths) * c))
+        waves = np.zeros((k, 3, 2 * PER_KNOT * bool(self.knots)))
+        wave_columns = np.zeros((k, waves.shape[2]), dtype=np.int64)
         for strip in np.unique(ties.strips).tolist():
             rows = np.flatnonzero(ties.strips == strip)
             correction = self.correction(state, strip)
             points, times = ties.anchors_m[rows].reshape(-1, 3), ties.times_s[rows].ravel()
             patches = np.repeat(ties.patches[rows], 4)
             distance, normal, planes = self._distances(state, patches, correction.applied(points, times))
-            by_own, by_boresight = correction.derivatives(points, times, normal)
+            fields, turns = correction.fields(points, times, normal)
             distances[rows], by_planes[rows] = distance.reshape(-1, 4), planes.reshape(-1, 4, 3)
-            own[rows], turns[rows] = by_own.reshape(-1, 4, c), by_boresight.reshape(-1, 4, 3)
-        columns = (ties.strips * c)[:, None] + np.arange(c)
-        values = COMBINED @ own
-        if self.with_boresight:
-            values = np.concatenate([values, COMBINED @ turns], axis=2)
-            columns = np.hstack([columns, np.broadcast_to(self.count - 3 + np.arange(3), (k, 3))])
+            own[rows] = correction.by_coefficients(fields, times).reshape(-1, 4, c)
+            common = [turns] * self.with_boresight + [correction.by_mount(fields)] * self.with_mount
+            if common:
+                shared[rows] = np.hstack(common).reshape(-1, 4, shared.shape[2])
+            if self.knots:
+                # a patch is seen within a fraction of the time between knots
+                middles = np.repeat(ties.times_s[rows].mean(axis=1), 3)
+                combined = (COMBINED @ fields.reshape(-1, 4, PER_KNOT)).reshape(-1, PER_KNOT)
+                numbers, values = self.knots[strip].spread(combined, middles)
+                waves[rows] = values.reshape(-1, 3, 2 * PER_KNOT)
+                wave_columns[rows] = self.wave_starts[strip] + numbers[::3]
+        common_columns = np.broadcast_to(len(self.paths) * c + np.arange(shared.shape[2]), (k, shared.shape[2]))
+        columns = np.hstack([(ties.strips * c)[:, None] + np.arange(c), common_columns, wave_columns])
+        values = np.concatenate([COMBINED @ own, COMBINED @ shared, waves], axis=2)
         width = columns.shape[1]
         jacobian = sparse.csr_array(
             (values.ravel(), np.repeat(columns, 3, axis=0).ravel(), np.arange(3 * k + 1) * width),
@@ -238,8 +331,9 @@ class Block:
         out = at.by_planes @ reduced.plane_inverses[self.ties.patches] @ np.swapaxes(at.by_planes, 1, 2)
         step = max(1, AT_ONCE // (3 * max(self.count, 1)))
         for start in range(0, k, step):
-            part = reduced.jacobian[3 * start : 3 * min(start + step, k)].toarray().reshape(-1, 3, self.count)
-            out[start : start + step] += part @ cofactors @ np.swapaxes(part, 1, 2)
+            rows = reduced.jacobian[3 * start : 3 * min(start + step, k)]
+            part = rows.toarray().reshape(-1, 3, self.count)
+            out[start : start + step] += (rows @ cofactors).reshape(part.shape) @ np.swapaxes(part, 1, 2)
         return np.asarray(out)
 
 

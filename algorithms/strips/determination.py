@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from algorithms.arrays import Array, Matrix6, Points, Vector3
+from algorithms.arrays import Array, Matrix6, Points, Scalars, Vector3
 from algorithms.probabilities import chi2_isf
 from algorithms.strips.adjustment import Adjusted
 from algorithms.strips.block import positive_solution
-from algorithms.strips.corrections import BORESIGHT
+from algorithms.strips.corrections import BORESIGHT, MOUNT
 from algorithms.strips.strip import Strip
 
 HELD = 0.5
@@ -38,7 +38,7 @@ class Coefficient:
     """One number that corrects a strip, or all of them."""
 
     strip: int | None
-    """None: of the bore-sight."""
+    """None: of the bore-sight, or of what strips without trajectories have in common."""
     parameter: str
     power: int
     """Of time, which runs from -1 to 1."""
@@ -107,6 +107,8 @@ class Determination:
     oscillations: tuple[Oscillation, ...]
     point_std_m: Float64[Array, "strips"]
     """(strips,) largest standard deviation of the correction of a point of each strip [m]."""
+    axis_stds_m: Float64[Array, "strips 3"]
+    """(strips, 3) standard deviations along x, y, z, root of the mean square over points of each strip [m]."""
     largest_m: Float64[Array, "strips"]
     """(strips,) largest correction of a point of each strip [m]."""
 
@@ -134,18 +136,21 @@ def determination_of(adjusted: Adjusted, strips: Sequence[Strip]) -> Determinati
     samples = [_Sample.of(adjusted, number, strip) for number, strip in enumerate(strips)]
     own = adjusted.block.degrees.count
     without = _without_zeros(adjusted)
-    oscillations, largest, stds = [], [], []
+    oscillations, largest, stds, axes = [], [], [], []
     for number, sample in enumerate(samples):
         part = slice(number * own, (number + 1) * own)
         values, free = adjusted.block.vector(adjusted.state)[part], without[part]
-        now, then = (float(np.linalg.norm(sample.design @ each, axis=1).max()) for each in (values, free))
+        now, then = (float(np.linalg.norm(sample.own(adjusted) @ each, axis=1).max()) for each in (values, free))
         largest.append(sample.largest_m)
-        stds.append(sample.std_m(adjusted))
+        by_axes = sample.stds_m(adjusted)
+        stds.append(float(np.linalg.norm(by_axes, axis=1).max()))
+        axes.append(np.sqrt((by_axes**2).mean(axis=0)))
         if then > SWINGS * max(now, LEAST_SWING_M):
             oscillations.append(Oscillation(number, _held_powers(adjusted, number), now, then))
     return Determination(
-        coefficients_of(adjusted), _motions(adjusted, samples), tuple(oscillations), np.array(stds), np.array(largest)
-    )
+        coefficients_of(adjusted), _motions(adjusted, samples), tuple(oscillations), np.array(stds), np.array(axes),
+        np.array(largest),
+    )  # fmt: skip
 
 
 def coefficients_of(adjusted: Adjusted) -> tuple[Coefficient, ...]:
@@ -155,18 +160,24 @@ def coefficients_of(adjusted: Adjusted) -> tuple[Coefficient, ...]:
     is x / (s² I); T = p² I is chi-square with one degree of freedom, all of them together at 1 % (Šidák).
     """
     block = adjusted.block
-    values, variances = block.vector(adjusted.state), np.diag(adjusted.cofactors)
-    count = len(values)
+    count = block.before_waves
+    values, variances = block.whole_vector(adjusted.state)[:count], np.diag(adjusted.whole_cofactors)[:count]
+    weights, zero_stds = (
+        np.concatenate(parts)
+        for parts in ((adjusted.zero_weights, adjusted.mount_stds**-2.0), (adjusted.zero_stds, adjusted.mount_stds))
+    )
     critical = float(chi2_isf(1.0 - (1.0 - FAMILY_ALPHA) ** (1.0 / max(count, 1)), 1))
     names: list[tuple[int | None, str, int]] = [
         (strip, name, power) for strip in range(len(block.paths)) for name, power in block.degrees.names()
     ]
     if block.with_boresight:
         names += [(None, name, 0) for name in BORESIGHT]
+    if block.with_mount:
+        names += [(None, name, 0) for name in MOUNT]
     found = []
     for k, (strip, name, power) in enumerate(names):
-        tells = max(1.0 / variances[k] - adjusted.zero_weights[k], 0.0)
-        share = float(tells * variances[k]) if adjusted.zero_weights[k] else _alone(adjusted, k, variances[k])
+        tells = max(1.0 / variances[k] - weights[k], 0.0)
+        share = float(tells * variances[k]) if weights[k] else _alone(adjusted, k, variances[k])
         statistic = float((values[k] / variances[k]) ** 2 / tells) if tells * variances[k] > 1e-9 else 0.0
         found.append(
             Coefficient(
@@ -175,8 +186,8 @@ def coefficients_of(adjusted: Adjusted) -> tuple[Coefficient, ...]:
                 power=power,
                 value=float(values[k]),
                 std=float(np.sqrt(variances[k])),
-                zero_std=float(adjusted.zero_stds[k]),
-                observed_as_zero=bool(adjusted.zero_weights[k] > 0.0),
+                zero_std=float(zero_stds[k]),
+                observed_as_zero=bool(weights[k] > 0.0),
                 data_share=share,
                 statistic=statistic,
                 critical=critical,
@@ -192,14 +203,14 @@ def _alone(adjusted: Adjusted, k: int, variance: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """Some points of a strip, and how its coefficients move them."""
+    """Some points of a strip, and how all unknowns move them."""
 
     number: int
     points: Points
     """(n, 3) [m]."""
+    times_s: Scalars
     design: Float64[Array, "n 3 c"]
-    turns: Float64[Array, "n 3 3"]
-    """By the bore-sight."""
+    """By the unknowns of `Block.columns_of`."""
     largest_m: float
 
     @staticmethod
@@ -207,24 +218,19 @@ class _Sample:
         """Take points all over a strip."""
         chosen = np.linspace(0, len(strip.points) - 1, min(SAMPLES, len(strip.points))).astype(np.int64)
         points, times = strip.points[chosen], strip.times_s[chosen]
-        correction = adjusted.block.correction(adjusted.state, number)
-        parts = [correction.derivatives(points, times, np.tile(axis, (len(points), 1))) for axis in np.eye(3)]
-        moved = np.linalg.norm(correction.applied(points, times) - points, axis=1)
-        return _Sample(
-            number, points, np.stack([own for own, _ in parts], axis=1), np.stack([turn for _, turn in parts], axis=1),
-            float(moved.max()),
-        )  # fmt: skip
+        moved = adjusted.block.correction(adjusted.state, number).applied(points, times) - points
+        design = adjusted.block.design(adjusted.state, number, points, times)
+        return _Sample(number, points, times, design, float(np.linalg.norm(moved, axis=1).max()))
 
-    def std_m(self, adjusted: Adjusted) -> float:
-        """Give the largest standard deviation of a corrected point."""
-        own = adjusted.block.degrees.count
-        which = np.arange(self.number * own, (self.number + 1) * own)
-        design = self.design
-        if adjusted.block.with_boresight:
-            which = np.concatenate([which, np.arange(adjusted.block.count - 3, adjusted.block.count)])
-            design = np.concatenate([design, self.turns], axis=2)
-        covariance = adjusted.cofactors[np.ix_(which, which)]
-        return float(np.sqrt(np.einsum("nic,cd,nid->n", design, covariance, design).max()))
+    def own(self, adjusted: Adjusted) -> Float64[Array, "n 3 c"]:
+        """Return how the coefficients of the strip move the points."""
+        return self.design[:, :, : adjusted.block.degrees.count]
+
+    def stds_m(self, adjusted: Adjusted) -> Points:
+        """Return standard deviations of the corrections of the points along x, y, z (n, 3)."""
+        which = adjusted.block.columns_of(self.number)
+        covariance = adjusted.whole_cofactors[np.ix_(which, which)]
+        return np.asarray(np.sqrt(np.einsum("nic,cd,nid->ni", self.design, covariance, self.design)))
 
 
 def _without_zeros(adjusted: Adjusted) -> Float64[Array, "u"]:
@@ -250,12 +256,14 @@ def _motions(adjusted: Adjusted, samples: Sequence[_Sample]) -> tuple[CommonMoti
     middle = points.mean(axis=0)
     own, weights = adjusted.block.degrees.count, adjusted.zero_weights
     weights = np.where(weights > 0.0, weights, adjusted.zero_stds**-2)
-    realised = np.zeros((adjusted.block.count, 6))
+    realised = np.zeros((adjusted.block.stated, 6))
     for sample in samples:
         part = slice(sample.number * own, (sample.number + 1) * own)
         scale = weights[part] ** -0.5
         fields = _rigid(sample.points - middle).reshape(-1, 6)
-        realised[part] = scale[:, None] * np.linalg.lstsq(sample.design.reshape(-1, own) * scale, fields, rcond=1e-6)[0]
+        realised[part] = (
+            scale[:, None] * np.linalg.lstsq(sample.own(adjusted).reshape(-1, own) * scale, fields, rcond=1e-6)[0]
+        )
     by_zeros = realised.T @ (weights[:, None] * realised)
     variances, alone = (np.diag(np.linalg.pinv(each)) for each in (by_zeros + _by_control(adjusted, middle), by_zeros))
     return tuple(

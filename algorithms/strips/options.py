@@ -55,9 +55,13 @@ class CorrectionOptions:
     tilt_drift_std_gon: Annotated[float, Gt(0.0), Le(50.0)] = 0.01
     """The same of its change from the middle of a strip to its end, and of every higher power of time [gon]."""
     boresight: bool = True
-    """Where trajectories are given: estimate the turn of the scanner against its inertial unit, one for all strips."""
+    """Where trajectories are given: estimate the turn of the scanner against its inertial unit, one for all strips;
+    without them: shifts and turns that such a turn makes in the axes of all strips alike."""
     boresight_std_gon: Annotated[float, Gt(0.0), Le(50.0)] = 0.2
     """Standard deviation of the observation that it is zero [gon]."""
+    waves: bool = True
+    """Estimate waves of place and attitude within strips, such as satellites and inertial units leave; the data tell
+    their size."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from algorithms.errors import InvalidInputError
 
 LEAST_POINTS = 100
 """A strip of fewer is none."""
+EDGE = 0.95
+"""Share of the points that lie nearer to the middle line than its edge."""
 LONGEST_GAP_S = 5.0
 """Between two places of a trajectory; what lies further from both is not known [s]."""
 
@@ -125,11 +127,13 @@ class Strip:
             for i in range(3):
                 for j in range(3):
                     bodies[:, i, j] = np.interp(nodes, self.trajectory.times_s, self.trajectory.bodies[:, i, j])
-            return StripPath(first, last, nodes, self.trajectory.positions(nodes), bodies)
+            return StripPath(first, last, nodes, self.trajectory.positions(nodes), bodies, 0.0)
         nodes = np.linspace(first, last, 65)
         powers = np.vander(_relative(self.times_s, first, last), 3, increasing=True)
         line = np.linalg.solve(powers.T @ powers, powers.T @ self.points)
-        return StripPath(first, last, nodes, np.vander(_relative(nodes, first, last), 3, increasing=True) @ line, None)
+        middle = np.vander(_relative(nodes, first, last), 3, increasing=True) @ line
+        apart = np.linalg.norm((self.points - powers @ line)[:, :2], axis=1)
+        return StripPath(first, last, nodes, middle, None, float(np.quantile(apart, EDGE)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +148,8 @@ class StripPath:
     """(k, 3) [m]."""
     bodies: Matrices3 | None
     """(k, 3, 3) world from body; None without a trajectory."""
+    reach_m: float = 0.0
+    """Distance from the middle line to the edge of the strip; 0 with a trajectory [m]."""
 
     def relative(self, times_s: Scalars) -> Scalars:
         """Give times (n,) from -1 at the beginning to 1 at the end."""

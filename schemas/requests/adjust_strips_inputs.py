@@ -75,7 +75,8 @@ class AdjustStripsInputs(RequestModel):
     """The strips, at least two, or one and control; tiles that hold several strips are divided by point source."""
     trajectories: list[TrajectoryFile] = Field(default_factory=list, max_length=100, title="Trajectories")
     """Where the scanner was, in the coordinates and times of the strips: each strip takes the one that covers its
-    times. Without any, strips are turned about the middle line of their points, and no bore-sight is estimated."""
+    times. Without any, strips are turned about the middle line of their points, and a bore-sight is estimated only as
+    shifts and turns that they have in common."""
     angle_unit: Literal["deg", "gon", "rad"] = "deg"
     """Of the angles in trajectories: roll (right wing down), pitch (nose up), heading (clockwise from +y)."""
     control: Annotated[

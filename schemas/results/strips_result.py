@@ -9,11 +9,12 @@ from schemas.values.poses import Document
 
 
 class StripCoefficient(Document):
-    """One number of the polynomials that correct a strip, or of the bore-sight."""
+    """One number of the polynomials that correct a strip, of the bore-sight, or of what strips have in common."""
 
     parameter: str
     """`shift_x`, `shift_y`, `shift_z`; `roll`, `pitch`, `heading`: right-handed turns about the flight direction, the
-    left and up; the same with `boresight_` about the axes of the aircraft."""
+    left and up; the same with `boresight_` about the axes of the aircraft; `shift_forward`, `shift_left`,
+    `common_roll`, `common_pitch`, `common_heading`: of all strips without trajectory, each in its own axes."""
     power: int
     """Of time, which runs from -1 at the beginning of the strip to 1 at its end."""
     unit: Literal["m", "mgon"]
@@ -73,6 +74,8 @@ class AdjustedStrip(Document):
     """By how far a point of it moves at most [m]."""
     correction_std_m: float
     """Largest standard deviation of a point's correction [m]."""
+    correction_std_xyz_m: list[float] = Field(default=[], min_length=0, max_length=3)
+    """Standard deviations of a point's correction along x, y and z, root of the mean square over the strip [m]."""
     rms_before_m: float | None
     """Of its patches from the common planes without corrections [m]; null: it has none."""
     rms_after_m: float | None
@@ -174,6 +177,32 @@ class HeightDifferences(Document):
     """95 % are smaller, without signs [m]."""
 
 
+class WaveSizes(Document):
+    """Sizes of waves of place and attitude within strips, as the patches tell them: standard deviations."""
+
+    plan_m: float
+    """Of the place along x and y [m]."""
+    height_m: float
+    """Of the height [m]."""
+    tilt_mgon: float
+    """Of roll, pitch and heading [mgon]."""
+    time_s: float
+    """Time after which waves are hardly correlated any more [s]."""
+
+
+class ResidualBlocks(Document):
+    """Residuals of neighbouring patches together: whether the corrections follow the errors of the strips."""
+
+    statistic: float
+    """Squared shifts of blocks over their variances, if patches were independent; chi-square."""
+    degrees: int
+    """Its degrees of freedom."""
+    factor: float
+    """Variance of blocks over that of independent patches; 1: no more than chance, or nothing to tell it from."""
+    correlated: bool
+    """Whether residuals of a block have more in common than chance, at 1 %."""
+
+
 class StripAdjustment(Document):
     """The adjustment of the block."""
 
@@ -189,6 +218,12 @@ class StripAdjustment(Document):
     """Of the global test, two-sided at 5 %."""
     variance_factor: float
     """By which the variances of patches and control were multiplied, because the test found them too small."""
+    block_factor: float = 1.0
+    """Part of it by which variances of blocks of residuals are larger than those of independent patches."""
+    along: ResidualBlocks | None = None
+    """Blocks of residuals along the strips."""
+    across: ResidualBlocks | None = None
+    """Blocks of residuals across the strips: left, middle, right."""
     iterations: int
     """Solutions of normal equations."""
 
@@ -202,6 +237,11 @@ class StripsDocument(Document):
     """In the order of the request; those of a tile in the order of their point sources."""
     boresight: list[StripCoefficient]
     """Turn of the scanner against the inertial unit, common to all strips; empty: it was not estimated."""
+    common: list[StripCoefficient] = Field(default=[])
+    """Without trajectories: shifts and turns that all strips have in common, each in its own axes, such as a bore-sight
+    makes; empty: every strip has a trajectory, or `boresight` is false."""
+    waves: WaveSizes | None = None
+    """Waves within strips; null: none were estimated. Their values are in waves.csv."""
     patches: PatchFigures
     """What ties the strips."""
     mismatched: list[MismatchedPatch]

@@ -9,11 +9,14 @@ from scipy import stats
 
 from algorithms.progress import NoProgress
 from algorithms.simulation.strip_flights import Flight, Landscape, PlantedErrors, fly
+from algorithms.strips.adjustment import Adjusted
+from algorithms.strips.control import ControlPatch
 from algorithms.strips.discrepancies import discrepancies
 from algorithms.strips.options import StripOptions
-from algorithms.strips.strip import Strip
+from algorithms.strips.strip import Strip, Trajectory
 from algorithms.strips.strip_block import adjust_strips
 from tests.scenes.flown_strips import DEGREES, GON, LAND, LINES, known_places, village
+from tests.scenes.survey_flights import Country, Survey, SurveyErrors, surveyed
 
 pytestmark = pytest.mark.benchmark
 FLIGHTS = 30
@@ -24,6 +27,8 @@ STDS = np.array([0.3] * 3 + [0.1] * 3 + [0.02 * GON] * 3 + [0.01 * GON] * 3)
 MOST_MISMATCHED = 0.004
 """Of good patches, as in the source's block (4 of 1002)."""
 PATCH_RADIUS_M = 4.0
+SAMPLES = 60
+"""Points of a strip that are compared."""
 
 
 def drawn(seed: int, strips: int) -> PlantedErrors:
@@ -92,6 +97,37 @@ def test_planted_errors_are_found_as_well_as_said(*, with_control: bool) -> None
         assert least < means[name] < most, name
     assert lost <= MOST_MISMATCHED * good
     assert missed <= 0.1 * wrong
+
+
+@pytest.mark.parametrize("with_path", [True, False])
+def test_points_are_as_wrong_as_said_in_flights_of_another_simulator(*, with_path: bool) -> None:
+    survey, inside, squares, factors = Survey(), [], [], []
+    for seed in range(FLIGHTS):
+        country = Country.drawn(survey, seed)
+        draw = np.random.default_rng(seed).normal(0.0, 0.1, 3)
+        flown = surveyed(survey, country, SurveyErrors(boresight_gon=(draw[0], draw[1], draw[2])), seed)
+        paths = [Trajectory(each.path_times_s, each.path_m, each.angles_rad) if with_path else None for each in flown]
+        strips = [Strip(each.name, each.points_m, each.times_s, path) for each, path in zip(flown, paths, strict=True)]
+        control = [ControlPatch(name, at, np.full(at.shape, 0.01)) for name, at in country.control(survey, seed)]
+        adjusted = adjust_strips(strips, control, StripOptions(), NoProgress()).adjusted
+        factors.append(max(adjusted.along.factor, adjusted.across.factor))
+        for number, each in enumerate(flown):
+            rows = np.linspace(0, len(each.times_s) - 1, SAMPLES).astype(np.int64)
+            points, times = each.silent_m[rows], each.times_s[rows]
+            error = adjusted.block.correction(adjusted.state, number).applied(points, times) - each.true_m[rows]
+            normalised = error / stds_of(adjusted, number, points, times)
+            inside.append((np.abs(normalised) < stats.norm.isf(0.025)).mean(axis=0))
+            squares.append((normalised**2).mean(axis=0))
+    covered = np.mean(inside, axis=0)
+    print(f"\npaths {with_path}: 95 % intervals hold {covered.mean():.3f} (x, y, z {covered.round(3)}), normalised rms "
+          f"{np.sqrt(np.mean(squares, axis=0)).round(2)}, variance of blocks at most {max(factors):.2f}")  # fmt: skip
+    assert 0.90 < covered.mean() < 0.98
+
+
+def stds_of(adjusted: Adjusted, strip: int, points: np.ndarray, times: np.ndarray) -> np.ndarray:
+    design, columns = adjusted.block.design(adjusted.state, strip, points, times), adjusted.block.columns_of(strip)
+    covariance = adjusted.whole_cofactors[np.ix_(columns, columns)]
+    return np.sqrt(np.einsum("nic,cd,nid->ni", design, covariance, design))
 
 
 def test_strips_of_a_million_points_take_seconds() -> None:

@@ -87,6 +87,7 @@ def adjust_strips_of_job(context: StepContext, arguments: Json) -> Json:
         after=after,
         sources=[each.source for each in given.divided],
         remarks=given.remarks,
+        waves_wanted=options.corrections.waves,
     )
     files = tables_of(told) | pictures_of(before, after, inputs["picture_limit_m"])
     for name, (_, data) in files.items():

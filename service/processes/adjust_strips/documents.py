@@ -1,6 +1,6 @@
 """What `adjust-strips` says: document, tables, the protocol in words."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -10,8 +10,10 @@ from algorithms.strips.adjustment import Adjusted
 from algorithms.strips.block import GON
 from algorithms.strips.control import ControlPatch
 from algorithms.strips.control_plan import missing_control
+from algorithms.strips.corrections import BORESIGHT, MOUNT, SHIFTS, TILTS
 from algorithms.strips.determination import Coefficient, Determination
 from algorithms.strips.discrepancies import Discrepancies, figures_of
+from algorithms.strips.residual_blocks import BlockTest
 from algorithms.strips.strip import Strip
 from algorithms.strips.strip_block import StripBlock
 from schemas.results.registration_result import Artifact
@@ -22,9 +24,11 @@ from schemas.results.strips_result import (
     HeightDifferences,
     MismatchedPatch,
     PatchFigures,
+    ResidualBlocks,
     StripAdjustment,
     StripCoefficient,
     StripsDocument,
+    WaveSizes,
 )
 from service.formats.writers.csv_table import csv_text
 
@@ -32,6 +36,12 @@ MOST_MISMATCHED = 1000
 MGON = GON * 1e-3
 LEAST_LAG_SLOPE = 0.1
 """Flatter patches say nothing of a lag of the mirror: across them both directions look alike."""
+
+
+WAVE_HEAD = (
+    "strip", "gps_time_s", *(f"{name}_m" for name in SHIFTS), *(f"{name}_mgon" for name in TILTS),
+    *(f"std_{name}_m" for name in SHIFTS), *(f"std_{name}_mgon" for name in TILTS),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +60,7 @@ class Told:
     sources: Sequence[int | None]
     """Point source by which each strip was told from others of its files."""
     remarks: Sequence[str]
+    waves_wanted: bool
 
     @property
     def adjusted(self) -> Adjusted:
@@ -60,7 +71,10 @@ class Told:
 def document_of(told: Told, artifacts: list[Artifact], corrected: list[Artifact] | None) -> StripsDocument:
     """Describe everything."""
     patches = _patches(told)
-    boresight = [_coefficient(each) for each in told.determination.coefficients if each.strip is None]
+    boresight, common = (
+        [_coefficient(each) for each in told.determination.coefficients if each.parameter in names]
+        for names in (BORESIGHT, MOUNT)
+    )
     control = _control(told)
     datum = [
         BlockMotion(
@@ -81,6 +95,8 @@ def document_of(told: Told, artifacts: list[Artifact], corrected: list[Artifact]
         conclusion=_conclusion(told, patches, datum),
         strips=[_strip(told, number) for number in range(len(told.strips))],
         boresight=boresight,
+        common=common,
+        waves=_waves(told),
         patches=patches,
         mismatched=_mismatched(told),
         control=control,
@@ -126,10 +142,32 @@ def tables_of(told: Told) -> dict[str, tuple[str, bytes]]:
         "strip", "parameter", "power", "unit", "value", "std", "zero_std", "data_share", "held", "significant",
         "observed_as_zero",
     )  # fmt: skip
-    return {
+    waves = {"waves.csv": ("text/csv", csv_text(WAVE_HEAD, _wave_rows(told)).encode())} if adjusted.block.knots else {}
+    return waves | {
         "patches.csv": ("text/csv", csv_text(head, rows).encode()),
         "corrections.csv": ("text/csv", csv_text(names, of_coefficients).encode()),
     }
+
+
+def _wave_rows(told: Told) -> Iterator[tuple[str, ...]]:
+    """Yield the values of waves at the knots of each strip, with their standard deviations."""
+    adjusted, block = told.adjusted, told.adjusted.block
+    stds = np.sqrt(np.diag(adjusted.whole_cofactors))[block.before_waves :]
+    units = np.array([1.0] * len(SHIFTS) + [MGON] * len(TILTS))
+    bounds = block.wave_starts - block.before_waves
+    for strip, knots, first, last in zip(told.strips, block.knots, bounds[:-1], bounds[1:], strict=True):
+        values, own = (each[first:last].reshape(-1, len(units)) / units for each in (adjusted.state.waves, stds))
+        for time_s, value, std in zip(knots.times_s + told.origin_s, values, own, strict=True):
+            yield strip.name, f"{time_s:.3f}", *(f"{each:.4f}" for each in (*value, *std))
+
+
+def _waves(told: Told) -> WaveSizes | None:
+    if not told.adjusted.block.knots:
+        return None
+    sizes = told.adjusted.sizes
+    return WaveSizes(
+        plan_m=sizes.plan_m, height_m=sizes.height_m, tilt_mgon=sizes.tilt_rad / MGON, time_s=sizes.time_s
+    )  # fmt: skip
 
 
 def _unit(parameter: str) -> float:
@@ -179,6 +217,7 @@ def _strip(told: Told, number: int) -> AdjustedStrip:
         scan_lag_m=_lag(told, number),
         largest_correction_m=float(found.largest_m[number]),
         correction_std_m=float(found.point_std_m[number]),
+        correction_std_xyz_m=found.axis_stds_m[number].tolist(),
         rms_before_m=_rms(adjusted.gaps_before_m[own, 0]),
         rms_after_m=_rms(adjusted.residuals_m[own, 0]),
         coefficients=[_coefficient(each) for each in found.coefficients if each.strip == number],
@@ -272,16 +311,25 @@ def _adjustment(adjusted: Adjusted) -> StripAdjustment:
             [adjusted.block.ties.patches[adjusted.used], adjusted.block.control.patches[adjusted.control_used]]
         )
     )
-    test = adjusted.test
+    test, given_up = adjusted.test, int((adjusted.zero_weights == 0.0).sum())
     return StripAdjustment(
-        observations=3 * ties + int(adjusted.control_used.sum()) + int((adjusted.zero_weights > 0.0).sum()),
+        observations=3 * ties + int(adjusted.control_used.sum()) + adjusted.block.count - given_up,
         unknowns=adjusted.block.count + 3 * len(patches),
         redundancy=test.redundancy,
         sigma0=float(np.sqrt(test.omega / test.redundancy)) if test.redundancy > 0 else None,
         verdict=test.verdict.value,
         variance_factor=adjusted.variance_factor,
+        block_factor=adjusted.block_factor,
+        along=_blocks(adjusted.along),
+        across=_blocks(adjusted.across),
         iterations=adjusted.iterations,
     )
+
+
+def _blocks(test: BlockTest) -> ResidualBlocks:
+    return ResidualBlocks(
+        statistic=test.statistic, degrees=test.degrees, factor=test.factor, correlated=test.significant
+    )  # fmt: skip
 
 
 def _protocol(told: Told) -> list[str]:
@@ -289,8 +337,10 @@ def _protocol(told: Told) -> list[str]:
     lines = []
     names = [strip.name for strip in told.strips]
     found = told.determination
-    for number, name in [*enumerate(names), (None, "bore-sight")]:
-        own = [each for each in found.coefficients if each.strip == number]
+    groups = [(name, [each for each in found.coefficients if each.strip == k]) for k, name in enumerate(names)]
+    for name, parameters in (("bore-sight", BORESIGHT), ("all strips", MOUNT)):
+        groups.append((name, [each for each in found.coefficients if each.parameter in parameters]))
+    for name, own in groups:
         held = [each for each in own if each.held]
         if held:
             words = ", ".join(
@@ -333,14 +383,40 @@ def _advice(told: Told) -> list[str]:
         for strip, count in zip(told.strips, tied.tolist(), strict=True)
         if count == 0
     ]
-    blind = [strip.name for strip in told.strips if strip.trajectory is None]
-    if blind:
+    if any(strip.trajectory is None for strip in told.strips):
+        blind = ", ".join(strip.name for strip in told.strips if strip.trajectory is None)
         words.append(
-            f"{', '.join(blind)}: no trajectory says where the scanner was and how it was held, so that a bore-sight, "
-            "and waves of place or attitude within a strip, are not modelled; standard deviations hold without them "
-            "only: give `trajectories`, or check with points that take no part"
+            f"{blind}: no trajectory says where the scanner was and how it was held, so that a bore-sight is estimated "
+            f"only as shifts and turns in common ({_std_of_common(told)}); give `trajectories` to have it by itself"
+            if adjusted.block.with_mount
+            else f"{blind}: no trajectory says where the scanner was and how it was held, and `boresight` is false: "
+            "standard deviations hold only where there is no bore-sight; give `trajectories`, or leave `boresight` true"
+        )
+    words += [
+        f"residuals {way} the strips are correlated: they are errors that the corrections do not follow; variances are "
+        f"{test.factor:.1f} times those of independent patches for it. {remedy}"
+        for way, test, remedy in (
+            ("along", adjusted.along, "Raise `shift_degree` or `tilt_degree`, or have the trajectory computed again"),
+            ("across", adjusted.across, "See to the calibration of the scanner: mirror scale, lag and ranges"),
+        )
+        if test.significant
+    ]
+    if not adjusted.block.knots:
+        words.append(
+            "waves within strips are not modelled, because "
+            + ("the block has too many strips: divide it" if told.waves_wanted else "`waves` is false")
+            + "; standard deviations do not contain what is common to neighbouring strips"
         )
     return words
+
+
+def _std_of_common(told: Told) -> str:
+    """Write the standard deviations of what all strips have in common."""
+    return ", ".join(
+        f"{each.parameter} ± {_coefficient(each).std:.2g} {_coefficient(each).unit}"
+        for each in told.determination.coefficients
+        if each.parameter in MOUNT
+    )
 
 
 def _conclusion(told: Told, patches: PatchFigures, datum: Sequence[BlockMotion]) -> str:
@@ -355,5 +431,7 @@ def _conclusion(told: Told, patches: PatchFigures, datum: Sequence[BlockMotion])
     else:
         words += "; control determines place and attitude of the block"
     if any(strip.trajectory is None for strip in told.strips):
-        words += "; without trajectories standard deviations hold only where there is no bore-sight"
+        words += "; without trajectories a bore-sight is estimated only as shifts and turns that strips have in common"
+    if told.adjusted.along.significant or told.adjusted.across.significant:
+        words += "; residuals are correlated: the corrections do not follow all errors of the strips"
     return words

@@ -175,7 +175,7 @@ def test_higher_powers_of_time_follow_a_wave_of_the_heights(planted: PlantedErro
     flown = village(replace(planted, wave_m=0.1, wave_s=10.0), LAND)
     left = []
     for degree in (1, 4):
-        options = StripOptions(corrections=CorrectionOptions(shift_degree=degree))
+        options = StripOptions(corrections=CorrectionOptions(shift_degree=degree, waves=False))
         adjusted = adjust_strips([each.strip for each in flown], known_places(LAND), options, NoProgress()).adjusted
         heights = [
             adjusted.block.correction(adjusted.state, k).applied(each.strip.points, each.strip.times_s)[:, 2]
