@@ -18,6 +18,10 @@ from algorithms.strips.options import StripOptions
 from algorithms.strips.scan_lines import scan_lines
 from algorithms.strips.strip import Strip
 
+SETTLED_M = 0.1
+"""Patches that lie by less elsewhere than they were looked for show the same surface [m]."""
+MOST_MORE = 4
+"""Passes beyond those wished, while patches move by more."""
 FOUND = 0.4
 """Share of the work after which patches are found."""
 
@@ -81,16 +85,22 @@ def adjust_strips(
     paths = [strip.path for strip in strips]
     places = [references] * len(strips)
     start: State | None = None
-    for run in range(options.passes):
-        section = ProgressSection(progress, *(FOUND + (1.0 - FOUND) * k / options.passes for k in (run, run + 1)))
+    most = options.passes + MOST_MORE if options.passes > 1 else 1
+    for run in range(most):
+        part = FOUND + (1.0 - FOUND) * min(run, options.passes - 1) / options.passes
+        section = ProgressSection(progress, part, part + (1.0 - FOUND) / options.passes)
         section.report(0.0, "homologous patches")
         ties = homologous(strips, cells, places, frames, radii, options.patches)
         block = Block.of(paths, references, frames, ties, known, options.corrections)
         start = block.zero_state() if start is None else start
-        if run + 1 < options.passes:
-            section.report(0.3, "robust adjustment")
-            start, good = approximate_block(block, start, options.corrections)
-            places = _places(block, start, good, references)
+        if run + 1 == most:
+            break
+        section.report(0.3, "robust adjustment")
+        start, good = approximate_block(block, start, options.corrections)
+        before, places = places, _places(block, start, good, references)
+        moved = max(float(np.median(np.linalg.norm(b - a, axis=1))) for a, b in zip(before, places, strict=True))
+        if run + 1 >= options.passes and moved <= SETTLED_M:
+            break
     assert start is not None  # noqa: S101 - there is at least one pass
     adjusted = adjust_block(block, start, options.corrections, options.alpha, section)
     return StripBlock(

@@ -92,7 +92,8 @@ class AdjustStripsInputs(RequestModel):
     alpha: float = Field(default=0.001, gt=0.0, le=0.1)
     """Probability with which a good patch fails its test."""
     passes: int = Field(default=2, ge=1, le=5)
-    """How often homologous patches are looked for, the later times where the corrections so far say that they are."""
+    """How often homologous patches are looked for, the later times where the corrections so far say that they are; of 2
+    and more, up to four times more while these move patches by more than 0.1 m."""
     picture_cell_m: float = Field(default=2.0, gt=0.0, le=1000.0)
     """Edge of the cells in which heights of strips are compared, for the pictures and their figures [m]."""
     picture_limit_m: float = Field(default=0.15, gt=0.0, le=100.0)

@@ -1,17 +1,21 @@
 """Waves within strips are estimated with their sizes, and what corrections cannot follow is found."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from algorithms.progress import NoProgress
+from algorithms.strips import strip_block
 from algorithms.strips.adjustment import Adjusted
 from algorithms.strips.control import ControlPatch
+from algorithms.strips.homologous import homologous
 from algorithms.strips.options import CorrectionOptions, StripOptions
 from algorithms.strips.strip import Strip, Trajectory
 from algorithms.strips.strip_block import adjust_strips
 from algorithms.strips.waves import PER_KNOT, Knots, WaveSizes, knots_of, likeliest_sizes
+from tests.scenes.flown_strips import GON, known_places, planted_errors, village
 from tests.scenes.survey_flights import Country, Survey, SurveyedStrip, SurveyErrors, surveyed
 
 SURVEY = Survey(length_m=420.0, lines=2, rows_per_s=30.0, points_per_row=130)
@@ -106,3 +110,22 @@ def test_waves_that_polynomials_do_not_follow_are_found_in_blocks_of_residuals(
     found = adjusted(flown, country, waves=False)
     assert found.along.significant
     assert found.block_factor > 1.5
+
+
+def test_patches_are_looked_for_until_they_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    # a bore-sight of 0.16 gon without trajectories moves the strips by half a metre: two passes left them 1.4 m off
+    planted = replace(planted_errors(2), boresight_rad=0.16 * GON * np.array([0.6, -0.6, 0.53]))
+    flown = village(planted, seed=2)[:3]
+    strips = [Strip(each.strip.name, each.strip.points, each.strip.times_s) for each in flown]
+    looked = []
+
+    def counted(*arguments: Any) -> Any:
+        looked.append(1)
+        return homologous(*arguments)
+
+    monkeypatch.setattr(strip_block, "homologous", counted)
+    found = adjust_strips(strips, known_places(), StripOptions(), NoProgress()).adjusted
+    assert 2 < len(looked) <= 6
+    for number, each in enumerate(flown):
+        moved = found.block.correction(found.state, number).applied(each.strip.points, each.strip.times_s)
+        assert np.abs((moved - each.true_points).mean(axis=0)).max() < 0.7
