@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
 from schemas.values.base import RequestModel
+from schemas.values.harmless_texts import plain
 from schemas.values.text_counts import too_many_cells
 from schemas.values.texts_elsewhere import require_reading_here
 from schemas.values.units import BY_NAME, unit_named, unit_words
@@ -30,9 +31,6 @@ KNOWN_COLUMNS: Mapping[str, str] = {
 """Names of columns, without case, blanks and signs, and what they hold. East is x, north y: a right-handed system."""
 UNIT_BEHIND = re.compile(r"[\[(].*|_(mm|cm|m|ft|feet|us-ft|usft)$")
 NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
-
-QUOTED_FORMULA = re.compile(r"^'(?=['\s]*[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])")
-"""The apostrophe that `service.formats.writers.csv_table` puts before what spreadsheets take for a formula."""
 
 
 class PointTable(RequestModel):
@@ -104,13 +102,19 @@ def _decimal(rows: Sequence[tuple[int, str]]) -> str:
 
 
 def _cells(rows: Sequence[tuple[int, str]], decimal: str) -> list[tuple[int, list[str]]]:
-    """Divide the lines by the separator that the first one has."""
+    """Divide the lines by the separator that divides the first ones alike; names may hold others."""
     lines = [line for _, line in rows]
     possible = [each for each in SEPARATORS if each != decimal and any(each in line for line in lines[:10])]
     if possible:
-        divided = list(csv.reader(lines, delimiter=possible[0], skipinitialspace=True))
+        separator = next((each for each in possible if _divides_alike(lines[:10], each)), possible[0])
+        divided = list(csv.reader(lines, delimiter=separator, skipinitialspace=True))
         return [(number, [v.strip() for v in values]) for (number, _), values in zip(rows, divided, strict=True)]
     return [(number, line.split()) for number, line in rows]
+
+
+def _divides_alike(lines: Sequence[str], separator: str) -> bool:
+    counts = {len(values) for values in csv.reader(lines, delimiter=separator, skipinitialspace=True)}
+    return len(counts) == 1 and min(counts) >= 4
 
 
 def _columns(cells: Sequence[tuple[int, list[str]]], stated: Sequence[ColumnName] | None) -> tuple[Sequence[str], int]:
@@ -159,7 +163,7 @@ def _point(
     if len(values) != len(columns):
         raise _fault(f"line {number}: {len(values)} values, and {len(columns)} columns")
     found = dict(zip(columns, values, strict=True))
-    point: dict[str, Any] = {"name": QUOTED_FORMULA.sub("", found["name"])}
+    point: dict[str, Any] = {"name": plain(found["name"])}
     if not point["name"]:
         raise _fault(f"line {number}: the name is empty")
 

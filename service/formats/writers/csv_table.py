@@ -4,28 +4,22 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import Any
 
-FORMULA = re.compile(
-    r"(^|[,;|])(\s*)(?=('['\s]*)?[=+\-@\uFF1D\uFF0B\uFF0D\uFF20])(?![+-]\s?([\d.]+([eE][+-]?\d+)?|inf)\s*($|[,;|]))"
-)
-"""Where a spreadsheet would begin to read a formula: at the start of a cell, or behind what may divide cells. Where an
-apostrophe stands before it already it gets another one, so that both are told apart when they are read again."""
-UNSEEN = re.compile(r"[\x00-\x1f\x7f\u200b-\u200f\u2028-\u202e\u2060\ufeff]+")
-"""Breaks of lines, and signs that nobody sees, behind which a formula could hide."""
+from schemas.values.harmless_texts import FORMULA, HIDDEN
+
+QUOTED = re.compile(r'[,"\r\n]|^#')
+"""What needs quotes around its cell; a line that begins with # would be taken for a remark."""
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Return a table as CSV: a line of names, then one a row; None is an empty cell, numbers keep all their digits.
 
     Texts that a spreadsheet would take for a formula get an apostrophe before it, by which spreadsheets take a cell for
-    text. `schemas.requests.point_tables` takes it away again.
+    text, and breaks of lines are written out. `schemas.requests.point_tables` takes both back.
     """
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow([harmless(column) for column in columns])
-    table.writerows([_cell(value) for value in row] for row in rows)
-    return text.getvalue()
+    return _text_of(map(_cell, row) for row in (columns, *rows))
 
 
 def joined_tables(first: str, second: str, first_key: str, second_key: str) -> str:
@@ -41,21 +35,37 @@ def joined_tables(first: str, second: str, first_key: str, second_key: str) -> s
     rows, others = (list(csv.DictReader(io.StringIO(text))) for text in (first, second))
     by_name = {row[second_key]: row for row in others}
     columns = list(dict.fromkeys([*rows[0], *others[0]])) if rows and others else []
-    text = io.StringIO()
-    table = csv.DictWriter(text, columns, restval="", lineterminator="\n")
-    table.writeheader()
-    table.writerows({**by_name.get(row[first_key], {}), **row} for row in rows)
-    return text.getvalue() if columns else first
+    joined = ({**by_name.get(row[first_key], {}), **row} for row in rows)
+    lines = (columns, *([row.get(column, "") for column in columns] for row in joined))
+    return _text_of(map(_quoted, line) for line in lines) if columns else first
 
 
 def harmless(text: str) -> str:
     """Return a text of one line that no spreadsheet takes for a formula; signed numbers in it stay as they are."""
-    return FORMULA.sub(r"\1\2'", UNSEEN.sub(" ", text))
+    return FORMULA.sub(r"\1\2'", HIDDEN.sub(_written_out, text))
 
 
-def _cell(value: Any) -> Any:
+def _written_out(found: re.Match[str]) -> str:
+    return "".join(f"\\u{ord(sign):04x}" for sign in found[0])
+
+
+def _cell(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
         return repr(float(value))
-    return harmless(value) if isinstance(value, str) else value
+    return _text_cell(value) if isinstance(value, str) else str(value)
+
+
+@lru_cache(maxsize=10_000)
+def _text_cell(text: str) -> str:
+    """Return the cell of a text; the same names stand in many rows."""
+    return _quoted(harmless(text))
+
+
+def _quoted(cell: str) -> str:
+    return '"{}"'.format(cell.replace('"', '""')) if QUOTED.search(cell) else cell
+
+
+def _text_of(lines: Iterable[Iterable[str]]) -> str:
+    return "".join(f"{','.join(line)}\n" for line in lines)

@@ -4,6 +4,8 @@ import csv
 import io
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from schemas.requests.point_tables import PointTable, points_of_table
 from service.formats.writers.csv_table import csv_text, harmless
@@ -53,3 +55,28 @@ def test_a_table_of_points_is_read_back_with_the_names_that_were_written() -> No
     names = ["=1+1", "'=1+1", "''=1+1", "'P5", "' =1+1", "'' =1+1", "' ' =1", "-P1", "+P2", "@P3", "P4"]
     text = csv_text(["name", "x", "y", "z"], [[name, 1.0, 2.0, 3.0] for name in names])
     assert [point["name"] for point in points_of_table(PointTable(csv=text))] == names
+
+
+HARD = "=+-@'\" ,;|\t\n\r\\u0aé1#\u200f\u200b\ufeff\x00\x85\u2028\u3000\uff1d<>"
+
+
+@given(st.lists(st.text(alphabet=HARD, min_size=1, max_size=12) | st.text(min_size=1), min_size=1, max_size=8))
+def test_whatever_points_are_called_no_cell_is_a_formula_and_their_names_come_back(names: list[str]) -> None:
+    text = csv_text(["name", "x", "y", "z"], [[name, 1.5, -2.5, 3.5] for name in names])
+    cells = [row[0] for row in csv.reader(io.StringIO(text))][1:]
+    assert not [cell for cell in cells if cell.strip("\u200b\u200f\ufeff").startswith(("=", "@", "\uff1d"))]
+    assert len(text.splitlines()) == len(names) + 1
+    assert [point["name"] for point in points_of_table(PointTable(csv=text))] == names
+
+
+def test_a_name_that_begins_like_a_remark_is_none() -> None:
+    text = csv_text(["name", "x", "y", "z"], [["#12", 1.0, 2.0, 3.0]])
+    assert text.splitlines()[1] == '"#12",1.0,2.0,3.0'
+    assert [point["name"] for point in points_of_table(PointTable(csv=text))] == ["#12"]
+
+
+def test_breaks_of_lines_are_written_out_and_signs_of_direction_stay() -> None:
+    assert harmless("a\tb\nc") == r"a\u0009b\u000ac"
+    assert harmless(r"a\u0009b") == r"a\u005cu0009b"
+    assert harmless("\u200fאב") == "\u200fאב"
+    assert harmless("\u200f=1") == "'\u200f=1"
