@@ -1,5 +1,6 @@
 """What can go wrong in the service, and how every error becomes a problem document (RFC 9457)."""
 
+import errno
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -17,6 +18,7 @@ from algorithms.errors import (
 
 OGC = "http://www.opengis.net/def/exceptions/ogcapi-processes-1/1.0/"
 Problem = dict[str, Any]
+FULL = frozenset((errno.ENOSPC, errno.EDQUOT))
 LONGEST_TEXT, LONGEST_ENTRY, LONGEST_LIST = 4000, 1000, 200_000
 """Characters of one text of a problem document, of one in its list of faults, and of the whole list: clients may have
 sent what they say."""
@@ -368,6 +370,8 @@ def to_problem(error: Exception, instance: str | None = None) -> Problem:
         if isinstance(error, DegenerateGeometryError):
             problem["rank"] = error.rank
             problem["free_directions"] = list(error.free_directions)
+    elif isinstance(error, OSError) and error.errno in FULL:
+        return to_problem(InsufficientStorageError("the disk of this service is full; try again later"), instance)
     else:
         problem = {
             "type": "about:blank",

@@ -10,6 +10,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn
 
 import sqlalchemy as sa
@@ -44,6 +45,9 @@ THREAD_SWITCH_S = 0.0005
 takes ten times as long where others are answered."""
 ALLOCATION = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "262144"}
 """Else each of some dozens of threads keeps memory for itself, and large blocks stay when they are free."""
+COUNTS = "PROMETHEUS_MULTIPROC_DIR"
+COUNTS_BYTES = 1 << 19
+"""Room for the counts of one kind: of some two thousand series, and the interface has a few hundred."""
 log = structlog.get_logger()
 
 
@@ -192,7 +196,7 @@ def _environment(settings: Settings) -> dict[str, str]:
     counts = settings.data_dir.resolve() / "metrics"
     shutil.rmtree(counts, ignore_errors=True)  # of processes that are no more
     counts.mkdir(parents=True)
-    return {**environment, "PROMETHEUS_MULTIPROC_DIR": str(counts)}
+    return {**environment, COUNTS: str(counts)}
 
 
 def _run_api(descriptor: int, app: str) -> None:
@@ -201,6 +205,7 @@ def _run_api(descriptor: int, app: str) -> None:
     sys.setswitchinterval(THREAD_SWITCH_S)
     allow_many_files()
     settings = Settings()
+    _reserve_counts()
     # the web server itself would believe whatever comes from this machine
     proxies = settings.trusted_proxies or os.environ.get("FORWARDED_ALLOW_IPS", "")
     uvicorn.run(
@@ -214,6 +219,27 @@ def _run_api(descriptor: int, app: str) -> None:
         access_log=False,
         timeout_graceful_shutdown=5,
     )
+
+
+def _reserve_counts() -> None:
+    """Give the counts of requests their blocks on the disk.
+
+    They are in files that are mapped into memory: a process that writes to one for which the disk has no block is
+    killed. Where there are none now, this process counts for itself.
+    """
+    folder = os.environ.get(COUNTS)
+    if folder is None:
+        return
+    paths = [Path(folder) / f"{kind}_{os.getpid()}.db" for kind in ("counter", "histogram", "summary")]
+    try:
+        for path in paths:
+            with path.open("ab") as file:
+                os.posix_fallocate(file.fileno(), 0, COUNTS_BYTES)
+    except OSError as error:
+        log.warning("there is no room for counts of requests, which /metrics does not have now", error=str(error))
+        for path in paths:
+            path.unlink(missing_ok=True)
+        del os.environ[COUNTS]
 
 
 if __name__ == "__main__":

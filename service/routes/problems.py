@@ -15,6 +15,7 @@ from starlette.requests import ClientDisconnect
 from algorithms.errors import AlgorithmError
 from schemas.values.problem import ProblemDocument
 from service.errors import (
+    FULL,
     FieldFault,
     InsufficientStorageError,
     InvalidRequestError,
@@ -53,6 +54,7 @@ def install_error_handlers(app: FastAPI) -> None:
     for away in (OperationalError, InterfaceError, NoConnectionError):
         app.add_exception_handler(away, _database_down)
     app.add_exception_handler(AlgorithmError, _known_error)
+    app.add_exception_handler(OSError, _disk_full)
     app.add_exception_handler(RequestValidationError, _bad_parameters)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(ClientDisconnect, _client_left)
@@ -100,7 +102,7 @@ def _known_error(request: Request, error: Exception) -> Response:
     return error_response(error, request)
 
 
-FULL = ("is full", "no space left", "disk full", "disk i/o error", "could not extend")
+WORDS_OF_FULL = ("is full", "no space left", "disk full", "disk i/o error", "could not extend")
 BUSY = ("is locked", "is busy", "lock timeout", "statement timeout", "queuepool limit")
 """What SQLite, PostgreSQL and the pool say, in small letters."""
 
@@ -109,7 +111,7 @@ def away(error: Exception, path: str) -> StorageError | InsufficientStorageError
     """Return what a client is told when the database is busy, full or away; its own words are for the log."""
     words = str(error.orig).strip() if isinstance(error, DBAPIError) else str(error)
     told: StorageError | InsufficientStorageError
-    if any(sign in words.lower() for sign in FULL):
+    if any(sign in words.lower() for sign in WORDS_OF_FULL):
         told = InsufficientStorageError("the disk of the database is full: nothing can be entered until there is room")
     elif any(sign in words.lower() for sign in BUSY):
         told = StorageError("the database is busy: another process holds it; try again in some seconds")
@@ -122,6 +124,14 @@ def away(error: Exception, path: str) -> StorageError | InsufficientStorageError
 def _database_down(request: Request, error: Exception) -> Response:
     """Answer that the database is busy, full or away."""
     return error_response(away(error, request.scope["path"]), request)
+
+
+def _disk_full(request: Request, error: Exception) -> Response:
+    """Answer that the disk of the data directory is full; what else the system refuses is unexpected."""
+    if cast("OSError", error).errno not in FULL:
+        raise error
+    log.error("a request found the disk full", path=request.scope["path"], error=str(error))
+    return error_response(error, request)
 
 
 def _bad_parameters(request: Request, error: Exception) -> Response:

@@ -1,5 +1,6 @@
 """The cells of a scanner's grid in the order of its columns, whatever the order of the points."""
 
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,7 +33,8 @@ class ColumnOrder:
             yield ColumnOrder(cloud, None)
             return
         with tempfile.TemporaryFile(dir=folder) as file:
-            file.truncate(cloud.rows * cloud.columns * np.dtype(CELL).itemsize)
+            # with its blocks: a process that writes to a mapped file for which the disk has none is killed
+            os.posix_fallocate(file.fileno(), 0, max(1, cloud.rows * cloud.columns * np.dtype(CELL).itemsize))
             cells = np.memmap(file, dtype=CELL, mode="r+", shape=(cloud.rows * cloud.columns,))
             left_out = sum(_sort_in(cells, piece, cloud.rows) for piece in cloud.pieces())
             yield ColumnOrder(cloud, cells, left_out)
