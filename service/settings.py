@@ -128,6 +128,9 @@ class Settings(BaseSettings):
     """Pause after the first failed try of a callback; doubled after each further one, up to an hour."""
     callback_interval_s: float = Field(default=10.0, gt=0.0)
     """Shortest time between two callbacks that tell how far a job is."""
+    queue: Literal["own", "procrastinate"] = "own"
+    """How workers get steps from PostgreSQL: `own`, they ask; `procrastinate`, that library gives them (on trial; all
+    processes of a service say the same)."""
     header_timeout_s: int = Field(default=20, ge=1)
     """Longest time from the first byte of a request, or from the connection, to the end of its headers."""
     body_timeout_s: int = Field(default=60, ge=1)
@@ -172,6 +175,11 @@ class Settings(BaseSettings):
     def embedded_database(self) -> bool:
         """Tell whether the database is a file of this machine."""
         return self.sqlalchemy_url.startswith("sqlite")
+
+    @property
+    def gives_steps(self) -> bool:
+        """Tell whether workers are given their steps."""
+        return self.queue == "procrastinate" and not self.embedded_database
 
     @property
     def sqlalchemy_url(self) -> str:

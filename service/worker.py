@@ -13,6 +13,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import cast
 
+import sqlalchemy as sa
 import structlog
 
 from service.adapters.database.callbacks import DatabaseCallbacks
@@ -35,7 +36,7 @@ from service.adapters.uploads.shared_uploads import upload_store_of
 from service.engine import ClaimedSteps, Engine, Tools
 from service.engine.patience import patiently
 from service.errors import ServiceError, StorageError
-from service.ports import BlobStore, Plan
+from service.ports import BlobStore, Plan, StepSource
 from service.processes import OFFERED_PROCESSES
 from service.settings import Settings
 from service.use_cases.callbacks.deliver_callbacks import CallbackDelivery
@@ -95,7 +96,7 @@ def _work(settings: Settings, signals: SignalPipe, slot: str, *, steps: str, pla
         settings=settings,
         jobs=jobs,
         steps=steps_kept,
-        source=ClaimedSteps(settings, DatabaseTurns(database, settings.max_running_jobs), steps_kept),
+        source=source_of(settings, database, steps_kept),
         log=DatabaseJobLog(database),
         files=files,
         executors=executors,
@@ -127,6 +128,15 @@ def _work(settings: Settings, signals: SignalPipe, slot: str, *, steps: str, pla
     engine.stop()
     runner.close()
     database.dispose()
+
+
+def source_of(settings: Settings, database: sa.Engine, steps: DatabaseSteps) -> StepSource:
+    """Give what brings a worker its steps."""
+    if settings.gives_steps:
+        from service.adapters.procrastinate.worker import GivenSteps
+
+        return GivenSteps(settings, steps)
+    return ClaimedSteps(settings, DatabaseTurns(database, settings.max_running_jobs), steps)
 
 
 @contextmanager

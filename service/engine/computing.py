@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 
 import structlog
@@ -29,11 +30,14 @@ class StepComputer:
         Stores and the runner of steps.
     executor_id
         Of this worker.
+    require_life
+        Ends this process if others took it for dead; asked when a step is not wanted of it any more.
     """
 
-    def __init__(self, tools: Tools, executor_id: str) -> None:
+    def __init__(self, tools: Tools, executor_id: str, require_life: Callable[[], Awaitable[None]]) -> None:
         self._tools = tools
         self._executor_id = executor_id
+        self._require_life = require_life
         self._patience_s = float(tools.settings.step_timeout_s)
 
     async def compute(self, step: ClaimedStep) -> None:
@@ -54,12 +58,15 @@ class StepComputer:
                 await self._fail(step, to_problem(ComputationFailedError(detail)))
                 return
             if output is None:
+                await self._require_life()
                 return
             finish = self._tools.steps.finish_step
             if await patiently(self._patience_s, finish, step.place, self._executor_id, output, _now()):
                 seconds = time.monotonic() - began
                 log.info("step done", step=step.name, label=step.label, seconds=round(seconds, 3))
                 await self._note(step, f"done in {seconds:.1f} s")
+            else:
+                await self._require_life()
 
     async def _output(self, step: ClaimedStep) -> Json | None:
         """Give what comes out, None when nobody wants it any more; a crash is tried again."""

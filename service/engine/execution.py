@@ -12,7 +12,7 @@ import structlog
 from service.engine.boundary import within_its_job
 from service.engine.computing import StepComputer
 from service.engine.leading import Leader
-from service.engine.patience import DATABASE_ERRORS, patiently_at_once, words_of
+from service.engine.patience import DATABASE_ERRORS, patiently, patiently_at_once, words_of
 from service.engine.reaper import HEARTBEAT_S, REAPING_S, Reaper
 from service.engine.tools import Tools
 from service.ports import ClaimedStep, StepWork
@@ -45,7 +45,7 @@ class Engine:
         self._threads: list[threading.Thread] = []
         self._loop = asyncio.new_event_loop()
         self._leader = Leader(tools)
-        self._computer = StepComputer(tools, self.executor_id)
+        self._computer = StepComputer(tools, self.executor_id, self._require_life)
         self._reaper = Reaper(tools, self.executor_id)
 
     def start(self) -> None:
@@ -57,7 +57,7 @@ class Engine:
             self._keep("heartbeat", self._beat, HEARTBEAT_S)
         patiently_at_once(patience_s, self._reaper.begin_stale_again)
         patiently_at_once(patience_s, self._take_up)
-        work = self._tools.source.run(self.executor_id, StepWork(self._compute, self._lead))
+        work = self._tools.source.run(self.executor_id, StepWork(self._compute, self._lead, self._require_life))
         self._threads.append(threading.Thread(target=self._loop.run_until_complete, args=(work,), name="work"))
         self._threads[-1].start()
         if several:
@@ -93,6 +93,9 @@ class Engine:
 
     async def _lead(self, job_id: str) -> None:
         await within_its_job(self._tools, job_id, self._leader.lead(job_id))
+
+    async def _require_life(self) -> None:
+        await patiently(float(self._tools.settings.step_timeout_s), self._beat)
 
     # beside
 

@@ -46,7 +46,7 @@ class Reaper:
             return ()
         dead = executors.bury_dead(self._executor_id, by_heart=by_heart)
         together = {each.id for each in dead if each.whole_service}
-        left = steps.tidy(_now())
+        left = steps.tidy(_now(), by_heart=by_heart)
         for lost in left.steps:
             self._put_back(lost, WITH_THE_WHOLE_SERVICE if lost.executor_id in together else 1.0)
         return left.jobs

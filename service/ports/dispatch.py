@@ -36,6 +36,8 @@ class StepWork:
     """Compute a step that this worker has, and lead its job on; False when it is not known what was recorded."""
     lead: Callable[[str], Awaitable[None]]
     """Put on the queue what comes next of a job, or end it, unless one of its steps waits or is computed."""
+    require_life: Callable[[], Awaitable[None]]
+    """End this process if others took it for dead, and compute its steps already."""
 
 
 class StepSource(Protocol):

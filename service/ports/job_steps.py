@@ -76,6 +76,12 @@ class StepRecords(Protocol):
     def outputs(self, job_id: str) -> Sequence[Sequence[Json]] | None:
         """Give the outputs of all stages; None while a step waits or is computed."""
 
+    def begin_step(self, place: StepPlace, executor_id: str, now: datetime) -> ClaimedStep | None:
+        """Let a worker have a step that it was given, and mark its job as running; again, when the answer was lost.
+
+        None when the step is over, when another worker has it, and when the worker was taken for dead.
+        """
+
     def report_step(self, place: StepPlace, executor_id: str, fraction: float, message: str, now: datetime) -> bool:
         """Record how far a step is; False when the job is gone or final, or another worker has the step."""
 
@@ -85,8 +91,11 @@ class StepRecords(Protocol):
     def hand_back(self, executor_id: str, kept: Collection[StepPlace] = ()) -> None:
         """Put back what a worker has and does not compute, or will not."""
 
-    def tidy(self, now: datetime) -> LeftBehind:
-        """Find what workers that are gone have left, and mark jobs as waiting of which no step has run for a while."""
+    def tidy(self, now: datetime, *, by_heart: bool = True) -> LeftBehind:
+        """Find what workers that are gone have left, and mark jobs as waiting of which no step has run for a while.
+
+        Not `by_heart` when hearts may have beaten that could not be heard.
+        """
 
     def put_back(self, lost: LostStep, death: float, now: datetime) -> float:
         """Let another worker compute a step whose worker is gone; give how many have died of it by now.

@@ -148,13 +148,17 @@ class JobStore(Protocol):
         """
 
     def create_and_enqueue(
-        self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any, inputs: JsonText | None = None
+        self,
+        job: Job,
+        admit: Callable[[UnfinishedJobs], None] = admit_any,
+        inputs: JsonText | None = None,
+        total_weight: float = 0.0,
     ) -> None:
         """Insert the job and put it on the queue in one transaction: both or neither.
 
         Inputs that another process has written are given as their text, in place of those of the job. `admit` sees
         what is unfinished before; when it raises, the job is not kept. Nobody else creates a job of the same project
-        meanwhile.
+        meanwhile. `total_weight` estimates how much it takes, 0: unknown.
         """
 
     def get(self, job_id: str) -> Job | None:

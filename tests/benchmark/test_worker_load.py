@@ -1,6 +1,6 @@
 """How many workers one queue feeds: the engine itself on PostgreSQL, with steps that sleep in place of computing.
 
-uv run pytest -n0 -s -m benchmark tests/benchmark/test_worker_load.py
+uv run pytest -n0 -s -m benchmark tests/benchmark/test_worker_load.py    # TIELINE_QUEUE says which queue
 
 Claiming, turns between projects, reports of progress, what comes next of a job, heartbeats and callbacks are the
 service's own, in threads of a few processes with the connections of one worker each. Steps of a pair of scans sleep as
@@ -41,11 +41,12 @@ from service.adapters.database.turns import DatabaseTurns
 from service.adapters.files.object_files import blob_store
 from service.adapters.outgoing.callback_thread import CallbackThread
 from service.adapters.outgoing.http_callbacks import HttpCallbacks
-from service.engine import ClaimedSteps, Engine, Tools
+from service.engine import Engine, Tools
 from service.ports import FreshJob, Job, JobStatus, Json, StepCall
 from service.settings import Settings
 from service.use_cases.callbacks.deliver_callbacks import CallbackDelivery
 from service.use_cases.limits.quotas import admit_job, count_results
+from service.worker import source_of
 from tests.servers.postgres_server import PostgresServer, postgres_server
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
@@ -123,12 +124,12 @@ class Worker:
         self._database = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
         jobs, files = DatabaseJobStore(self._database), DatabaseFileStore(self._database)
         blobs, log = blob_store(settings), DatabaseJobLog(self._database)
-        steps, turns = DatabaseSteps(self._database), DatabaseTurns(self._database, settings.max_running_jobs)
+        steps = DatabaseSteps(self._database)
         tools = Tools(
             settings=settings,
             jobs=jobs,
             steps=steps,
-            source=ClaimedSteps(settings, turns, steps),
+            source=source_of(settings, self._database, steps),
             log=log,
             files=files,
             executors=DatabaseExecutors(self._database),
@@ -301,7 +302,7 @@ class Senders:
 
     def send(self, owner: str) -> None:
         job = Job(uuid.uuid4().hex, "pair", {}, JobStatus.ACCEPTED, datetime.now(UTC), owner=owner)
-        self._jobs.of(owner).create_and_enqueue(job, self._admit)
+        self._jobs.of(owner).create_and_enqueue(job, self._admit, total_weight=SECONDS)
 
     def send_some(self, owner: str, number: int) -> None:
         for _ in range(number):
@@ -426,6 +427,7 @@ def test_how_fast_turns_are_given(server: PostgresServer, burst: str, tmp_path: 
             )
         engine = connect(settings, fresh_s=FRESH_FOR_WORKERS_S)
         steps, turns, taken = DatabaseSteps(engine), DatabaseTurns(engine, settings.max_running_jobs), []
+        DatabaseExecutors(engine).register("w")
         for _ in range(300):
             began = time.monotonic()
             turn = turns.take_turn("w", datetime.now(UTC), alone=True)

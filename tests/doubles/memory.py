@@ -58,7 +58,11 @@ class MemoryJobStore:
         return bound
 
     def create_and_enqueue(
-        self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any, inputs: JsonText | None = None
+        self,
+        job: Job,
+        admit: Callable[[UnfinishedJobs], None] = admit_any,
+        inputs: JsonText | None = None,
+        total_weight: float = 0.0,  # noqa: ARG002 - the port's signature
     ) -> None:
         """Insert the job and put it on the queue: both or neither."""
         job = job if inputs is None else replace(job, inputs=json.loads(inputs))

@@ -60,6 +60,7 @@ class Harness:
             "TIELINE_CONFINE_CHILDREN": "false",  # the steps write down what they do, and kill
             "TIELINE_DATA_DIR": str(self.settings.data_dir),
             "TIELINE_DATABASE_URL": self.settings.database_url,
+            "TIELINE_QUEUE": self.settings.queue,
             "TIELINE_SLOTS": str(self.settings.slots),
             "TIELINE_STEP_MEMORY_BYTES": str(self.settings.step_memory_bytes),
             "TIELINE_MAX_RUNNING_JOBS": str(self.settings.max_running_jobs),
@@ -98,7 +99,7 @@ class Harness:
     def submit(self, *stages: list[dict[str, object]], **of_job: Any) -> str:
         named = [[{"trace": str(self.trace), **step} for step in stage] for stage in stages]
         job = Job(str(uuid4()), "listed", {"stages": named}, JobStatus.ACCEPTED, datetime.now(UTC), **of_job)
-        self.jobs.create_and_enqueue(job)
+        self.jobs.create_and_enqueue(job, total_weight=float(sum(map(len, stages))))
         return job.id
 
     def job(self, job_id: str) -> Job:

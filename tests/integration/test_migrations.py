@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -59,7 +60,8 @@ def revisions() -> Sequence[str]:
 
 
 def columns(tables: sa.MetaData) -> set[tuple[str, str, bool]]:
-    return {(table.name, each.name, bool(each.nullable)) for table in tables.tables.values() for each in table.columns}
+    ours = [table for table in tables.tables.values() if not table.name.startswith("procrastinate_")]
+    return {(table.name, each.name, bool(each.nullable)) for table in ours for each in table.columns}
 
 
 @pytest.mark.parametrize("version", revisions())
@@ -77,7 +79,9 @@ def test_a_database_of_an_earlier_version_is_brought_up_to_date_with_what_it_hol
         connection.execute(metadata.tables["files"].insert().values(FILE))
     migrate(settings)
     found = sa.MetaData()
-    found.reflect(engine)
+    with warnings.catch_warnings():  # of the library's own types
+        warnings.simplefilter("ignore", sa.exc.SAWarning)
+        found.reflect(engine)
     store = DatabaseJobStore(engine)
     _, number = store.find(JobFilter())
     job = store.whole(str(JOB["id"]))
@@ -115,3 +119,36 @@ def test_a_database_that_is_away_is_named_without_its_password(tmp_path: Path) -
     assert done.returncode == 3
     assert "the database postgresql+psycopg://somebody:***@127.0.0.1:1/tieline cannot be used" in said
     assert "secret" not in said
+
+
+@pytest.mark.service
+def test_the_tables_of_procrastinate_are_those_of_its_version_and_go_without_a_trace(
+    tmp_path: Path, postgres: PostgresServer
+) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=postgres.new_database())
+    migrate(settings)
+    engine = connect(settings)
+    made = routines(engine)
+    back = configuration()
+    with engine.begin() as connection:
+        back.attributes["connection"] = connection
+        alembic.command.downgrade(back, "0011")
+    left = routines(engine)
+    engine.dispose()
+    # each is called by the adapter
+    assert {
+        "procrastinate_defer_jobs_v1",
+        "procrastinate_fetch_job_v2",
+        "procrastinate_finish_job_v1",
+        "procrastinate_cancel_job_v1",
+        "procrastinate_retry_job_v2",
+        "procrastinate_update_heartbeat_v1",
+    } <= made
+    assert left == set()
+
+
+def routines(engine: sa.Engine) -> set[str]:
+    queries = ("SELECT proname FROM pg_proc", "SELECT typname FROM pg_type")
+    with engine.begin() as connection:
+        names = [str(name) for query in queries for name in connection.execute(sa.text(query)).scalars()]
+    return {name for name in names if name.startswith("procrastinate_")}

@@ -10,6 +10,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.adapters.database.callbacks import note_change
+from service.adapters.database.given import gives, offer_job, offer_next_job, withdraw
 from service.adapters.database.job_filter import condition_of
 from service.adapters.database.job_states import DatabaseJobStates
 from service.adapters.database.tables import connect, job_files, job_steps, jobs, lock_name
@@ -113,7 +114,11 @@ class DatabaseJobStore:
         return DatabaseJobStore(self._engine, narrowed(self._owner, owner), self._states)
 
     def create_and_enqueue(
-        self, job: Job, admit: Callable[[UnfinishedJobs], None] = admit_any, inputs: JsonText | None = None
+        self,
+        job: Job,
+        admit: Callable[[UnfinishedJobs], None] = admit_any,
+        inputs: JsonText | None = None,
+        total_weight: float = 0.0,
     ) -> None:
         """Insert the job, which puts it on the queue, in one transaction, in which `admit` is asked."""
         if self._owner is not None:
@@ -123,6 +128,7 @@ class DatabaseJobStore:
         row["status"] = job.status.value
         row["inputs"] = JsonText(json.dumps(job.inputs)) if inputs is None else inputs
         row["input_bytes"] = len(row["inputs"])
+        row["total_weight"] = total_weight
         with self._engine.begin() as connection:
             lock_name(connection, f"jobs of {job.owner}")
             admit(_unfinished(connection, job.owner))
@@ -132,6 +138,8 @@ class DatabaseJobStore:
                     sa.insert(job_files),
                     [{"job_id": job.id, "position": i, "file_id": f} for i, f in enumerate(job.file_ids)],
                 )
+            if gives(connection):
+                offer_job(connection, job.id)
 
     def get(self, job_id: str) -> Job | None:
         """Fetch a job without its inputs."""
@@ -265,12 +273,16 @@ def change_job(
     if "status" in values:
         note_change(connection, job)
     if job.status.finished:
+        if gives(connection) and job.status is not JobStatus.SUCCESSFUL:
+            withdraw(connection, job_id)
         # nobody is to begin what waits; what is computed is given up by who computes it
         waiting = sa.and_(job_steps.c.job_id == job_id, job_steps.c.state != "done")
         connection.execute(sa.delete(job_steps).where(waiting))
     if job.status is JobStatus.FAILED:
         kind = str((job.problem or {}).get("title") or "unknown")
         add_to_totals(connection, {("job_failures", kind): 1.0})
+    if job.status.finished and gives(connection):
+        offer_next_job(connection, job.owner)
     return job
 
 

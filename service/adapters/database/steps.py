@@ -4,13 +4,16 @@ A step is a row that waits, is computed by one worker, or is done with its outpu
 before those of its steps, so that no two wait for each other.
 """
 
+import time
 from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
 import sqlalchemy as sa
+import structlog
 
 from service.adapters.database.executors import clock, present
+from service.adapters.database.given import gives, offer_missing, offer_steps, take_back, take_back_stalled, withdraw
 from service.adapters.database.jobs import UNFINISHED, change_job
 from service.adapters.database.tables import executors, job_steps, jobs
 from service.adapters.database.totals import add_to_totals, read_totals
@@ -31,9 +34,12 @@ ORDER_OF_STEPS = 1
 WAITING, RUNNING, DONE = "waiting", "running", "done"
 QUIET = timedelta(seconds=2.0)
 """A job of which no step has run for so long waits: shorter pauses are those between two steps."""
+SWEEP_S = 60.0
+"""How often it is looked whether all that waits is on the queue."""
 WAITS_MESSAGE = "waiting for a worker"
 UNFINISHED_JOB = jobs.c.status.in_(UNFINISHED)
 STEPS_OF_JOBS = job_steps.join(jobs, jobs.c.id == job_steps.c.job_id)
+log = structlog.get_logger()
 OURS = sa.and_(UNFINISHED_JOB, jobs.c.planned == ORDER_OF_STEPS)
 
 
@@ -49,6 +55,7 @@ class DatabaseSteps:
     def __init__(self, engine: sa.Engine) -> None:
         self._engine = engine
         self._reading = engine.execution_options(reads_only=True)
+        self._next_sweep = 0.0
 
     def plan_stage(self, job_id: str, stage: int, calls: Sequence[StepCall], total_weight: float) -> None:
         """Let the steps of a stage wait; doing so again changes nothing."""
@@ -74,6 +81,8 @@ class DatabaseSteps:
                 for position, call in enumerate(calls)
             ]
             connection.execute(sa.insert(job_steps), rows)
+            if gives(connection):
+                offer_steps(connection, job_id)
 
     def outputs(self, job_id: str) -> Sequence[Sequence[Json]] | None:
         """Give the outputs of all stages; None while a step waits or is computed."""
@@ -97,6 +106,16 @@ class DatabaseSteps:
         return found
 
     # one step
+
+    def begin_step(self, place: StepPlace, executor_id: str, now: datetime) -> ClaimedStep | None:
+        """Let a worker have a step that it was given, and mark its job as running."""
+        mine = sa.and_(job_steps.c.state == RUNNING, job_steps.c.executor == executor_id)
+        wanted = sa.select(job_steps.c.label).where(_at(place), sa.or_(job_steps.c.state == WAITING, mine))
+        with self._engine.begin() as connection:
+            if not _lock(connection, place.job_id) or connection.execute(wanted).first() is None:
+                return None
+            begun = begin_step(connection, place, executor_id, now)
+            return None if begun is None else begun[1]
 
     def report_step(self, place: StepPlace, executor_id: str, fraction: float, message: str, now: datetime) -> bool:
         """Record how far a step is; False when the job is gone or final, or another worker has the step."""
@@ -132,7 +151,7 @@ class DatabaseSteps:
 
     # what the dead leave
 
-    def tidy(self, now: datetime) -> LeftBehind:
+    def tidy(self, now: datetime, *, by_heart: bool = True) -> LeftBehind:
         """Find what workers that are gone have left, and mark jobs as waiting of which no step has run for a while."""
         gone = job_steps.c.executor.not_in(sa.select(executors.c.id))
         columns = (job_steps.c.job_id, job_steps.c.stage, job_steps.c.position, job_steps.c.executor)
@@ -142,7 +161,18 @@ class DatabaseSteps:
         with self._engine.begin() as connection:
             tell_waiting(connection, jobs.c.updated < now - QUIET, now)
             steps = [LostStep(StepPlace(*row[:3]), row.executor) for row in connection.execute(lost)]
+            if gives(connection):
+                self._sweep(connection, by_heart=by_heart)
             return LeftBehind(steps, list(connection.execute(stalled).scalars()))
+
+    def _sweep(self, connection: sa.Connection, *, by_heart: bool) -> None:
+        """Mend what is on the queue: a fetched step that was not begun, and now and then what should be there."""
+        if by_heart and (stalled := take_back_stalled(connection)):
+            log.info("given again", steps=stalled)
+        if time.monotonic() > self._next_sweep:
+            if missing := offer_missing(connection):
+                log.warning("was not on the queue", jobs=missing)
+            self._next_sweep = time.monotonic() + SWEEP_S
 
     def put_back(self, lost: LostStep, death: float, now: datetime) -> float:
         """Let another worker compute a step whose worker is gone; give how many have died of it by now."""
@@ -155,7 +185,10 @@ class DatabaseSteps:
                 return 0.0
             change_job(connection, lost.place.job_id, attempts=jobs.c.attempts + 1, updated=now)
             add_to_totals(connection, {("deaths", ""): 1.0})
-            return float(connection.execute(sa.select(job_steps.c.deaths).where(_at(lost.place))).scalar_one())
+            deaths = float(connection.execute(sa.select(job_steps.c.deaths).where(_at(lost.place))).scalar_one())
+            if gives(connection):
+                take_back(connection, lost.place, alone=deaths >= 1.0)
+            return deaths
 
     def begin_stale_again(self) -> Sequence[str]:
         """Forget the steps of jobs that were planned in another order of steps, unless a living worker computes one."""
@@ -165,6 +198,9 @@ class DatabaseSteps:
         with self._engine.begin() as connection:
             found = list(connection.execute(sa.select(jobs.c.id).where(stale).with_for_update()).scalars())
             connection.execute(sa.update(jobs).where(jobs.c.id.in_(found)).values(planned=0))
+            for job_id in found if gives(connection) else ():
+                withdraw(connection, job_id)
+            connection.execute(sa.update(jobs).where(jobs.c.id.in_(found)).values(turn=None))
             connection.execute(sa.delete(job_steps).where(job_steps.c.job_id.in_(found)))
         return found
 
@@ -208,7 +244,10 @@ def begin_step(
     )
     if job is None:
         return None
-    waiting = sa.and_(_at(place), job_steps.c.state == WAITING)
+    # the answer to an earlier try may have been lost; who was taken for dead begins nothing
+    mine = sa.and_(job_steps.c.state == RUNNING, job_steps.c.executor == executor_id)
+    lives = sa.exists().where(executors.c.id == executor_id)
+    waiting = sa.and_(_at(place), sa.or_(job_steps.c.state == WAITING, mine), lives)
     values = {"state": RUNNING, "executor": executor_id, "begun": present(connection)}
     step = connection.execute(sa.update(job_steps).where(waiting).values(values).returning(job_steps)).one_or_none()
     if step is None:

@@ -81,6 +81,8 @@ jobs = sa.Table(
     sa.Column("planned", sa.Integer, nullable=False, server_default="0"),
     sa.Index("ix_jobs_planned_status", "planned", "status", "owner", "urgency", "created"),
     sa.Column("input_bytes", sa.BigInteger, nullable=False, server_default="0"),
+    # virtual time at which it begins; null: it is not offered to workers
+    sa.Column("turn", sa.BigInteger),
     sa.Index("ix_jobs_owner_created", "owner", "created"),
     sa.Index("ix_jobs_owner_result_bytes", "owner", "result_bytes"),
     sa.Index("ix_jobs_result_bytes", "result_bytes"),
@@ -319,6 +321,7 @@ def connect(settings: Settings, *, reserve: bool = False, fresh_s: float = 0.0, 
             # those that are not needed stay unused, and need not be asked for
             pool_use_lifo=True,
             connect_args={**PATIENCE, "options": LASTING} if lasting else PATIENCE,
+            execution_options={"most_given_jobs": settings.max_running_jobs} if settings.gives_steps else {},
         )
         give_up_when_silent(server, math.inf if lasting else ANSWERS_WITHIN_S)
         _ask_after_a_pause(server, fresh_s)

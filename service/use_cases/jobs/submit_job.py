@@ -156,7 +156,7 @@ def submit_job(
     if made_before is None:
         belongings.require_within(settings)
         belongings.require_record(settings, len(as_text(execution.inputs)))
-        belongings.jobs.create_and_enqueue(job, admit_job(settings), written)
+        belongings.jobs.create_and_enqueue(job, admit_job(settings), written, _weight(execution, job, settings))
     return made_before or job
 
 
@@ -166,6 +166,14 @@ async def answer_at_once(execution: Execution) -> Json | None:
         return None
     outputs = await execution.process.answer(execution.inputs)
     return {name: outputs[name] for name in execution.outputs or outputs if name in outputs}
+
+
+def _weight(execution: Execution, job: Job, settings: Settings) -> float:
+    """Estimate how much a job takes, where its place among others depends on it."""
+    if not settings.gives_steps or isinstance(execution.inputs, JsonText):
+        return 0.0
+    of_job = {"id": job.id, "process_id": job.process_id, "inputs": job.inputs, "fetches": list(job.fetches)}
+    return execution.process.plan.total_weight({**of_job, "wanted": dict(execution.files), "files": {}})
 
 
 def _kept(subscription: Subscription, settings: Settings, owner: str) -> Json:

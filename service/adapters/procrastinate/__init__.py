@@ -1,0 +1,1 @@
+"""Workers that Procrastinate gives their steps, from PostgreSQL."""
