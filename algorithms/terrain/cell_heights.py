@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from jaxtyping import Bool
+from scipy.ndimage import distance_transform_edt
 
 from algorithms.arrays import Array, Points, Scalars
 from algorithms.deviations.rasters import Grid, GridValues, grid_over
@@ -96,6 +97,27 @@ def _halved(heights: GridValues, known: GridFlags) -> Array:
     sums = np.pad(np.where(known, heights, 0.0), pad).reshape(rows, 2, columns, 2).sum(axis=(1, 3))
     counts = np.pad(known, pad).reshape(rows, 2, columns, 2).sum(axis=(1, 3))
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
+
+def wide_gaps(known: GridFlags, cell_m: float, width_m: float) -> GridFlags:
+    """Return the cells (rows, columns) over which a disc fits that touches no known cell.
+
+    Parameters
+    ----------
+    known
+        (rows, columns) cells with points.
+    cell_m
+        Edge of the cells [m].
+    width_m
+        Diameter of the disc [m].
+    """
+    if not known.any():
+        return np.ones(known.shape, dtype=np.bool_)
+    radius = 0.5 * width_m / cell_m
+    middles = distance_transform_edt(~known) > radius
+    if not middles.any():
+        return middles
+    return np.asarray((distance_transform_edt(~middles) <= radius) & ~known)
 
 
 def heights_on(surface_m: GridValues, grid: Grid, points: Points) -> Scalars:

@@ -59,6 +59,11 @@ class TerrainInputs(SelectedPoints, PosedInputs):
     """Other filters, with their usual options, whose ground is compared with that of the chosen one."""
     cell_m: float = Field(default=1.0, gt=0.0, le=1000.0)
     """Edge of the cells of filters and models [m]."""
+    gap_m: float = Field(default=20.0, gt=0.0, le=10_000.0)
+    """Widest gap without points over which models go on [m]: where a circle of this diameter without points fits, as
+    over a lake, they have no data. Gaps that sparse points leave by chance, up to 5 mean spacings, are bridged too."""
+    covered_m: float = Field(default=50.0, gt=0.0, le=10_000.0)
+    """Widest area without ground points, under buildings and plants, over which the terrain goes on [m]; likewise."""
     prediction: LinearPrediction | None = Field(default=None, title="Linear prediction")
     """Predict the terrain with a covariance function; null: a moving plane through the ground points around."""
     maps: bool = True

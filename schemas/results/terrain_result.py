@@ -74,6 +74,8 @@ class TerrainDocument(PosedDocument):
     """Of the models, along y."""
     columns: int
     """Of the models, along x."""
+    no_data_share: float = 0.0
+    """Share of the cells without terrain, in gaps wider than `gap_m` and `covered_m`, 0..1."""
     models: list[HeightFigures]
     """Terrain, surface, and heights of objects above the terrain."""
     residuals: GroundResiduals

@@ -17,7 +17,7 @@ from algorithms.terrain.drainage.rain import Rain, rain_on
 from algorithms.terrain.drainage.structure_lines import ridges, valleys
 from algorithms.terrain.ground import Ground, ground_of
 from algorithms.terrain.low_points import low_points
-from algorithms.terrain.models import terrain_models
+from algorithms.terrain.models import BridgedGaps, TerrainModels, gaps_in_words, terrain_models
 from algorithms.terrain.options import EVERY_FILTER
 from schemas.results.drainage_result import DrainageDocument, HollowFigures, TerrainLine
 from schemas.results.registration_result import Artifact
@@ -48,7 +48,8 @@ def let_it_rain(context: StepContext, arguments: Json) -> Json:
     frame.require_heights()
     points = np.concatenate([station.points() for station in frame.stations])
     ground = _ground(points, inputs, ProgressSection(context.progress, READ, FILTERED))
-    models = terrain_models(points[~ground.low], ground.ground[~ground.low], inputs["cell_m"], None, NoProgress())
+    gaps = BridgedGaps(inputs["gap_m"], inputs["covered_m"])
+    models = terrain_models(points[~ground.low], ground.ground[~ground.low], inputs["cell_m"], None, NoProgress(), gaps)
     grid, heights = models.grid, models.dtm_m
     context.progress.report(FILTERED, "raining")
     rain, shape = rain_on(heights), derivatives(heights, grid.cell_m)
@@ -56,17 +57,17 @@ def let_it_rain(context: StepContext, arguments: Json) -> Json:
     context.progress.report(RAINED, "lines")
     paths = hollow_paths(hollows, labels, rain, grid) if inputs["hollow_paths"] else []
     lines = _lines(heights, rain, grid, paths, frame.origin_m, inputs)
-    files = frame.renamed(_files(rain, shape, grid, lines, frame.origin_m, frame.crs_wkt))
+    files = frame.renamed(_files(rain, shape, models, lines, frame.origin_m, frame.crs_wkt))
     for name, (_, data) in files.items():
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
-    bridged = float(1.0 - np.isfinite(models.dtm_std_m).mean())
+    bridged = float((~np.isfinite(models.dtm_std_m) & ~models.no_terrain).mean())
     document = DrainageDocument(
         points=len(points),
         ground=int(ground.ground.sum()),
         cell_m=grid.cell_m,
         rows=grid.rows,
         columns=grid.columns,
-        mean_slope_deg=float(np.degrees(np.nanmean(shape.slope_rad))) if min(grid.shape) > 2 else 0.0,
+        mean_slope_deg=_mean_slope_deg(shape, models),
         largest_catchment_m2=float((rain.runoff.max() + 1.0) * grid.cell_m**2),
         lines=[line for line, _ in lines],
         hollow_count=len(hollows),
@@ -76,6 +77,7 @@ def let_it_rain(context: StepContext, arguments: Json) -> Json:
         remarks=[
             *frame.notes(),
             *([f"in {bridged:.1%} of the cells the terrain is bridged: too few points are near"] if bridged else []),
+            *(f"{said}; lines run on through them" for said in gaps_in_words(models)),
         ],
         artifacts=[
             Artifact(name=name, type=media, bytes=len(data), href=f"/jobs/{job_id}/artifacts/{name}")
@@ -96,6 +98,11 @@ def _ground(points: Points, inputs: Json, progress: ProgressSection) -> Ground:
     return ground_of(points, chosen, inputs["cell_m"], progress)
 
 
+def _mean_slope_deg(shape: Derivatives, models: TerrainModels) -> float:
+    slopes = shape.slope_rad[~models.no_terrain]
+    return float(np.degrees(np.nanmean(slopes))) if np.isfinite(slopes).any() else 0.0
+
+
 def _lines(
     heights: Array, rain: Rain, grid: Grid, paths: Sequence[Points], origin_m: Vector3, inputs: Json
 ) -> list[Line]:
@@ -114,8 +121,9 @@ def _described(kind: str, points: Points, catchment_m2: float | None) -> Line:
 
 
 def _files(
-    rain: Rain, shape: Derivatives, grid: Grid, lines: Sequence[Line], origin_m: Vector3, crs_wkt: str | None
+    rain: Rain, shape: Derivatives, models: TerrainModels, lines: Sequence[Line], origin_m: Vector3, crs_wkt: str | None
 ) -> Files:
+    grid = models.grid
     frame, base = GridFrame(grid, (float(origin_m[0]), float(origin_m[1])), crs_wkt), float(origin_m[2])
     catchment = (rain.runoff + 1.0) * grid.cell_m**2
     grids = {
@@ -126,7 +134,7 @@ def _files(
     }  # fmt: skip
     files: Files = {}
     for name, (values, unit) in grids.items():
-        files |= grid_files(name, values, frame, unit)
+        files |= grid_files(name, np.where(models.no_terrain, np.nan, values), frame, unit)
     steps = np.log10(catchment)
     files["catchment.png"] = ("image/png", grid_png(steps, colours.density_classes(float(steps.max())), "log m2"))
     files["lines.dxf"] = ("image/vnd.dxf", _drawing(lines))

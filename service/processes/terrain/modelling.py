@@ -12,7 +12,15 @@ from algorithms.progress import NoProgress, ProgressSection
 from algorithms.terrain.ground import Ground, ground_of, row_beside
 from algorithms.terrain.learned_slope import LabelledTerrain, learned_slope
 from algorithms.terrain.linear_prediction import Covariance
-from algorithms.terrain.models import Canopy, TerrainModels, canopy_over, residuals_above, terrain_models
+from algorithms.terrain.models import (
+    BridgedGaps,
+    Canopy,
+    TerrainModels,
+    canopy_over,
+    gaps_in_words,
+    residuals_above,
+    terrain_models,
+)
 from algorithms.terrain.options import EVERY_FILTER, SlopeFilter, TerrainFilter
 from schemas.results.registration_result import Artifact
 from schemas.results.terrain_result import ComparedFilter, GroundResiduals, HeightFigures, TerrainDocument
@@ -56,6 +64,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         inputs["cell_m"],
         _covariance(inputs),
         ProgressSection(context.progress, COMPARED, MODELLED),
+        BridgedGaps(inputs["gap_m"], inputs["covered_m"]),
     )
     canopy = None
     if inputs["canopy"]:
@@ -74,6 +83,7 @@ def model_terrain(context: StepContext, arguments: Json) -> Json:
         cell_m=inputs["cell_m"],
         rows=models.grid.rows,
         columns=models.grid.columns,
+        no_data_share=float(models.no_terrain.mean()),
         models=_figures(models, canopy, float(frame.origin_m[2])),
         residuals=_residuals(points, ground, models),
         compared=compared,
@@ -130,16 +140,17 @@ def _covariance(inputs: Json) -> Covariance | None:
 
 def _figures(models: TerrainModels, canopy: Canopy | None, base_m: float) -> list[HeightFigures]:
     heights: dict[str, tuple[Array, float]] = {
-        "dtm": (models.dtm_m, base_m), "dsm": (models.dsm_m, base_m), "ndsm": (models.ndsm_m, 0.0),
+        "dtm": (models.known_dtm_m, base_m), "dsm": (models.known_dsm_m, base_m), "ndsm": (models.known_ndsm_m, 0.0),
     }  # fmt: skip
     if canopy is not None:
-        heights |= {"canopy": (canopy.heights_m, base_m), "stand-height": (canopy.stand_m, 0.0)}
+        heights |= {"canopy": (np.where(models.no_surface, np.nan, canopy.heights_m), base_m)}
+        heights |= {"stand-height": (np.where(models.no_terrain, np.nan, canopy.stand_m), 0.0)}
     return [
         HeightFigures(
             name=name,
-            lowest_m=float(values.min()) + base,
-            mean_m=float(values.mean()) + base,
-            highest_m=float(values.max()) + base,
+            lowest_m=float(np.nanmin(values)) + base,
+            mean_m=float(np.nanmean(values)) + base,
+            highest_m=float(np.nanmax(values)) + base,
         )
         for name, (values, base) in heights.items()
     ]
@@ -160,10 +171,10 @@ def _remarks(ground: Ground, models: TerrainModels) -> list[str]:
     remarks = []
     if ground.low.any():
         remarks.append(f"{int(ground.low.sum())} points lie alone below the ground and take no part (class {LOW})")
-    unknown = float(1.0 - np.isfinite(models.dtm_std_m).mean())
+    unknown = float((~np.isfinite(models.dtm_std_m) & ~models.no_terrain).mean())
     if unknown > 0.0:
         remarks.append(f"in {unknown:.1%} of the cells the terrain is bridged: too few ground points are near")
-    return remarks
+    return [*remarks, *gaps_in_words(models)]
 
 
 def _artifacts(job_id: str, files: Files) -> list[Artifact]:
@@ -182,6 +193,7 @@ def _classified(
     writer = writer_of(arguments["wanted"]["format"])
     classes = np.where(ground.low, LOW, np.where(ground.ground, GROUND, OBJECT)).astype(np.uint8)
     above = residuals_above(points, models).astype(np.float32)
+    above[models.no_terrain.ravel()[models.grid.cells_of(points)]] = np.nan
     clouds, start = [], 0
     for station in frame.stations:
         part = slice(start, start + len(station.scan))

@@ -50,9 +50,11 @@ def drawn(
     grid, base = models.grid, float(origin_m[2])
     frame = GridFrame(grid, (float(origin_m[0]), float(origin_m[1])), crs_wkt, inputs["grid_format"])
     shade = hillshade(models.dtm_m, grid, inputs["light_azimuth_deg"], inputs["light_altitude_deg"])
-    grids = {"dtm": models.dtm_m + base, "dsm": models.dsm_m + base, "ndsm": models.ndsm_m}
+    shade[models.no_terrain] = 255
+    grids = {"dtm": models.known_dtm_m + base, "dsm": models.known_dsm_m + base, "ndsm": models.known_ndsm_m}
     if canopy is not None:
-        grids |= {"canopy": canopy.heights_m + base, "stand-height": canopy.stand_m}
+        grids["canopy"] = np.where(models.no_surface, np.nan, canopy.heights_m + base)
+        grids["stand-height"] = np.where(models.no_terrain, np.nan, canopy.stand_m)
     files: Files = {"hillshade.png": ("image/png", png(np.repeat(shade[::-1, :, None], 3, axis=2)))}
     for name, values in grids.items():
         files |= grid_files(name, values, frame, "m")
@@ -61,7 +63,7 @@ def drawn(
     if inputs.get("contour_interval_m") is not None:
         files["contours.dxf"] = ("image/vnd.dxf", _contours(models, origin_m, inputs["contour_interval_m"]))
     if inputs["mesh"]:
-        files["terrain.ply"] = ("application/octet-stream", _mesh(models.dtm_m, grid, origin_m))
+        files["terrain.ply"] = ("application/octet-stream", _mesh(models.known_dtm_m, grid, origin_m))
     return files
 
 
@@ -90,12 +92,12 @@ def _contours(models: TerrainModels, origin_m: Vector3, interval_m: float) -> by
     base = float(origin_m[2])
     layers = [
         _layer(f"contour {each.height_m:g}", CONTOURS, each.lines, origin_m)
-        for each in contours(models.dtm_m, models.grid, interval_m, base)
+        for each in contours(models.known_dtm_m, models.grid, interval_m, base)
     ]
     plan = np.array([origin_m[0], origin_m[1], 0.0])
     layers += [
         _layer(f"above ground {each.height_m:g}", STANDS, each.lines, plan)
-        for each in contours(models.ndsm_m, models.grid, interval_m)
+        for each in contours(models.known_ndsm_m, models.grid, interval_m)
         if each.height_m > 0.0
     ]
     return dxf_lines(layers)
@@ -108,11 +110,13 @@ def _layer(name: str, colour: tuple[int, int, int], lines: Sequence[Array], orig
 
 
 def _mesh(heights_m: GridValues, grid: Grid, origin_m: Vector3) -> bytes:
-    """Write two triangles for each four middles of cells, in full coordinates."""
-    vertices = np.column_stack([grid.centres(), heights_m.ravel()]) + origin_m
-    numbers = np.arange(grid.rows * grid.columns).reshape(grid.shape)
+    """Write two triangles for each four middles of cells with heights, in full coordinates."""
+    known = np.isfinite(heights_m.ravel())
+    vertices = (np.column_stack([grid.centres(), heights_m.ravel()]) + origin_m)[known]
+    numbers = np.where(known, np.cumsum(known) - 1, -1).reshape(grid.shape)
     a, b, c, d = (part.ravel() for part in (numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, 1:], numbers[1:, :-1]))
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    faces = faces[(faces >= 0).all(axis=1)]
     header = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
         "property double x\nproperty double y\nproperty double z\n"

@@ -88,6 +88,33 @@ def test_a_filter_that_is_none_is_refused(service: RunningService, station: Docu
     assert "opening" in str(problem)
 
 
+def test_a_lake_has_no_data(service: RunningService, tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(0.0, 90.0, (2, 16_000))
+    dry = np.hypot(x - 40.0, y - 40.0) > 20.0
+    np.savetxt(tmp_path / "lake.xyz", np.column_stack([x, y, 5.0 + 0.05 * x])[dry], fmt="%.3f")
+    stations = [{"name": "lake", "scan": {"file": service.upload(tmp_path / "lake.xyz")["id"]}}]
+    for gap_m, is_lake in ((20.0, True), (60.0, False)):
+        inputs = {"stations": stations, "gap_m": gap_m, "mesh": True, "contour_interval_m": 0.5}
+        result = run(service, "terrain", inputs, {"artifacts": {}, "remarks": {}, "no_data_share": {}, "models": {}})
+        links = {each["name"]: each["href"] for each in result["artifacts"]}
+        assert any("no data" in each for each in result["remarks"]) == is_lake
+        assert result["no_data_share"] == pytest.approx(np.pi * 20.0**2 / 90.0**2 if is_lake else 0.0, rel=0.1)
+        for model in ("dtm", "dsm", "ndsm"):
+            lines = service.get(links[f"{model}.asc"]).text.splitlines()
+            heights = np.array([line.split() for line in lines[6:]], dtype=float)[::-1]
+            v, u = np.indices(heights.shape) + 0.5
+            lake, shore = np.hypot(u - 40.0, v - 40.0) < 19.0, np.hypot(u - 40.0, v - 40.0) > 21.0
+            assert (heights[lake] == -9999.0).all() == is_lake
+            assert (heights[shore] != -9999.0).all()
+        assert next(each for each in result["models"] if each["name"] == "dtm")["lowest_m"] > 4.9
+    rain = run(service, "drainage", {"stations": stations}, {"artifacts": {}, "remarks": {}})
+    assert any("no data" in each for each in rain["remarks"])
+    links = {each["name"]: each["href"] for each in rain["artifacts"]}
+    text = service.get(links["slope.asc"]).text
+    assert "-9999" in text.split("NODATA_value -9999", 1)[1]
+
+
 PLACE_M = np.array([600_000.0, 150_000.0, 300.0])
 """In metres of the systems below."""
 SYSTEMS = {

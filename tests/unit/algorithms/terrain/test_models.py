@@ -10,7 +10,7 @@ from algorithms.terrain.cell_heights import filled
 from algorithms.terrain.contours import contours
 from algorithms.terrain.hillshade import hillshade
 from algorithms.terrain.linear_prediction import Covariance, predicted
-from algorithms.terrain.models import canopy_over, terrain_models
+from algorithms.terrain.models import canopy_over, gaps_in_words, terrain_models
 from algorithms.terrain.options import Opening
 from tests.scenes.simulated_terrain import hill_heights, hills_with_houses
 
@@ -66,6 +66,40 @@ def test_standard_deviations_of_heights_are_those_of_their_errors(density: float
         squares[name] = (((models.dtm_m - truth) / models.dtm_std_m)[known] ** 2).mean()
         assert 0.7 < np.sqrt(squares[name]) < 1.35, name
     assert 0.9 < np.sqrt(np.mean(list(squares.values()))) < 1.1
+
+
+def test_lakes_have_no_data_and_terrain_below_buildings_goes_on() -> None:
+    """A lake of 60 m, a pond of 12 m, a house of 30 m and a hall of 80 m on a slope with 2 points a square metre."""
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(0.0, 240.0, (2, 115_000))
+    z = 0.05 * x
+    dry = (np.hypot(x - 50.0, y - 50.0) > 30.0) & (np.hypot(x - 50.0, y - 150.0) > 6.0)
+    house = (np.abs(x - 120.0) < 15.0) & (np.abs(y - 60.0) < 15.0)
+    hall = (np.abs(x - 170.0) < 40.0) & (np.abs(y - 150.0) < 40.0)
+    z[house | hall] += 8.0
+    points = np.column_stack([x, y, z])[dry]
+    models = terrain_models(points, ~(house | hall)[dry], 1.0, None, NoProgress())
+    u, v = (each.reshape(models.grid.shape) for each in models.grid.centres().T)
+    lake = np.hypot(u - 50.0, v - 50.0)
+    under_hall = np.maximum(np.abs(u - 170.0), np.abs(v - 150.0))
+    assert models.no_terrain[lake < 29.0].all()
+    assert models.no_surface[lake < 29.0].all()
+    assert models.no_terrain[under_hall < 25.0].all()
+    assert not models.no_terrain[(lake > 31.0) & (under_hall > 41.0)].any()
+    assert not models.no_surface[lake > 31.0].any()
+    np.testing.assert_array_equal(np.isnan(models.known_ndsm_m), models.no_terrain)
+    known = np.isfinite(models.known_dtm_m)
+    assert np.abs(models.known_dtm_m - 0.05 * u)[known].max() < 0.1
+    (said,) = gaps_in_words(models)
+    assert "wider than 20 m without points" in said
+
+
+def test_sparse_points_are_no_gaps() -> None:
+    x, y = np.random.default_rng(6).uniform(0.0, 1000.0, (2, 10_000))
+    points = np.column_stack([x, y, 0.1 * x])
+    models = terrain_models(points, np.ones(len(points), dtype=np.bool_), 2.0, None, NoProgress())
+    assert models.bridged.empty_m == pytest.approx(50.0, rel=0.1)
+    assert models.no_terrain.mean() < 1e-3
 
 
 def test_the_canopy_stands_as_high_as_its_trees() -> None:
