@@ -23,6 +23,12 @@ NEAR_M = 1_000.0
 """Centres nearer than this keep the file's own origin."""
 LONGEST_RANGE_M = 10_000.0
 """No terrestrial scanner measures farther: a nearest point beyond it shows that the file's origin is no instrument."""
+UNMARK = (
+    "take the marks off good points (such as with `pdal translate in.laz out.laz assign "
+    '--filters.assign.value="Withheld = 0"`, or with `"Classification = 1"` for noise) and send the file again; or '
+    "choose other points, where the request chose them"
+)
+"""What can be done where no point is left."""
 FREE_POINTS, MOST_POINTS_PER_BYTE = 1_000_000, 2
 """However well they are packed, measured points need more than half a byte each; few may be packed as they like."""
 SPARSEST_GRID = 1 / 50
@@ -137,7 +143,7 @@ def with_reading(info: ScanInfo, records: ScanRecords) -> ScanInfo:
 def none_left(left_out: Mapping[str, int]) -> str:
     """Say why no point of a scan is left."""
     if left_out:
-        return f"no point of the scan is left: {left_out_in_words(left_out)}; choose others, or clear these marks"
+        return f"no point of the scan is left: {left_out_in_words(left_out)}; {UNMARK}"
     return "every record of the scan is marked as without a return"
 
 
