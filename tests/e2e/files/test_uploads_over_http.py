@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -42,6 +43,26 @@ def patching(service: RunningService, upload: str, body: bytes, declared: int) -
     with socket.create_connection((url.host, url.port or 80), timeout=20.0 * patience()) as connection:
         connection.sendall(head.encode() + body)
         yield connection
+
+
+@contextmanager
+def sending(connection: socket.socket, body: bytes) -> Iterator[None]:
+    """Send a byte twenty times a second, whatever else the test waits for."""
+    ended = threading.Event()
+
+    def send() -> None:
+        for k in range(len(body)):
+            if ended.wait(0.05):
+                return
+            connection.sendall(body[k : k + 1])
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @pytest.mark.parametrize("checked", [True, False])
@@ -85,14 +106,15 @@ def test_a_request_that_stalls_is_ended_by_a_new_one(service: RunningService, sc
 def test_a_busy_upload_is_locked_at_once(service: RunningService, scan: Path) -> None:
     content = scan.read_bytes()
     upload = begun(service, scan)
-    with patching(service, upload, content[:1000], SIZE) as busy:
-        for k in range(12):
-            time.sleep(0.1)
-            busy.sendall(content[1000 + k : 1001 + k])
+    with patching(service, upload, content[:1000], SIZE) as busy, sending(busy, content[1000:]):
+        wait_until(lambda: service.http.head(upload, headers=TUS).status_code == 423)
+        for _ in range(6):
+            time.sleep(0.2)
             begin = time.monotonic()
+            headers = {**PART, "Upload-Offset": "0"}
             answers = [
-                httpx.head(f"{service.url}{upload}", headers=TUS),
-                httpx.patch(f"{service.url}{upload}", headers={**PART, "Upload-Offset": "0"}, content=content),
+                service.http.head(upload, headers=TUS),
+                service.http.patch(upload, headers=headers, content=content),
             ]
             assert [answer.status_code for answer in answers] == [423, 423]
             assert time.monotonic() - begin < 1.0 * patience()
