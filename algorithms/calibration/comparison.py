@@ -48,7 +48,7 @@ def compare_halves(field: TargetField, state: State) -> Halves | str:
     photos = len(field.photo_names)
     if photos < LEAST_PHOTOS:
         return f"{photos} photos are too few for two halves: {LEAST_PHOTOS} are needed"
-    options = CalibrationOptions(scaled_stds=False, gross_errors=False)
+    options = CalibrationOptions(scaled_stds=False, gross_errors=False, compares_photos=False)
     halves = []
     for parity in (0, 1):
         chosen = np.arange(photos) % 2 == parity

@@ -1,18 +1,22 @@
 """Calibrate a camera and its mount: adjust, test what is determined, covariance of the parameters (U-09 to U-12)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from algorithms.adjustment.hybrid.estimation import Estimate, estimate
-from algorithms.adjustment.hybrid.gross_errors import GrossErrorOptions, Removal, Search
+from algorithms.adjustment.hybrid.gross_errors import Cleaned, GrossErrorOptions, Removal, Search, most_left_out
 from algorithms.adjustment.hybrid.network import Network
 from algorithms.adjustment.hybrid.state import Kind, State
+from algorithms.adjustment.variance_components import LEAST_REDUNDANCY
 from algorithms.arrays import Array, Flags
+from algorithms.calibration.one_camera import repeated_photos, require_one_distance, turned_photos, with_turned
 from algorithms.calibration.starting import start_of
 from algorithms.calibration.structure import require_structure
 from algorithms.calibration.target_field import TargetField
 from algorithms.errors import DegenerateGeometryError, NotConvergedError
+from algorithms.probabilities import chi2_isf, chi2_sf
 from algorithms.progress import NoProgress, Progress
 
 MAX_ITERATIONS = 60
@@ -23,7 +27,15 @@ TILT_IN_STD = 10.0
 distance grows with the square of the difference, and is noise below."""
 FLAT = 1e-3
 """Targets whose third extent is below this share of the first lie in a plane."""
-TAKES_PART = 0.2
+ROBUST_ROUNDS, ROBUST_ITERATIONS = 8, 4
+ROBUST_WIDTH = 2.0
+"""Image points that miss by so many medians count half in the first adjustment."""
+FAR = 5.0
+"""Those that miss by more medians are left out of it; a test decides later whether they return."""
+MOST_ROUNDS = 10
+"""Of scales and searches for gross errors."""
+SETTLED = 0.01
+"""A factor on the standard deviations that changes by less has settled."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +52,8 @@ class CalibrationOptions:
     """Probability with which an error of the smallest detectable size is found."""
     max_removed_share: float = 0.2
     """Largest share of the image points that may be left out."""
+    compares_photos: bool = True
+    """Whether photos are looked through for repetitions, other principal distances, and turned ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +73,10 @@ class Calibration:
     """(q, q); a mount's rotation [rad] is about the axes of the camera."""
     std_factor: float
     """By what the image points' standard deviations were multiplied."""
+    repeated: Sequence[tuple[str, str]] = ()
+    """Photos that were left out, and of which photo each is a copy."""
+    turned: Sequence[str] = ()
+    """Photos that were turned by 180° to fit the camera of the others."""
 
     @property
     def state(self) -> State:
@@ -126,22 +144,88 @@ def calibrate(
     state = start_of(field) if start is None else start
     network = field.network()
     progress.report(0.2, "adjusting")
-    found = estimate(network, state, np.ones(len(network.stds)), MAX_ITERATIONS)
+    found, removals = _first(field, network, state, chosen)
+    repeated: list[tuple[str, str]] = []
+    turned: list[str] = []
+    if chosen.compares_photos:
+        progress.report(0.3, "comparing photos")
+        require_one_distance(field, found)
+        names = field.photo_names
+        pairs = repeated_photos(field, _robust_factor(field, found))
+        repeated = [(names[later], names[earlier]) for later, earlier in pairs]
+        again = field.with_photos(~np.isin(np.arange(len(names)), [later for later, _ in pairs]))
+        numbers = turned_photos(field, network, found) if found.converged else []
+        turned = [names[k] for k in numbers if names[k] in again.photo_names]
+        again = with_turned(again, [again.photo_names.index(name) for name in turned])
+        if repeated or turned:
+            field, network = again, again.network()
+            found, removals = _first(field, network, start_of(field), chosen)
     # what is not determined need not settle, and no observation can be tested in it
     _require_sound(_described(field, network, found, [], 1.0))
-    factor, removals = 1.0, []
-    if chosen.scaled_stds:
-        factor = _std_factor(field, found)
-        field = replace(field, image_stds=factor * field.image_stds)
-        network = field.network()
-        found = estimate(network, found.state, found.weights, MAX_ITERATIONS)
-    if chosen.gross_errors and found.redundancy > 0:
-        progress.report(0.4, "searching for gross errors")
-        cleaned = _search(field, network, found, chosen).run()
-        found, removals = cleaned.estimate, cleaned.removals
-    done = _described(field, network, found, removals, factor)
+    settled = _settled(field, network, found, removals, chosen, progress)
+    done = replace(settled, repeated=repeated, turned=turned)
     _require_sound(done)
     return done
+
+
+def _first(
+    field: TargetField, network: Network, start: State, chosen: CalibrationOptions
+) -> tuple[Estimate, list[Removal]]:
+    """Adjust; where gross errors are looked for, without what misses by far, which may keep it from settling."""
+    weights = np.ones(len(network.sizes))
+    if not chosen.gross_errors:
+        return estimate(network, start, weights[network.block_of_row], MAX_ITERATIONS), []
+    images = len(field.photos)
+    misses = _lengths(network.linearised(start).residuals, images)
+    for _ in range(ROBUST_ROUNDS):
+        scale = max(float(np.median(misses)), 1e-9)
+        weights[:images] = 1.0 / (1.0 + np.square(misses / (ROBUST_WIDTH * scale)))
+        found = estimate(network, start, weights[network.block_of_row], ROBUST_ITERATIONS, rough=True)
+        start, misses = found.state, _lengths(found.linearised.residuals, images)
+        if found.converged and float(np.median(misses)) > 0.9 * scale:
+            break
+    far = np.flatnonzero(misses > FAR * max(float(np.median(misses)), 1e-9))
+    far = far[np.argsort(-misses[far], kind="stable")[: most_left_out(chosen.max_removed_share, images)]]
+    weights[:] = 1.0
+    weights[far] = 0.0
+    removals = [Removal(int(k), "robust", 1, float(misses[k])) for k in far]
+    return estimate(network, start, weights[network.block_of_row], MAX_ITERATIONS), removals
+
+
+def _lengths(residuals: Array, images: int) -> Array:
+    return np.asarray(np.linalg.norm(residuals[: 2 * images].reshape(-1, 2), axis=1))
+
+
+def _settled(
+    field: TargetField,
+    network: Network,
+    found: Estimate,
+    removals: list[Removal],
+    chosen: CalibrationOptions,
+    progress: Progress,
+) -> Calibration:
+    """Scale standard deviations and leave gross errors out by turns: each decides on what the other looks like."""
+    factor, change = 1.0, _robust_factor(field, found) if chosen.scaled_stds else 1.0
+    used = np.ones(len(network.sizes), dtype=bool)
+    used[[each.block for each in removals]] = False
+    for _ in range(MOST_ROUNDS):
+        if chosen.scaled_stds:
+            factor *= change
+            field = replace(field, image_stds=change * field.image_stds)
+            network = field.network()
+            found = estimate(network, found.state, found.weights, MAX_ITERATIONS)
+        if not (chosen.gross_errors and found.redundancy > 0):
+            break
+        progress.report(0.4, "searching for gross errors")
+        cleaned = _search(field, network, found, chosen, used).run()
+        found, used = cleaned.estimate, cleaned.used
+        removals = [each for each in removals if not used[each.block]]
+        already = {each.block for each in removals}
+        removals += [each for each in cleaned.removals if each.block not in already]
+        change = _cleaned_factor(field, cleaned, chosen.alpha)
+        if not chosen.scaled_stds or abs(change - 1.0) < SETTLED:
+            break
+    return _described(field, network, found, removals, factor)
 
 
 def _described(
@@ -170,14 +254,27 @@ def covariance_of(found: Estimate, columns: Array, count: int) -> Array:
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def _std_factor(field: TargetField, found: Estimate) -> float:
+def _robust_factor(field: TargetField, found: Estimate) -> float:
     """Compare residuals with standard deviations, robustly: a normal distribution's third quarter is at 0.6745."""
-    white = np.abs(found.linearised.residuals[: 2 * len(field.photos)])
+    rows = 2 * len(field.photos)
+    white = np.abs(found.linearised.residuals[:rows][found.weights[:rows] > 0.0])
     share = max(found.redundancy / max(found.used, 1), 1e-6)
     return max(float(np.median(white)) / 0.6745 / float(np.sqrt(share)), 1e-6)
 
 
-def _search(field: TargetField, network: Network, found: Estimate, chosen: CalibrationOptions) -> Search:
+def _cleaned_factor(field: TargetField, cleaned: Cleaned, alpha: float) -> float:
+    """Compare residuals with standard deviations where those beyond the limit of the tests are missing (MATH 4.7)."""
+    rows = np.arange(2 * len(field.photos))
+    weights = cleaned.estimate.weights[rows]
+    omega = float(weights @ np.square(cleaned.estimate.linearised.residuals[rows]))
+    redundancy = float(cleaned.tests.redundancy[rows][weights > 0.0].sum())
+    limit = chi2_isf(alpha, 2)
+    # the mean of a chi squared of two degrees below the limit of its tests
+    kept = (1.0 - chi2_sf(limit, 4)) / (1.0 - alpha)
+    return float(np.sqrt(omega / (kept * redundancy))) if redundancy >= LEAST_REDUNDANCY and omega > 0.0 else 1.0
+
+
+def _search(field: TargetField, network: Network, found: Estimate, chosen: CalibrationOptions, used: Flags) -> Search:
     blocks = len(network.sizes)
     fictitious = np.zeros(blocks, dtype=bool)
     fictitious[len(field.photos) + int((field.known & ~field.held).sum()) :] = True
@@ -185,7 +282,7 @@ def _search(field: TargetField, network: Network, found: Estimate, chosen: Calib
         screening_m=None, robust=False, snooping=True, alpha=chosen.alpha, power=chosen.power,
         max_removed_share=chosen.max_removed_share, max_iterations=MAX_ITERATIONS,
     )  # fmt: skip
-    return Search(network, found.state, np.zeros(blocks, dtype=np.int64), fictitious, options)
+    return Search(network, found.state, np.zeros(blocks, dtype=np.int64), fictitious, options, used=used)
 
 
 def _require_determined(field: TargetField, network: Network, found: Estimate) -> None:

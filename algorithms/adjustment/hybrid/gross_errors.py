@@ -20,6 +20,8 @@ FASTEST_NARROWING = 0.7
 MOST_ROUNDS = 30
 """Of variance components."""
 MOST_ROBUST_ROUNDS = 200
+MOST_TURNS = 5
+"""Of variance components and single tests."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ class Search:
         self.rows_are_many = len(network.block_of_row) > ONE_AT_A_TIME
 
     def run(self) -> Cleaned:
-        """Do the steps in Haring's order: screening, robust weights, tests, variance components, tests once more."""
+        """Do the steps in Haring's order: screening, robust weights, tests, variance components and tests by turns."""
         options = self.options
         if options.robust:
             self._robust()
@@ -150,9 +152,14 @@ class Search:
             self._snoop()
         if options.variance_components:
             self.progress.report(0.7, "estimating variance components")
-            components = self._components()
-            if options.snooping:
-                self._snoop()
+            before = np.zeros_like(self.used)
+            for _ in range(MOST_TURNS):  # what is left out tells the components, and they tell what is left out
+                if (before == self.used).all():
+                    break
+                before = self.used.copy()
+                components = self._components()
+                if options.snooping:
+                    self._snoop()
         self.progress.report(0.9, "last adjustment")
         found = self._adjusted(rough=False)
         return Cleaned(

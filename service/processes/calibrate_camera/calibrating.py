@@ -62,7 +62,7 @@ def calibration_document(done: Calibration, inputs: Json, remarks: list[str]) ->
     squares = np.sum(np.square(done.residuals[done.used]), axis=1)
     camera, exports = camera_document(done)
     coverage, halves = coverage_document(done, alpha), halves_document(done)
-    remarks = [*remarks, *_remarks(coverage.empty, halves.verdict, exports)]
+    remarks = [*remarks, *_remarks(done, coverage.empty, halves.verdict, exports)]
     return CalibrationDocument(
         model=inputs["camera"]["model"], observations=found.used, unknowns=done.network.layout.count,
         redundancy=found.redundancy, sigma0=found.sigma0, rms_px=float(np.sqrt(squares.mean())),
@@ -80,8 +80,10 @@ def calibration_document(done: Calibration, inputs: Json, remarks: list[str]) ->
     )  # fmt: skip
 
 
-def _remarks(empty: list[str], verdict: str | None, exports: list[CameraExport]) -> list[str]:
-    remarks = []
+def _remarks(done: Calibration, empty: list[str], verdict: str | None, exports: list[CameraExport]) -> list[str]:
+    remarks = [f"{copy} shows what {first} shows; it was counted once" for copy, first in done.repeated]
+    if done.turned:
+        remarks.append(f"turned by 180° to fit the camera of the other photos: {', '.join(done.turned)}")
     if empty:
         remarks.append(f"no targets were seen at: {', '.join(empty)}; there the distortion is extrapolated")
     if verdict == "differ":

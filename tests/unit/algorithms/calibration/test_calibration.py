@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 from algorithms.arrays import Array
 from algorithms.calibration.comparison import Halves, compare_halves, compare_with_earlier
 from algorithms.calibration.lenses import LENSES
+from algorithms.calibration.one_camera import with_turned
 from algorithms.calibration.projection import differences, format_grid, projection_map
 from algorithms.calibration.solution import Calibration, CalibrationOptions, calibrate
 from algorithms.calibration.structure import require_structure
 from algorithms.calibration.target_field import HeadMount, TargetField
-from algorithms.errors import DegenerateGeometryError
+from algorithms.errors import DegenerateGeometryError, InvalidInputError
 
 WIDTH, HEIGHT = 1280, 960
 NOISE_PX = 0.1
@@ -35,16 +36,25 @@ def _field(targets: Array, photos: Array, points: Array, images: Array, **others
     return replace(field, **others)
 
 
-def board_rig(tilt_rad: float, photos: int = 6, noise_px: float = NOISE_PX) -> TargetField:
+def board_rig(
+    tilt_rad: float,
+    photos: int = 6,
+    noise_px: float = NOISE_PX,
+    *,
+    seed: int = 4,
+    noise_seed: int | None = None,
+    cameras: dict[int, Array] | None = None,
+) -> TargetField:
     """Photos of a flat board, each turned about its normal and tilted by up to an angle about either axis."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     board = np.array([[0.05 * j, 0.05 * i, 0.0] for i in range(5) for j in range(7)]) - [0.15, 0.1, 0.0]
     images = []
     for k in range(photos):
         turn = Rotation.from_euler("ZXY", [1.5 * k, *(tilt_rad * rng.uniform(-1.0, 1.0, 2))]).as_matrix()
         place = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.35, 0.5)])
-        images.append(LENS.image(board @ turn.T + place, TRUTH))
-    images = np.concatenate(images) + noise_px * rng.normal(size=(photos * len(board), 2))
+        images.append(LENS.image(board @ turn.T + place, (cameras or {}).get(k, TRUTH)))
+    noise = rng if noise_seed is None else np.random.default_rng(noise_seed)
+    images = np.concatenate(images) + noise_px * noise.normal(size=(photos * len(board), 2))
     return _field(board, np.repeat(np.arange(photos), len(board)), np.tile(np.arange(len(board)), photos), images)
 
 
@@ -148,6 +158,62 @@ def test_a_gross_error_is_left_out() -> None:
     images[17, 0] += 3.0
     found = calibrate(replace(field, images=images))
     assert np.flatnonzero(~found.used).tolist() == [17]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.15])
+def test_gross_errors_change_neither_the_noise_nor_the_trust_in_the_camera(share: float) -> None:
+    scales, statistics = [], []
+    for seed in range(4):
+        field, rng = board_rig(0.6, photos=8, seed=seed), np.random.default_rng(seed)
+        wrong = rng.random(len(field.images)) < share
+        images = field.images + wrong[:, None] * rng.uniform(-30.0, 30.0, field.images.shape)
+        found = calibrate(replace(field, images=images, image_stds=5.0 * field.image_stds))
+        errors = found.parameters[UNKNOWN] - TRUTH[UNKNOWN]
+        scales.append(float(np.median(found.field.image_stds)))
+        statistics.append(float(errors @ np.linalg.solve(found.covariance, errors)))
+    assert abs(np.mean(scales) / NOISE_PX - 1.0) < 0.05
+    assert 8.2 < sum(statistics) < 37.6  # chi-square of 20, two of a hundred
+
+
+def test_a_photo_that_is_given_twice_counts_once() -> None:
+    field = board_rig(0.6, photos=6)
+    copied = np.random.default_rng(1).normal(scale=0.1 * NOISE_PX, size=field.images.shape)  # compressed once more
+    twice = replace(
+        field, photo_names=[*field.photo_names, *(f"copy of {name}" for name in field.photo_names)],
+        photos=np.concatenate([field.photos, field.photos + 6]), points=np.tile(field.points, 2),
+        images=np.concatenate([field.images, field.images + copied]), image_stds=np.tile(field.image_stds, (2, 1)),
+    )  # fmt: skip
+    once, found = calibrate(field), calibrate(twice)
+    assert found.repeated == [(f"copy of {name}", name) for name in field.photo_names]
+    np.testing.assert_array_equal(found.covariance, once.covariance)
+
+
+def test_photos_of_one_place_with_noise_of_their_own_all_count() -> None:
+    first, second = board_rig(0.6, photos=6), board_rig(0.6, photos=6, noise_seed=9)
+    both = replace(
+        first, photo_names=[f"P{k}" for k in range(12)], photos=np.concatenate([first.photos, second.photos + 6]),
+        points=np.tile(first.points, 2), images=np.concatenate([first.images, second.images]),
+        image_stds=np.tile(first.image_stds, (2, 1)),
+    )  # fmt: skip
+    assert not calibrate(both).repeated
+
+
+@pytest.mark.parametrize("others", [[1], [1, 4, 6], [0, 2, 3, 5, 7]])
+def test_photos_with_another_zoom_are_named(others: list[int]) -> None:
+    zoomed = TRUTH * np.where(np.array(LENS.names) == "f", 1.08, 1.0)
+    field = board_rig(0.6, photos=8, cameras=dict.fromkeys(others, zoomed))
+    names = ", ".join(f"P{k}" for k in others)
+    with pytest.raises(InvalidInputError, match=f"2 principal distances.*10[78][0-9][.0-9]* px: {names}"):
+        calibrate(field)
+
+
+@pytest.mark.parametrize("turned", [[2], [1, 3, 6], [4, 5, 6, 7]])
+def test_photos_that_were_turned_are_turned_back_and_named(turned: list[int]) -> None:
+    field = with_turned(board_rig(0.6, photos=8), turned)
+    found = calibrate(field)
+    assert found.turned == [f"P{k}" for k in turned]
+    errors = found.parameters[UNKNOWN] - TRUTH[UNKNOWN]
+    assert errors @ np.linalg.solve(found.covariance, errors) < 20.5
 
 
 def test_the_projection_is_surest_where_targets_were_seen(tilted: Calibration) -> None:
