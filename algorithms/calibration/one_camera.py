@@ -27,12 +27,15 @@ exposures would make it 1.4, and what both have in common tells nothing twice.""
 LEAST_COMMON = 4
 LEAST_KNOWN = 6
 """A photo tells its principal distance from so many known targets."""
-ALPHA = 1e-6
+ALPHA, ALPHA_OF_ONE = 1e-6, 1e-4
+"""Probabilities that photos of one camera are told apart, and that a photo that is not turned is named among others."""
 ZOOMED_SHARE = 0.01
 """Principal distances that differ by less are no matter of zoom: focusing and the lens model do that."""
 UNSURE_SHARES = (0.006, 0.002)
 """Standard deviation of a photo's own principal distance for the rest of the camera, as a share: of all photos, then of
 one group."""
+LARGEST_STD = 0.02
+"""A photo whose own principal distance is less sure, as a share of it, belongs to no group."""
 CLEARER = 0.5
 """Residuals fall to this share where photos of several cameras are told apart."""
 TURNS_SIGN = ("p1", "p2", "P1", "P2")
@@ -168,7 +171,8 @@ def _alone(field: TargetField, photo: int, parameters: Array, *, held: bool = Fa
     distance, std = float(lens(found.x)[0]), 0.0
     if not held:
         variance = 2.0 * found.cost / max(len(found.fun) - count, 1)
-        std = distance * float(np.sqrt(variance) / abs(np.linalg.qr(found.jac, mode="r")[-1, -1]))
+        upper = np.asarray(np.linalg.qr(np.asarray(found.jac, dtype=np.float64)).R)
+        std = distance * float(np.sqrt(variance) / max(abs(float(upper[-1, -1])), 1e-300))
     lengths = np.linalg.norm(found.fun.reshape(-1, 2), axis=1)
     return _Alone(distance, std, float(np.median(lengths)))
 
@@ -178,6 +182,8 @@ def _distances(field: TargetField, photos: Indices, parameters: Array, share: fl
     for photo in photos.tolist():
         with suppress(InvalidInputError):
             found = _alone(field, photo, parameters)
+            if found.std > LARGEST_STD * found.distance:  # seen from the front, a board tells none
+                continue
             rows.append((found.distance, photo, float(np.hypot(found.std, share * found.distance))))
     values, numbers, stds = (np.array(each) for each in zip(*sorted(rows), strict=True)) if rows else (np.zeros(0),) * 3
     return _Distances(numbers.astype(np.int64), values, stds)
@@ -276,9 +282,10 @@ def turned_photos(field: TargetField, network: Network, found: Estimate) -> list
     choices = 2.0 * np.log(2.0) * len(turned)
     if not unturned - least > spread * (chi2_isf(ALPHA, 1) + choices):
         return []
+    told = np.array([each - least for each in tried]) > spread * chi2_isf(ALPHA_OF_ONE, 1)
     if 2 * turned.sum() > len(turned) or (2 * turned.sum() == len(turned) and turned[0]):
         turned = ~turned
-    return np.flatnonzero(turned).tolist()
+    return np.flatnonzero(turned & told).tolist()
 
 
 def _by_photo(field: TargetField, network: Network, found: Estimate, free: Indices) -> tuple[Array, Array, Array]:

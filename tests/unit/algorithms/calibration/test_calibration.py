@@ -44,13 +44,16 @@ def board_rig(
     seed: int = 4,
     noise_seed: int | None = None,
     cameras: dict[int, Array] | None = None,
+    tilts: dict[int, float] | None = None,
 ) -> TargetField:
     """Photos of a flat board, each turned about its normal and tilted by up to an angle about either axis."""
     rng = np.random.default_rng(seed)
     board = np.array([[0.05 * j, 0.05 * i, 0.0] for i in range(5) for j in range(7)]) - [0.15, 0.1, 0.0]
     images = []
     for k in range(photos):
-        turn = Rotation.from_euler("ZXY", [1.5 * k, *(tilt_rad * rng.uniform(-1.0, 1.0, 2))]).as_matrix()
+        turn = Rotation.from_euler(
+            "ZXY", [1.5 * k, *((tilts or {}).get(k, tilt_rad) * rng.uniform(-1.0, 1.0, 2))]
+        ).as_matrix()
         place = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.35, 0.5)])
         images.append(LENS.image(board @ turn.T + place, (cameras or {}).get(k, TRUTH)))
     noise = rng if noise_seed is None else np.random.default_rng(noise_seed)
@@ -214,6 +217,15 @@ def test_photos_that_were_turned_are_turned_back_and_named(turned: list[int]) ->
     assert found.turned == [f"P{k}" for k in turned]
     errors = found.parameters[UNKNOWN] - TRUTH[UNKNOWN]
     assert errors @ np.linalg.solve(found.covariance, errors) < 20.5
+
+
+def test_a_photo_that_tells_neither_zoom_nor_turn_is_not_named() -> None:
+    frontal = {1: 0.001}
+    zoomed = TRUTH * np.where(np.array(LENS.names) == "f", 1.08, 1.0)
+    with pytest.raises(InvalidInputError) as refused:
+        calibrate(board_rig(0.6, photos=8, tilts=frontal, cameras=dict.fromkeys([2, 5], zoomed)))
+    assert "px: P2, P5)" in str(refused.value)
+    assert calibrate(with_turned(board_rig(0.6, photos=8, tilts=frontal), [3, 6])).turned == ["P3", "P6"]
 
 
 def test_the_projection_is_surest_where_targets_were_seen(tilted: Calibration) -> None:
