@@ -43,7 +43,7 @@ def started(home: Path) -> subprocess.Popen[bytes]:
     with (home / "log").open("ab") as log:
         return subprocess.Popen(
             [sys.executable, "-m", "service", "serve", "--port", "0", "--data-dir", str(home / "data")],
-            env={**os.environ, "TMPDIR": str(home), "TIELINE_API_PROCESSES": "2", "TIELINE_WORKERS": "2"},
+            env={**os.environ, "TMPDIR": str(home), "TIELINE_API_PROCESSES": "2"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=log,
