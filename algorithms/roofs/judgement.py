@@ -169,8 +169,9 @@ def _beside_m3(
     high = near[:, 2] >= model.ground_m + options.least_height_m
     out, empty = near[high & ~inside, 2] - model.ground_m, int(np.sum(~high & inside))
     level = float(np.median(near[high, 2])) - model.ground_m if high.any() else 0.0
-    # the ground within the rim is missing already in the mean of the heights over the plan
-    return float(np.sum(out)) / density, level * float(np.sqrt(len(out) + empty)) / density
+    # the ground within the rim is missing already in the mean of the heights over the plan; where points tell a side
+    # without contradiction, it lies between the last within and the first beyond
+    return float(np.sum(out)) / density, level * float(np.sqrt(len(out) + empty + len(outline))) / density
 
 
 def _places(outline: Array, step_m: float) -> Array:

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, label
 from scipy.spatial import cKDTree
 
-from algorithms.arrays import Array, Points
+from algorithms.arrays import Array, Flags, Points
 from algorithms.errors import InvalidInputError
 from algorithms.progress import NoProgress
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.partition import area_of
-from algorithms.roofs.planes import small_planes
+from algorithms.roofs.planes import noise_of, small_planes
 from algorithms.roofs.surroundings import share_above
 from algorithms.terrain.cell_heights import cells_over, heights_on
 from algorithms.terrain.filters.opening import opened_terrain
@@ -30,6 +30,10 @@ LEAST_RIM = 0.5
 CORNER_CELLS = 1.5
 """Corners of a rim count that lie so many cells off the line of the others."""
 LEAST_SIDE_CELLS = 2.0
+RIM_CELLS, AROUND_CELLS = 2, 4
+"""High points so near to local planes are of the roof; points so near are looked at for its sides."""
+TURNS_DEG = (8.0, 1.0), (1.0, 0.1)
+"""Within so much of the first direction, in such steps, the one whose sides part high points best is sought."""
 REACH_CELLS = 2.0
 """A side is moved at most so many cells."""
 OUTERMOST = 0.98
@@ -66,7 +70,7 @@ def found_outlines(
     terrain = opened_terrain(points, grid, 0.5 * LARGEST_BUILDING_M, STEEPEST_GROUND, NoProgress())
     above = points[:, 2] - heights_on(terrain, grid, points)
     high = above > options.least_height_m
-    _, plane = small_planes(points, options)
+    _, plane = small_planes(points, options, noise_of(points[high], options))
     size = grid.rows * grid.columns
     counts = np.bincount(flat, minlength=size)
     roofs = np.bincount(flat, high & plane, minlength=size) >= PLANE_SHARE * np.maximum(counts, 1)
@@ -77,8 +81,12 @@ def found_outlines(
     found: list[tuple[Array, float]] = []
     for number in range(1, count + 1):
         part = (parts == number).ravel()
-        wide = binary_dilation(part.reshape(grid.shape), np.ones((3, 3), dtype=np.bool_)).ravel()[flat] & high
-        outline = _outline(points[wide, :2], cell)
+        wide = (
+            binary_dilation(part.reshape(grid.shape), np.ones((2 * RIM_CELLS + 1,) * 2, dtype=np.bool_)).ravel()[flat]
+            & high
+        )
+        around = binary_dilation(part.reshape(grid.shape), iterations=AROUND_CELLS).ravel()[flat]
+        outline = _outline(points[wide, :2], points[around, :2], high[around], cell)
         if outline is None or abs(area_of(outline)) < least_area_m2:
             continue
         share = share_above(points, outline, options.least_height_m)
@@ -91,8 +99,18 @@ def found_outlines(
     return [outline for outline, _ in found], [ground for _, ground in found]
 
 
-def _outline(places: Array, cell_m: float) -> Array | None:
-    """Give the squared outline of the places (n, 2) of one building [m]; None where nothing square is left."""
+def _outline(places: Array, around: Array, high: Flags, cell_m: float) -> Array | None:
+    """Give the squared outline of one building [m]; None where nothing square is left.
+
+    Parameters
+    ----------
+    places
+        (n, 2) points of it [m].
+    around, high
+        (m, 2) all points there and beside, and which are above the ground.
+    cell_m
+        Size of cells [m].
+    """
     import cv2
 
     (_, _), (_, _), degrees = cv2.minAreaRect(places.astype(np.float32))
@@ -113,12 +131,26 @@ def _outline(places: Array, cell_m: float) -> Array | None:
         return None
     corners = corners if area_of(corners) > 0.0 else corners[::-1]
     squared = _squared(corners, np.hypot(*(np.roll(corners, -1, axis=0) - corners).T))
-    return None if squared is None else np.asarray(_fitted(squared * cell_m + low, turned, cell_m) @ turn.T)
+    if squared is None:
+        return None
+    squared = squared * cell_m + low
+    middle = squared.mean(axis=0)
+    seen = around @ turn - middle
+    fitted, _ = _fitted(squared - middle, seen, high, cell_m)
+    more = np.eye(2)
+    for reach, step in TURNS_DEG:
+        angles = np.radians(np.arange(-reach, reach + 0.5 * step, step))
+        turns = [more @ np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in angles]
+        parted = np.array([_fitted(fitted, seen @ each, high, cell_m)[1] for each in turns])
+        best = np.flatnonzero(parted == parted.max())
+        more = turns[int(best[len(best) // 2])]
+    fitted, _ = _fitted(fitted, seen @ more, high, cell_m)
+    return np.asarray((fitted @ more.T + middle) @ turn.T)
 
 
-def _fitted(corners: Array, places: Array, cell_m: float) -> Array:
-    """Move each side of a right-angled outline to the outermost places beside it."""
-    moved = corners.copy()
+def _fitted(corners: Array, places: Array, high: Flags, cell_m: float) -> tuple[Array, float]:
+    """Move each side of a right-angled outline to where it parts high points from the others best; how well it does."""
+    moved, parted = corners.copy(), 0.0
     for k in range(len(corners)):
         start, end = corners[k], corners[(k + 1) % len(corners)]
         along = int(abs(end[0] - start[0]) < abs(end[1] - start[1]))
@@ -129,12 +161,20 @@ def _fitted(corners: Array, places: Array, cell_m: float) -> Array:
         beside = (places[:, along] > min(start[along], end[along])) & (places[:, along] < max(start[along], end[along]))
         reach = REACH_CELLS * cell_m
         beside &= np.abs(apart) < reach
-        if beside.any():
-            # evenly spread from the reach inside to the side, the quantile lies by its rest before it
+        if not high[beside].any():
+            continue
+        if high[beside].all():  # no ground was seen: evenly spread, the outermost lies by its rest before the side
             side = (float(np.quantile(apart[beside], OUTERMOST)) + reach) / OUTERMOST - reach
-            place = start[across] + outward * side
-            moved[k, across] = moved[(k + 1) % len(corners), across] = place
-    return moved
+        else:
+            order = np.argsort(apart[beside])
+            ways = apart[beside][order]
+            inside = np.append(0, np.cumsum(np.where(high[beside][order], 1, -1)))
+            best = np.flatnonzero(inside == inside.max())
+            parted += float(inside.max() - inside[-1])
+            cut = best[len(best) // 2]
+            side = 0.5 * float(ways[max(cut - 1, 0)] + ways[min(cut, len(ways) - 1)])
+        moved[k, across] = moved[(k + 1) % len(corners), across] = start[across] + outward * side
+    return moved, parted
 
 
 def _squared(corners: Array, lengths: Array) -> Array | None:

@@ -184,6 +184,8 @@ def noise_of(points: Points, options: RoofOptions) -> HeightNoise:
     options
         The neighbourhood.
     """
+    if len(points) <= LEAST_NEIGHBOURS:
+        return HeightNoise(options.noise_m, 0.0, options.noise_m)
     parameters, rms, count = _small_fits(points, options, STEADY)
     slope2 = np.sum(parameters[:, :2] ** 2, axis=1)
     told = (count >= 2 * LEAST_NEIGHBOURS) & (slope2 <= np.tan(np.radians(options.steepest_deg)) ** 2)

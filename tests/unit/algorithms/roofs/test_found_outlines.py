@@ -10,6 +10,7 @@ from algorithms.roofs.building import modelled_building
 from algorithms.roofs.options import RoofOptions
 from algorithms.roofs.outlines import found_outlines
 from algorithms.roofs.partition import area_of
+from tests.scenes.roof_kinds import KINDS, flown
 from tests.scenes.simulated_terrain import hills_with_houses
 from tests.unit.algorithms.roofs.test_buildings import ELL, RECTANGLE, Height, ell, hip, scanned
 
@@ -35,6 +36,15 @@ def test_the_outline_of_a_house_covers_its_plan_to_nine_tenths(outline: Array, h
     assert len(found) == len(plan)
     assert overlap(found, plan) > 0.9
     assert grounds[0] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("noise_m", [(0.02, 0.01), (0.1, 0.05)], ids=["fine", "coarse"])
+@pytest.mark.parametrize("name", ["gable", "mansard", "parapet"])
+def test_the_area_of_a_found_plan_is_right_whatever_the_noise(name: str, noise_m: tuple[float, float]) -> None:
+    kind = KINDS[name]
+    (found, *_), _ = found_outlines(flown(kind, 0, 6.0, noise_m), RoofOptions(), 20.0)
+    assert abs(area_of(found)) == pytest.approx(area_of(kind.outline), rel=0.03)
+    assert overlap(found, kind.outline) > 0.94
 
 
 def on_ground(height: Height, seed: int = 3) -> Array:
