@@ -1,5 +1,6 @@
 """The step of `adjust-strips`: read, tie, adjust, compare, describe, write."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,9 +28,12 @@ from service.processes.adjust_strips.pictures import pictures_of
 from service.processes.adjust_strips.tiles import DividedStrip, divided
 from service.use_cases.limits.read_limits import read_limits
 from service.use_cases.steps.output_files import artifact, output_file
+from service.use_cases.steps.registered_calls import distinct_stems
 
 READ, ADJUSTED, COMPARED = 0.2, 0.65, 0.8
 LAZ = "application/vnd.laszip"
+OF_DOWNLOADS = re.compile(r"\w[\w .()+-]*")
+"""Names that downloads may have, as those of stations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +197,11 @@ def _compared(
     return before, discrepancies(moved, cell)
 
 
+def file_stems(names: Sequence[str]) -> Sequence[str]:
+    """Return what the files of strips are called: as the strips, unless one is called as no download can be."""
+    return names if all(map(OF_DOWNLOADS.fullmatch, names)) else distinct_stems(names)
+
+
 def _corrected(
     context: StepContext, arguments: Json, given: ReadStrips, corrections: Sequence[Correction]
 ) -> list[Artifact] | None:
@@ -201,6 +210,7 @@ def _corrected(
         return None
     files: list[Artifact] = []
     limits: ReadLimits = read_limits(context)
+    stems = file_stems([file["name"] for file in arguments["strips"]])
     for number, file in enumerate(arguments["strips"]):
         share = number / len(arguments["strips"])
         context.progress.report(COMPARED + (1.0 - COMPARED) * share, f"writing {file['name']}")
@@ -215,7 +225,7 @@ def _corrected(
                 corrected[own] = corrections[strip].applied(reduced, time) + given.origin_m
             return corrected
 
-        filename = f"{file['name']}-corrected.laz"
+        filename = f"{stems[number]}-corrected.laz"
         with output_file(context, arguments["job_id"], filename, source.size) as path:
             write_corrected(source, limits, path, moved)
         files.append(artifact(context, arguments["job_id"], filename, LAZ))

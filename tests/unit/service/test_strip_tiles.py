@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from algorithms.errors import InvalidInputError
+from service.adapters.files.local_files import checked_key
 from service.formats.strips import StripRecords
+from service.processes.adjust_strips.adjusting import file_stems
 from service.processes.adjust_strips.tiles import divided
 
 
@@ -62,3 +64,10 @@ def test_a_sliver_is_left_out_and_named() -> None:
 def test_more_sources_than_strips_may_be_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="make 301 strips"):
         divided([tile(*((k, 100, 10.0 * k) for k in range(301)))], ["a"], [False])
+
+
+def test_files_of_strips_are_called_as_these_unless_no_download_can_be() -> None:
+    assert file_stems(["Flug 1 (Nord)", "Küche"]) == ["Flug 1 (Nord)", "Küche"]
+    hostile = file_stems(["=1+1", "'=1+1", "Flug 1, Nord", "-", "A&B"])
+    assert len(set(hostile)) == 5
+    assert [checked_key(f"jobs/1/artifacts/{stem}-corrected.laz") for stem in hostile]
