@@ -430,8 +430,10 @@ def _conclusion(told: Told, patches: PatchFigures, datum: Sequence[BlockMotion])
         words += f"; not determined for the whole block: {', '.join(open_ones)}"
     else:
         words += "; control determines place and attitude of the block"
-    if any(strip.trajectory is None for strip in told.strips):
+    if told.adjusted.block.with_mount:
         words += "; without trajectories a bore-sight is estimated only as shifts and turns that strips have in common"
+    elif any(strip.trajectory is None for strip in told.strips):
+        words += "; without trajectories standard deviations hold only where there is no bore-sight"
     if told.adjusted.along.significant or told.adjusted.across.significant:
         words += "; residuals are correlated: the corrections do not follow all errors of the strips"
     return words
