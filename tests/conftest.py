@@ -34,10 +34,7 @@ LONG_FIRST = ("integration", "e2e", "property", "reference")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes long; within a room the order stays. Mark what open3d computes."""
-    for item in items:
-        if _of_open3d(item):
-            item.add_marker("open3d")
+    """Begin with what takes long; within a room the order stays."""
 
     def place(item: pytest.Item) -> int:
         room = item.path.relative_to(ROOT / "tests").parts[0]
@@ -58,17 +55,13 @@ def pytest_runtest_call(item: pytest.Item) -> object:
     return (yield from _by_open3d(item))
 
 
-def _of_open3d(item: pytest.Item) -> bool:
-    return any(item.path.is_relative_to(ROOT / "tests" / place) for place in BY_OPEN3D)
-
-
 def _by_open3d(item: pytest.Item) -> Iterator[None]:
     from algorithms.errors import MissingLibraryError
 
     try:
         result = yield
     except MissingLibraryError as missing:
-        if not _of_open3d(item):
+        if not any(item.path.is_relative_to(ROOT / "tests" / place) for place in BY_OPEN3D):
             raise
         pytest.skip(str(missing))
     return result
