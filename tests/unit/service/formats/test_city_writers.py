@@ -40,7 +40,11 @@ def test_city_json_is_a_solid_whose_surfaces_say_what_they_are(tmp_path: Path, b
         surfaces = [BuildingSurface("", [np.array(ring) for ring in face], None) for face in shell]
         mesh = triangulated(vertices, surfaces)
         assert condition_of(mesh).is_closed
-        assert enclosed_volume(mesh) == pytest.approx(building.model.volume_m3, rel=1e-4)
+        # rounding moves no corner, and so no place of a face, by more than half a unit along each axis
+        corners = mesh.vertices[mesh.triangles]
+        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        most = areas.sum() * 0.5 * float(np.linalg.norm(place["scale"]))
+        assert enclosed_volume(mesh) == pytest.approx(building.model.volume_m3, abs=most)
 
 
 def test_obj_has_the_same_body(tmp_path: Path, building: NamedBuilding) -> None:
