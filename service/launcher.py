@@ -222,7 +222,7 @@ def _run_api(descriptor: int, app: str) -> None:
 
 
 def _reserve_counts() -> None:
-    """Give the counts of requests their blocks on the disk.
+    """Reserve for the counts of requests their blocks on the disk.
 
     They are in files that are mapped into memory: a process that writes to one for which the disk has no block is
     killed. Where there are none now, this process counts for itself.

@@ -125,7 +125,7 @@ def _tolerance(check: Document | None) -> str:
 
 
 def _agreement(pair: Document, figures: PairFigures) -> Iterator[str]:
-    """Tell how well surfaces and lines of a pair agree."""
+    """Describe how well surfaces and lines of a pair agree."""
     for names in (OF_PAIR, OF_LINES):
         if known := _known(figures, names):
             yield "; ".join(f"{label}: {text}" for label, text in known)

@@ -178,7 +178,7 @@ class Settings(BaseSettings):
 
     @property
     def gives_steps(self) -> bool:
-        """Tell whether workers are given their steps."""
+        """Check whether workers are given their steps."""
         return self.queue == "procrastinate" and not self.embedded_database
 
     @property

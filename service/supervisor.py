@@ -129,7 +129,7 @@ def _stop_all(processes: Sequence[subprocess.Popen[bytes]]) -> None:
 
 
 def _is_stopped(pid: int) -> bool:
-    """Tell whether a child is stopped, as by SIGSTOP; where the system does not say so, it is not."""
+    """Check whether a child is stopped, as by SIGSTOP; where the system does not say so, it is not."""
     if not hasattr(os, "waitid"):
         return False
     try:

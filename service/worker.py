@@ -131,7 +131,7 @@ def _work(settings: Settings, signals: SignalPipe, slot: str, *, steps: str, pla
 
 
 def source_of(settings: Settings, database: sa.Engine, steps: DatabaseSteps) -> StepSource:
-    """Give what brings a worker its steps."""
+    """Return what brings a worker its steps."""
     if settings.gives_steps:
         from service.adapters.procrastinate.worker import GivenSteps
 

@@ -25,6 +25,7 @@ SAME_IN_STD = 0.3
 """Photos whose image points differ by less than this share of their standard deviation are one photo: the noise of two
 exposures would make it 1.4, and what both have in common tells nothing twice."""
 LEAST_COMMON = 4
+"""So many targets two photos show before one can be a copy."""
 LEAST_KNOWN = 6
 """A photo tells its principal distance from so many known targets."""
 ALPHA, ALPHA_OF_ONE = 1e-6, 1e-4
@@ -39,7 +40,9 @@ LARGEST_STD = 0.02
 CLEARER = 0.5
 """Residuals fall to this share where photos of several cameras are told apart."""
 TURNS_SIGN = ("p1", "p2", "P1", "P2")
+"""Parameters of lenses that change their sign when the photo is turned by 180°."""
 ITERATIONS = 60
+"""Limit of rounds in each adjustment."""
 
 
 def repeated_photos(field: TargetField, factor: float) -> list[tuple[int, int]]:
@@ -220,7 +223,7 @@ def _camera_of(field: TargetField, otherwise: Array) -> Array:
 
 
 def _misfit(field: TargetField, found: Estimate) -> float:
-    """Give the median length of whitened residuals, photo by photo, in the mean [1]."""
+    """Return the median length of whitened residuals, photo by photo, in the mean [1]."""
     white = np.square(found.linearised.residuals[: 2 * len(field.photos)].reshape(-1, 2)).sum(axis=1)
     medians = [np.median(white[field.photos == photo]) for photo in np.unique(field.photos)]
     return float(np.sqrt(np.mean(medians)))
@@ -230,7 +233,8 @@ def turned_photos(field: TargetField, network: Network, found: Estimate) -> list
     """Find photos that fit the camera of the others when they are turned by 180°, O(photos²).
 
     Each photo's normal equations of the camera, its pose eliminated, are those of the turned camera after a linear
-    substitution; so any choice of turned photos costs one small solution. At most half of the photos are named.
+    substitution; so any choice of turned photos costs one small solution. At most half of the photos are named. Where
+    targets are estimated too, no photo stands by itself, and none is looked at.
 
     Parameters
     ----------
@@ -239,7 +243,7 @@ def turned_photos(field: TargetField, network: Network, found: Estimate) -> list
     network, found
         Adjustment of all.
     """
-    if field.mount is not None or not field.unknown[1:3].any():
+    if field.mount is not None or not field.unknown[1:3].any() or not field.held[field.points].all():
         return []
     k = len(field.lens.names)
     free = np.flatnonzero(field.unknown)
@@ -289,12 +293,14 @@ def turned_photos(field: TargetField, network: Network, found: Estimate) -> list
 
 
 def _by_photo(field: TargetField, network: Network, found: Estimate, free: Indices) -> tuple[Array, Array, Array]:
-    """Give normals (photos, q, q) and right sides (photos, q) without poses, and scales of the unknowns (q,)."""
-    jacobian = found.linearised.jacobian[: 2 * len(field.photos)]
+    """Return normals (photos, q, q) and right sides (photos, q) without poses, and scales of the unknowns (q,)."""
+    many = 2 * len(field.photos)
+    roots = np.sqrt(found.weights[:many])  # what was left out of the adjustment pulls nothing
+    jacobian = found.linearised.jacobian[:many].multiply(roots[:, None]).tocsr()
     columns = network.layout.columns
     by_camera = jacobian[:, columns[Kind.CAMERA][0, free]].toarray()
     scales = 1.0 / np.linalg.norm(by_camera, axis=0)
-    system = np.column_stack([scales * by_camera, -found.linearised.residuals[: 2 * len(field.photos)]])
+    system = np.column_stack([scales * by_camera, -roots * found.linearised.residuals[:many]])
     normals = np.empty((len(field.photo_names), len(free) + 1, len(free)))
     for photo, poses in enumerate(columns[Kind.POSE]):
         rows = np.repeat(field.photos == photo, 2)

@@ -72,7 +72,7 @@ class BuildingModel:
 
 
 def ground_height_m(points: Points, outline: Array) -> tuple[float, float]:
-    """Give the height of the ground about a plan: the level about which low smoothed points beside it gather.
+    """Return the height of the ground about a plan: the level about which low smoothed points beside it gather.
 
     Of raw heights a low quantile lies below level ground by their noise. From it the level climbs to where as many
     smoothed heights lie above as below, within their noise: to the middle of level ground, hardly at all on slopes.

@@ -144,7 +144,7 @@ def _planes_at(faces: Faces) -> Mapping[int, set[int]]:
 def _groups(
     corner: Array, those: set[int], planes: Sequence[RoofPlane], joined_m: float
 ) -> Sequence[Sequence[tuple[float, int]]]:
-    """Give the planes at a corner that meet in it, each with its height, upward."""
+    """Return the planes at a corner that meet in it, each with its height, upward."""
     heights = sorted((float(planes[k].heights(corner[None])[0]), k) for k in those)
     groups: list[list[tuple[float, int]]] = []
     for each in heights:
@@ -158,7 +158,7 @@ def _groups(
 def heights_at(
     corners: Array, faces: Faces, planes: Sequence[RoofPlane], joined_m: float
 ) -> Mapping[tuple[int, int], float]:
-    """Give the height of each face's plane at each of its corners, one where planes meet; by corner and plane [m]."""
+    """Return the height of each face's plane at each of its corners, one where planes meet; by corner and plane [m]."""
     heights = {}
     for corner, those in _planes_at(faces).items():
         for group in _groups(corners[corner], those, planes, joined_m):
@@ -207,7 +207,7 @@ class _Borders:
         return min(one, other), max(one, other)
 
     def meets(self, start: int, end: int) -> bool:
-        """Tell whether the planes of a side meet along it."""
+        """Check whether the planes of a side meet along it."""
         one, other = self.pair(start, end)
         if one == RIM:
             return False
@@ -221,7 +221,7 @@ class _Borders:
         return np.asarray(way / max(float(np.hypot(*way)), 1e-12))
 
     def nodes(self) -> set[int]:
-        """Give the corners that borders end at or turn at; those of the plan among them."""
+        """Return the corners that borders end at or turn at; those of the plan among them."""
         found = set()
         for corner, row in self.beside.items():
             if len(row) != 2:
@@ -280,7 +280,7 @@ def _settled(borders: _Borders, nodes: set[int]) -> tuple[Array, Faces]:
 
 
 def _meeting(borders: _Borders, node: int, nodes: set[int]) -> Array:
-    """Give the place nearest to all lines on which the borders at a node lie."""
+    """Return the place nearest to all lines on which the borders at a node lie."""
     place = borders.corners[node]
     rows, rest = [], []
     for onward in borders.beside[node]:
@@ -297,7 +297,7 @@ def _meeting(borders: _Borders, node: int, nodes: set[int]) -> Array:
 
 
 def _simple(corners: Array, rings: Sequence[Array]) -> bool:
-    """Tell whether rings run the right way round and no two sides of them cross."""
+    """Check whether rings run the right way round and no two sides of them cross."""
     for number, ring in enumerate(rings):
         area = area_of(corners[ring])
         if (area <= 0.0) == (number == 0):
@@ -378,7 +378,7 @@ def _with_crossings(corners: Array, faces: Faces, planes: Sequence[RoofPlane], j
 
 
 def outline_of(corners: Array, faces: Faces) -> Sequence[Sequence[Array]]:
-    """Give the rings (k,) of corners that bound all faces together, as those of one."""
+    """Return the rings (k,) of corners that bound all faces together, as those of one."""
     sides = [side for _, rings in faces for ring in rings for side in _sides(ring)]
     inner = set(sides)
     return _nested(corners, _chained(corners, [(start, end) for start, end in sides if (end, start) not in inner]))

@@ -175,7 +175,7 @@ def _beside_m3(
 
 
 def _places(outline: Array, step_m: float) -> Array:
-    """Give places evenly over a plan, (n, 2)."""
+    """Return places evenly over a plan, (n, 2)."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = max(step_m, float(np.sqrt(np.prod(high - low) / MOST_PLACES)))
     x, y = np.meshgrid(*(np.arange(low[k] + 0.5 * step, high[k], step) for k in (0, 1)))

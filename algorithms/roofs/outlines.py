@@ -100,7 +100,7 @@ def found_outlines(
 
 
 def _outline(places: Array, around: Array, high: Flags, cell_m: float) -> Array | None:
-    """Give the squared outline of one building [m]; None where nothing square is left.
+    """Return the squared outline of one building [m]; None where nothing square is left.
 
     Parameters
     ----------

@@ -192,7 +192,7 @@ def _convex_parts(outline: Array) -> list[list[int]]:
 
 
 def _cell_of(places: Array, corners: Array, cells: Sequence[Sequence[int]]) -> Array:
-    """Give the convex cell in which each place lies, or lies least outside."""
+    """Return the convex cell in which each place lies, or lies least outside."""
     outside = []
     for cell in cells:
         starts, ways = corners[cell], np.roll(corners[cell], -1, axis=0) - corners[cell]
@@ -202,7 +202,7 @@ def _cell_of(places: Array, corners: Array, cells: Sequence[Sequence[int]]) -> A
 
 
 def _intersections(planes: Sequence[RoofPlane], points: Points, labels: Array) -> list[Array]:
-    """Give the lines in which planes that lie beside one another meet, seen from above."""
+    """Return the lines in which planes that lie beside one another meet, seen from above."""
     known = np.flatnonzero(labels >= 0)
     _, near = cKDTree(points[known, :2]).query(points[known, :2], k=min(NEAR, len(known)))
     beside = labels[known][np.asarray(near).reshape(len(known), -1)]
@@ -249,7 +249,7 @@ def _jumps(plan: _Cut, outline: Array, labels: Array) -> list[tuple[float, list[
 
 
 def _frames(outline: Array) -> list[Array]:
-    """Give the turns (2, 2) whose columns are the directions of the plan's sides, right-angled ones once."""
+    """Return the turns (2, 2) whose columns are the directions of the plan's sides, right-angled ones once."""
     ways = np.roll(outline, -1, axis=0) - outline
     lengths = np.hypot(*ways.T)
     frames: list[Array] = []
@@ -260,7 +260,7 @@ def _frames(outline: Array) -> list[Array]:
 
 
 def _largest_part(places: Array) -> Array:
-    """Give the ends (2, 2) of the largest cluster of places, linked over twice their spacing."""
+    """Return the ends (2, 2) of the largest cluster of places, linked over twice their spacing."""
     distances, _ = cKDTree(places).query(places, k=min(4, len(places)))
     reach = 3.0 * float(np.median(np.asarray(distances).reshape(len(places), -1)[:, -1])) + SAME_M
     pairs = cKDTree(places).query_pairs(reach, output_type="ndarray")
@@ -271,7 +271,7 @@ def _largest_part(places: Array) -> Array:
 
 
 def _best_stretch(along: Scalars, gains: Scalars) -> tuple[float, float, float]:
-    """Give the stretch with the largest sum of gains; its ends are infinite where no point lies beyond."""
+    """Return the stretch with the largest sum of gains; its ends are infinite where no point lies beyond."""
     order = np.argsort(along)
     along = along[order]
     total = np.append(0.0, np.cumsum(gains[order]))
@@ -312,7 +312,7 @@ def _borders(plan: _Cut, planes: Sequence[RoofPlane]) -> _Borders:
 
 
 def _missed(plan: _Cut, planes: Sequence[RoofPlane], chosen: Array) -> list[Array]:
-    """Give the lines in which planes meet that have a border near them, but not there."""
+    """Return the lines in which planes meet that have a border near them, but not there."""
     borders = _borders(plan, planes)
     missed: dict[tuple[int, int], Array] = {}
     for k in np.flatnonzero(chosen[borders.one] != chosen[borders.other]).tolist():
@@ -328,7 +328,7 @@ def _missed(plan: _Cut, planes: Sequence[RoofPlane], chosen: Array) -> list[Arra
 
 
 def _labelled(plan: _Cut, planes: Sequence[RoofPlane], labels: Array) -> Array:
-    """Give planes to cells by moves that spread one plane each (Boykov, Veksler and Zabih 2001)."""
+    """Assign planes to cells by moves that spread one plane each (Boykov, Veksler and Zabih 2001)."""
     sums = plan.sums()
     chosen: Array = sums.argmin(axis=1)
     empty = np.bincount(plan.of_point, minlength=len(plan.cells)) == 0
@@ -379,7 +379,7 @@ def _spread(chosen: Array, k: int, sums: Array, borders: _Borders) -> Array:
 
 
 def _without_slivers(plan: _Cut, planes: Sequence[RoofPlane], chosen: Array, least_area_m2: float) -> Array:
-    """Give faces smaller than a least area to the plane beside them that costs least."""
+    """Assign faces smaller than a least area to the plane beside them that costs least."""
     borders = _borders(plan, planes)
     areas = np.array([area_of(plan.corners[cell]) for cell in plan.cells])
     sums, chosen = plan.sums(), chosen.copy()

@@ -192,7 +192,7 @@ def residuals_above(points: Points, models: TerrainModels) -> Scalars:
 
 
 def gaps_in_words(models: TerrainModels) -> list[str]:
-    """Say where models have no data."""
+    """Describe where models have no data."""
     if not models.no_terrain.any():
         return []
     empty_m, covered_m = models.bridged.empty_m, models.bridged.covered_m

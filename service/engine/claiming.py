@@ -74,7 +74,7 @@ class ClaimedSteps:
 
     @property
     def _has_room(self) -> bool:
-        """Tell whether a step may begin beside those that are computed."""
+        """Check whether a step may begin beside those that are computed."""
         suspects = any(step.suspect for step in self._running.values())
         return len(self._running) < self._slots and not suspects
 

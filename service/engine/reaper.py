@@ -58,7 +58,7 @@ class Reaper:
                 log.info("begun again", job=job_id)
 
     def _has(self, lease: str) -> bool:
-        """Tell whether nobody else does the same."""
+        """Check whether nobody else does the same."""
         return not self._several or self._tools.executors.lease(lease, self._executor_id, LEASE_S)
 
     def _may_judge_hearts(self) -> bool:

@@ -14,7 +14,7 @@ HIGHEST_M = 10_000.0
 
 
 def geocentric_in_words(crs_wkt: str | None, bounds_m: Array) -> str:
-    """Say that coordinates are geocentric, or nothing.
+    """Return a remark that coordinates are geocentric, or nothing.
 
     A z beyond all heights of the earth, of places on it, shows it where the file states no system.
 

@@ -61,7 +61,7 @@ def limits_of(intensity: Floats32 | None) -> tuple[float, float] | None:
 
 
 def range_in_words(limits: tuple[float, float] | None) -> tuple[str, ...]:
-    """Say what intensities below zero are taken for."""
+    """Describe what intensities below zero are taken for."""
     if limits is None or limits[0] >= 0.0:
         return ()
     seen, found = f"intensities from {limits[0]:.6g} to {limits[1]:.6g}", signed_range(limits)
@@ -94,7 +94,7 @@ def sixteen_bit(limits: tuple[float, float] | None, full_scale: float | None) ->
 
 
 def is_rescaled(limits: tuple[float, float] | None, full_scale: float | None, largest: float) -> bool:
-    """Tell whether intensities get other numbers where a format has them from 0 to `largest`."""
+    """Check whether intensities get other numbers where a format has them from 0 to `largest`."""
     return limits is not None and _scale(limits, full_scale) != (0.0, largest)
 
 

@@ -19,7 +19,7 @@ class Turns(Protocol):
     """Hand out steps in order to who asks. Every method is one transaction."""
 
     def look(self) -> bool:
-        """Tell whether anything waits, as cheaply as possible."""
+        """Check whether anything waits, as cheaply as possible."""
 
     def take_turn(self, executor_id: str, now: datetime, *, alone: bool) -> ClaimedStep | FreshJob | None:
         """Claim the step whose turn it is, and mark its job as running, or tell which job is to be begun.

@@ -33,7 +33,7 @@ class ClaimedStep:
 
     @property
     def suspect(self) -> bool:
-        """Tell whether it may take its worker down, so that nothing else is computed there meanwhile."""
+        """Check whether it may take its worker down, so that nothing else is computed there meanwhile."""
         return self.deaths >= 1.0
 
 
@@ -74,7 +74,7 @@ class StepRecords(Protocol):
         """Let the steps of a stage wait; doing so again changes nothing."""
 
     def outputs(self, job_id: str) -> Sequence[Sequence[Json]] | None:
-        """Give the outputs of all stages; None while a step waits or is computed."""
+        """Return the outputs of all stages; None while a step waits or is computed."""
 
     def begin_step(self, place: StepPlace, executor_id: str, now: datetime) -> ClaimedStep | None:
         """Let a worker have a step that it was given, and mark its job as running; again, when the answer was lost.
@@ -114,4 +114,4 @@ class StepRecords(Protocol):
         """Forget the steps of jobs that were planned in another order of steps, unless a living worker computes one."""
 
     def figures(self) -> StepFigures:
-        """Give what Prometheus is told."""
+        """Return what Prometheus is told."""

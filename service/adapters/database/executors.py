@@ -107,7 +107,7 @@ class DatabaseExecutors:
         return row.host == self._host and _has_ended(row.pid, row.process_started)
 
     def _launcher_is_gone(self, row: sa.Row[tuple[object, ...]]) -> bool:
-        """Tell whether it is known that the process that kept a worker running has ended too."""
+        """Check whether it is known that the process that kept a worker running has ended too."""
         if row.launcher_pid is None:
             return False
         if row.host != self._host:

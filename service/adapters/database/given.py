@@ -30,7 +30,7 @@ KEY = "s.job_id || '/' || s.stage || '/' || s.position"
 
 
 def gives(connection: sa.Connection | sa.Engine) -> bool:
-    """Tell whether steps are given to workers here, and not asked for."""
+    """Check whether steps are given to workers here, and not asked for."""
     return connection.get_execution_options().get("most_given_jobs") is not None
 
 
@@ -158,7 +158,7 @@ def offer_missing(connection: sa.Connection) -> Sequence[str]:
 
 
 def _present(connection: sa.Connection, urgency: int) -> int:
-    """Give the virtual time of an urgency: that of the next step, or else of the last that is computed, or else 0."""
+    """Return the virtual time of an urgency: that of the next step, or else of the last that is computed, or else 0."""
     query = """SELECT COALESCE(
         (SELECT priority FROM procrastinate_jobs WHERE status = 'todo' AND priority BETWEEN :least AND :most
             ORDER BY priority DESC, id LIMIT 1),

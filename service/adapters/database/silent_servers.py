@@ -116,7 +116,7 @@ def ping(engine: sa.Engine, connection: Any) -> None:
 
 
 def _speaks(*arguments: Any, **named: Any) -> bool:
-    """Tell whether a server says anything to who connects, though it were a refusal."""
+    """Check whether a server says anything to who connects, though it were a refusal."""
     try:
         psycopg.connect(*arguments, **named).close()
     except psycopg.errors.ConnectionTimeout:

@@ -231,7 +231,7 @@ def tell_waiting(connection: sa.Connection, which: sa.ColumnElement[bool], now: 
 def begin_step(
     connection: sa.Connection, place: StepPlace, executor_id: str, now: datetime
 ) -> tuple[Job, ClaimedStep] | None:
-    """Give a waiting step to a worker, and mark its job as running; None when it was over just now."""
+    """Assign a waiting step to a worker, and mark its job as running; None when it was over just now."""
     label = sa.select(job_steps.c.label).where(_at(place)).scalar_subquery()
     job = change_job(
         connection,

@@ -40,7 +40,7 @@ class DatabaseTurns:
         self._first_fresh_query = _first_fresh_query(max_running_jobs)
 
     def look(self) -> bool:
-        """Tell whether anything waits."""
+        """Check whether anything waits."""
         if not self._changes.may_be():
             return False
         found = self._waits()
@@ -90,7 +90,7 @@ OWNERS_OF_FRESH = sa.union_all(*map(_owners, UNPLANNED))
 
 
 def _shares(connection: sa.Connection) -> Sequence[ProjectShare]:
-    """Give the projects of which something waits, and what each of them has."""
+    """Return the projects of which something waits, and what each of them has."""
     runs, waits = (sa.func.sum(sa.case((job_steps.c.state == state, 1), else_=0)) for state in (RUNNING, WAITING))
     steps = sa.select(jobs.c.owner, runs.label("running"), waits.label("waiting")).select_from(STEPS_OF_JOBS)
     unfinished = steps.where(OURS, job_steps.c.state.in_((RUNNING, WAITING))).group_by(jobs.c.owner)
@@ -143,7 +143,7 @@ def _place_in_line(step: sa.RowMapping) -> WaitingPlace:
 
 
 def _claim(connection: sa.Connection, executor_id: str, step: sa.RowMapping, now: datetime) -> ClaimedStep | None:
-    """Give a step to a worker; None when it was over just now."""
+    """Assign a step to a worker; None when it was over just now."""
     begun = begin_step(connection, StepPlace(step["job_id"], step["stage"], step["position"]), executor_id, now)
     if begun is None:
         return None

@@ -248,14 +248,8 @@ class _ColdProcess:
 
 def _unneeded_by(step: str) -> set[str]:
     """Name the settings that a step must not know, or that only hold beside these: it is handed what it needs."""
-    beside_the_database = ("workers", "queue")
-    return {
-        "database_url",
-        "callback_secret",
-        "storage_url",
-        *beside_the_database,
-        *(() if step == FETCH else ("allowed_sources",)),
-    }
+    of_many = {"database_url", "workers", "queue"}
+    return of_many | {"callback_secret", "storage_url", *(() if step == FETCH else ("allowed_sources",))}
 
 
 def _credentials() -> Mapping[str, str]:

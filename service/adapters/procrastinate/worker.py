@@ -48,7 +48,7 @@ class HandedBackError(Exception):
 
 
 class _AtOnce(BaseRetryStrategy):
-    """Give again what was handed back, and what broke: it is recorded elsewhere how often steps are tried."""
+    """Defer again what was handed back, and what broke: it is recorded elsewhere how often steps are tried."""
 
     def get_retry_decision(self, *, exception: BaseException, job: Job) -> RetryDecision | None:  # noqa: ARG002
         return None if isinstance(exception, asyncio.CancelledError) else RetryDecision()

@@ -45,7 +45,7 @@ def geotiff(
     system: GridSystem | None = None,
     unit: str = "",
 ) -> bytes:
-    """Give a grid as GeoTIFF, the northernmost row first.
+    """Return a grid as GeoTIFF, the northernmost row first.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ class LasLayout:
 
 
 def is_stretched_to_16_bits(cloud: StationCloud) -> bool:
-    """Tell whether records hold other intensities than the cloud."""
+    """Check whether records hold other intensities than the cloud."""
     limits = None if cloud.facts is None else cloud.facts.intensity_limits
     return is_rescaled(limits, sixteen_bit(limits, cloud.intensity_scale), LARGEST_16_BIT)
 

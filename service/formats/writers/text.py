@@ -124,7 +124,7 @@ def _pts_intensity(cloud: StationCloud, piece: PointPiece) -> Array:
 
 
 def _coarse(clouds: Sequence[StationCloud]) -> Iterator[str]:
-    """Say where the 12 bits of PTS leave fewer steps of intensities than 8 bits have."""
+    """Describe where the 12 bits of PTS leave fewer steps of intensities than 8 bits have."""
     for cloud in clouds:
         limits = None if cloud.facts is None else cloud.facts.intensity_limits
         if cloud.intensity_scale is None or limits is None or limits[1] <= 0.0:

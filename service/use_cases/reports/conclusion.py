@@ -35,7 +35,7 @@ def ordered(check: ToleranceCheck, messages: Messages) -> str:
 
 
 def rms_explained(pairs: Sequence[PairFigures], messages: Messages) -> str | None:
-    """Say why the rms of surfaces may be many times the standard deviation of a pose; None where it is not.
+    """Describe why the rms of surfaces may be many times the standard deviation of a pose; None where it is not.
 
     Links that carry nothing are passed over: of a wrong pose a large rms is no wonder.
     """

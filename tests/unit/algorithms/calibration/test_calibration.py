@@ -210,10 +210,13 @@ def test_photos_with_another_zoom_are_named(others: list[int]) -> None:
         calibrate(field)
 
 
-@pytest.mark.parametrize("turned", [[2], [1, 3, 6], [4, 5, 6, 7]])
-def test_photos_that_were_turned_are_turned_back_and_named(turned: list[int]) -> None:
-    field = with_turned(board_rig(0.6, photos=8), turned)
-    found = calibrate(field)
+@pytest.mark.parametrize("share", [0.0, 0.08])
+@pytest.mark.parametrize("turned", [[], [2], [1, 3, 6], [4, 5, 6, 7]])
+def test_photos_that_were_turned_are_turned_back_and_named(turned: list[int], share: float) -> None:
+    field, rng = with_turned(board_rig(0.6, photos=8), turned), np.random.default_rng(2)
+    wrong = rng.random(len(field.images)) < share
+    images = field.images + wrong[:, None] * rng.uniform(-30.0, 30.0, field.images.shape)
+    found = calibrate(replace(field, images=images))
     assert found.turned == [f"P{k}" for k in turned]
     errors = found.parameters[UNKNOWN] - TRUTH[UNKNOWN]
     assert errors @ np.linalg.solve(found.covariance, errors) < 20.5
