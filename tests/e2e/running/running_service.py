@@ -18,7 +18,14 @@ from service.adapters.processes.nursery import SCOUT
 from tests.measures.patience import patience
 
 Document = dict[str, Any]
-OF_THE_SERVICE = ("secrets.key", "tieline.sqlite", "tieline.sqlite-wal", "tieline.sqlite-shm", "service.lock")
+OF_THE_SERVICE = (
+    "secrets.key",
+    "tieline.sqlite",
+    "tieline.sqlite-wal",
+    "tieline.sqlite-shm",
+    "service.lock",
+    "worker.lock",
+)
 """What lies in a data directory besides what clients stored."""
 
 

@@ -78,7 +78,10 @@ def test_patches_that_are_no_longer_the_same_surface_are_found(block: StripBlock
 @pytest.mark.slow
 def test_control_determines_the_block_and_without_it_that_is_said(block: StripBlock, flown: list[FlownStrip]) -> None:
     strips = [each.strip for each in flown]
-    assert all(motion.determined for motion in determination_of(block.adjusted, strips).motions)
+    held = {motion.name: motion for motion in determination_of(block.adjusted, strips).motions}
+    # four roofs in each corner tell a turn in plan no better than the assumption that there is none
+    assert {name for name, motion in held.items() if not motion.determined} <= {"turn about z"}
+    assert held["turn about z"].std < held["turn about z"].zero_std
     alone = determination_of(adjust_strips(strips, [], StripOptions(passes=1), NoProgress()).adjusted, strips)
     assert [motion.name for motion in alone.motions if not motion.determined] == [
         "shift along x", "shift along y", "shift along z", "turn about x", "turn about y", "turn about z",

@@ -205,7 +205,9 @@ def test_the_migrations_make_the_tables_that_the_code_uses(engine: sa.Engine) ->
     columns = {
         (table.name, column.name, column.nullable) for table in metadata.tables.values() for column in table.columns
     }
-    made = {(table.name, column.name, column.nullable) for table in found.tables.values() for column in table.columns}
+    # the queue that PostgreSQL may be given brings its own
+    ours = [table for table in found.tables.values() if not table.name.startswith("procrastinate_")]
+    made = {(table.name, column.name, column.nullable) for table in ours for column in table.columns}
     assert made - columns == {("alembic_version", "version_num", False)}
 
 

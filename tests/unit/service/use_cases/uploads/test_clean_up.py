@@ -44,6 +44,8 @@ class House:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
+        # what expires counts from when its file was written: this module may have been loaded an hour before
+        self.opened = datetime.now(UTC)
         self.blobs = LocalFiles(directory)
         self.files = MemoryFileStore()
         self.jobs = MemoryJobStore()
@@ -56,7 +58,7 @@ class House:
         self.files.add(StoredFile(file_id, "a.xyz", 1, sha256, "XYZ", "scan", NOW))
 
     def clean_up(self, after: timedelta = timedelta(0)) -> CleanUp:
-        return asyncio.run(Cleaner(self.desk, self.jobs).clean_up(NOW + after))
+        return asyncio.run(Cleaner(self.desk, self.jobs).clean_up(self.opened + after))
 
     def left(self) -> list[str]:
         paths = (path for path in self.directory.rglob("*") if path.is_file())
@@ -133,20 +135,20 @@ def test_what_a_job_has_stored_that_was_dismissed_is_counted_when_its_computatio
 
 
 def test_an_unfinished_upload_expires(house: House) -> None:
-    house.uploads.create(PendingUpload("u1", "a.xyz", 100, "", NOW))
+    house.uploads.create(PendingUpload("u1", "a.xyz", 100, "", house.opened))
     assert house.clean_up(after=timedelta(hours=23)).nothing
     assert house.clean_up(after=timedelta(hours=25)) == CleanUp(uploads_expired=1)
     assert house.left() == []
 
 
 def test_an_upload_that_goes_on_does_not_expire(house: House) -> None:
-    house.uploads.create(PendingUpload("u1", "a.xyz", 100, "", NOW))
+    house.uploads.create(PendingUpload("u1", "a.xyz", 100, "", house.opened))
     os.utime(house.directory / "uploads" / "u1" / "upload.json", (0, 0))
     assert house.clean_up(after=timedelta(hours=23)).nothing
 
 
 def test_an_upload_that_somebody_writes_to_is_left_alone(house: House) -> None:
-    house.uploads.create(PendingUpload("u1", "a.xyz", 100, "", NOW))
+    house.uploads.create(PendingUpload("u1", "a.xyz", 100, "", house.opened))
     opened = house.uploads.lock("u1")
     assert opened is not None
     assert house.clean_up(after=timedelta(days=2)).nothing
