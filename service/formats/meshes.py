@@ -16,6 +16,8 @@ from service.formats.obj_mesh import TooManyCornersError, read_obj
 
 MESH_ENDINGS = {".ply": "ply", ".obj": "obj", ".stl": "stl"}
 MOST_TRIANGLES = 20_000_000
+MOST_SQUARED_CORNERS = 10_000_000_000
+"""Of the corners of each face, all together: to divide them takes up to a minute. One face may have 100 000."""
 FAULTS = (
     ValueError,
     LookupError,
@@ -29,6 +31,8 @@ FAULTS = (
     NotImplementedError,
 )
 """What trimesh raises at files that are not what their name says."""
+LONGEST_FAULT = 200
+"""Characters: some repeat the whole word that is no number."""
 LISTS_OF_PLY = ("vertex_indices", "vertex_index")
 HEAD_BYTES = 1 << 16
 WHOLE = "the file as a whole"
@@ -77,7 +81,8 @@ def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:
     except TooManyCornersError as fault:
         raise FileTooLargeError(filename, fault.count, 3 * MOST_TRIANGLES, "corners of faces") from None
     except FAULTS as fault:
-        raise UnreadableFileError(filename, f"it is no {kind.upper()} file that can be read: {fault}", WHOLE) from None
+        told = str(fault)[:LONGEST_FAULT]
+        raise UnreadableFileError(filename, f"it is no {kind.upper()} file that can be read: {told}", WHOLE) from None
     if vertices.shape != (len(vertices), 3) or (len(triangles) and triangles.shape != (len(triangles), 3)):
         raise UnreadableFileError(filename, "vertices have three coordinates, faces three corners", WHOLE)
     if np.abs(vertices, where=np.isfinite(vertices), out=np.zeros_like(vertices)).max(initial=0.0) > LARGEST:
@@ -92,7 +97,24 @@ def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:
 
 def _obj(path: Path) -> tuple[Array, Array]:
     vertices, corners, counts = read_obj(path.read_bytes(), 3 * MOST_TRIANGLES)
-    return vertices, triangulated(vertices, corners, counts)
+    return vertices, _divided(vertices, corners, counts)
+
+
+def _divided(vertices: Array, corners: Array, counts: Array) -> Array:
+    """Divide faces into triangles (t, 3).
+
+    Raises
+    ------
+    ValueError
+        Faces have more corners than can be divided in a time that anybody waits.
+    """
+    large = counts[counts > 4].astype(np.float64)
+    if large @ large > MOST_SQUARED_CORNERS:
+        raise ValueError(
+            f"its faces have up to {large.max():.0f} corners, too many to be divided here; divide large faces into "
+            "triangles before"
+        )
+    return triangulated(vertices, corners, counts)
 
 
 def _others(path: Path, kind: str) -> tuple[Array, Array]:
@@ -116,4 +138,4 @@ def _others(path: Path, kind: str) -> tuple[Array, Array]:
     corners = np.concatenate(rows).astype(np.int64)
     if corners.min() < 0 or corners.max() >= len(vertices):
         raise ValueError("a face names a vertex that does not exist")
-    return vertices, triangulated(vertices, corners, counts)
+    return vertices, _divided(vertices, corners, counts)

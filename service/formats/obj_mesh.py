@@ -1,6 +1,8 @@
 """Faces of OBJ files, whatever groups, objects and materials they are divided into."""
 
 import re
+from array import array
+from bisect import bisect_left
 from typing import TypeAlias
 
 import numpy as np
@@ -43,27 +45,24 @@ def read_obj(content: bytes, most_corners: int) -> Faces:
         There are more corners than asked for.
     """
     text = CONTINUED.sub(b" ", content)
-    found = list(VERTEX.finditer(text))
-    vertices = _coordinates([each[1] for each in found])
-    places = np.array([each.start() for each in found], dtype=np.int64)
-    faces = list(FACE.finditer(text))
-    rows = [BESIDE.sub(b"", each[1]).split() for each in faces]
-    counts = np.array([len(row) for row in rows], dtype=np.int64)
-    if counts.sum() > most_corners:
-        raise TooManyCornersError(int(counts.sum()))
-    numbers = np.array([corner for row in rows for corner in row], dtype=np.bytes_).astype(np.int64)
-    before = np.searchsorted(places, np.array([each.start() for each in faces], dtype=np.int64))
-    corners = np.where(numbers < 0, np.repeat(before, counts) + numbers, numbers - 1)
+    # numbers one by one into plain arrays: objects would take ten times the file, one long word of many lines any room
+    coordinates, places = array("d"), array("q")
+    for each in VERTEX.finditer(text):
+        coordinates.extend(map(float, each[1].split(None, 3)[:3]))
+        places.append(each.start())
+        if len(coordinates) != 3 * len(places):
+            raise ValueError("a vertex has less than three coordinates")
+    numbers, counts, before = array("q"), array("q"), array("q")
+    for each in FACE.finditer(text):
+        row = BESIDE.sub(b"", each[1]).split()
+        counts.append(len(row))
+        before.append(bisect_left(places, each.start()))
+        if len(numbers) + len(row) > most_corners:
+            raise TooManyCornersError(len(numbers) + len(row))
+        numbers.extend(map(int, row))
+    vertices = np.array(coordinates).reshape(-1, 3)
+    stated, of_face = np.array(numbers), np.array(counts)
+    corners = np.where(stated < 0, np.repeat(before, of_face) + stated, stated - 1)
     if len(corners) and (corners.min() < 0 or corners.max() >= len(vertices)):
         raise ValueError("a face names a vertex that does not exist")
-    return vertices, corners, counts
-
-
-def _coordinates(lines: list[bytes]) -> Array:
-    """Return the first three numbers of each line, (n, 3)."""
-    if not lines:
-        return np.empty((0, 3))
-    rows = [line.split()[:3] for line in lines]
-    if min(map(len, rows)) < 3:
-        raise ValueError("a vertex has less than three coordinates")
-    return np.array(rows, dtype=np.bytes_).astype(np.float64)
+    return vertices, corners, of_face

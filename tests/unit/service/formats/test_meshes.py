@@ -1,10 +1,13 @@
 """Meshes are read as they are, and files that hold none are refused with the reason."""
 
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from algorithms.deviations.polygons import triangulated
 from algorithms.deviations.rasters import Grid
 from service.errors import UnreadableFileError
 from service.formats import inspect_upload
@@ -91,6 +94,10 @@ def test_coordinates_of_500_km_keep_a_tenth_of_a_millimetre(tmp_path: Path) -> N
         ("cut.stl", stl_bytes()[:120], ""),
         ("not-finite.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite"),
         ("cut.ply", ply_text().encode()[:-30], ""),
+        ("word.obj", b"v 0 0 0." + b"0" * 400_000 + b"\n" + b"v 1 0 0\n" * 100_000, "no triangle"),
+        ("digits.obj", b"v 0 0 0\nf 1 1 " + b"0" * 400_000 + b"1\n" + b"f 1 1 1\n" * 100_000, "that can be read"),
+        ("letters.obj", b"v 0 0 " + b"x" * 400_000 + b"\nf 1 1 1\n", "float: b.x{100,200} \\(at"),
+        ("rim.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + b" 1 3 2" * 40_000 + b"\n", "120000 corners"),
     ],
 )
 def test_what_is_no_mesh_is_refused_with_its_name(tmp_path: Path, name: str, content: bytes, why: str) -> None:
@@ -183,3 +190,25 @@ def test_a_hundred_thousand_materials_take_no_longer_than_one(tmp_path: Path) ->
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(100_000)))
     mesh, _ = read_mesh(path, path.name)
     assert len(mesh.triangles) == 100_000
+
+
+def test_a_hundred_thousand_faces_of_five_corners_take_a_moment(tmp_path: Path) -> None:
+    path = tmp_path / "cells.obj"
+    path.write_text("v 0 0 0\nv 2 0 0\nv 3 1 0\nv 1 2 0\nv -1 1 0\n" + "f 1 2 3 4 5\n" * 100_000)
+    begun = time.process_time()
+    mesh, _ = read_mesh(path, path.name)
+    assert time.process_time() - begun < 5.0
+    assert len(mesh.triangles) == 300_000
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_faces_of_many_corners_are_covered_whichever_corner_they_begin_with(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, 9))
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(9)]) * rng.uniform(0.3, 1.0, (9, 1))
+    following = np.roll(rim, -1, axis=0)
+    enclosed = abs(np.cross(rim, following)[:, 2].sum()) / 2.0
+    order = np.roll(np.arange(9), seed)[:: 1 - 2 * (seed % 2)]
+    triangles = triangulated(Rotation.random(random_state=seed).apply(rim), order, np.array([9]))
+    around = np.diff(angles, append=angles[0] + 2.0 * np.pi).max() < np.pi
+    assert not around or area(rim, triangles) == pytest.approx(enclosed)
