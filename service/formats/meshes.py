@@ -2,6 +2,7 @@
 
 import re
 import struct
+from array import array
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -38,6 +39,12 @@ HEAD_BYTES = 1 << 16
 WHOLE = "the file as a whole"
 LARGEST = 1000.0 * LARGEST_COORDINATE_M
 """In the unit of the file, which may be millimetres."""
+STL_HEAD_BYTES = 84
+STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+FACET = re.compile(
+    rb"outer\s+loop\s+" + rb"\s+".join([rb"vertex" + rb"\s+(\S+)" * 3] * 3) + rb"\s+endloop", re.IGNORECASE
+)
+LOOP, END_OF_SOLID = re.compile(rb"outer\s+loop\s+vertex", re.IGNORECASE), re.compile(rb"\bendsolid\b", re.IGNORECASE)
 FACES_OF_PLY = re.compile(rb"^element\s+face\s+([1-9]\d*)\s*$", re.MULTILINE)
 
 
@@ -77,7 +84,7 @@ def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:
         raise UnreadableFileError(filename, reason, "the name of the file")
     try:
         with np.errstate(all="ignore"):
-            vertices, triangles = _obj(path) if kind == "obj" else _others(path, kind)
+            vertices, triangles = {"obj": _obj, "stl": _stl, "ply": _ply}[kind](path)
     except TooManyCornersError as fault:
         raise FileTooLargeError(filename, fault.count, 3 * MOST_TRIANGLES, "corners of faces") from None
     except FAULTS as fault:
@@ -117,12 +124,37 @@ def _divided(vertices: Array, corners: Array, counts: Array) -> Array:
     return triangulated(vertices, corners, counts)
 
 
-def _others(path: Path, kind: str) -> tuple[Array, Array]:
-    """Read PLY and STL by trimesh, which divides faces from their first corner: those of PLY are divided anew."""
+def _stl(path: Path) -> tuple[Array, Array]:
+    """Read records where the file is as long as its head says, else text; solids and their names count for nothing.
+
+    Raises
+    ------
+    ValueError
+        The text does not end with a solid, or a facet has other than three corners.
+    """
+    content = path.read_bytes()
+    declared = int.from_bytes(content[STL_HEAD_BYTES - 4 : STL_HEAD_BYTES], "little")
+    if len(content) == STL_HEAD_BYTES + STL_RECORD.itemsize * declared:
+        corners = np.frombuffer(content, STL_RECORD, offset=STL_HEAD_BYTES)["corners"].astype(np.float64)
+    else:
+        numbers, end = array("d"), 0
+        for each in FACET.finditer(content):
+            numbers.extend(map(float, each.groups()))
+            end = each.end()
+        corners = np.array(numbers).reshape(-1, 3, 3)
+        if len(corners) != sum(1 for _ in LOOP.finditer(content)):
+            raise ValueError("a facet has other than three corners, or the text is cut off")
+        if len(corners) and END_OF_SOLID.search(content, end) is None:
+            raise ValueError("the text ends without endsolid")
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def _ply(path: Path) -> tuple[Array, Array]:
+    """Read PLY by trimesh, which divides faces from their first corner: they are divided anew."""
     import trimesh
 
     with path.open("rb") as stream:
-        loaded = trimesh.load_mesh(stream, file_type=kind, process=False, maintain_order=True, resolver=None)
+        loaded = trimesh.load_mesh(stream, file_type="ply", process=False, maintain_order=True, resolver=None)
     vertices, triangles = np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
     faces = loaded.metadata.get("_ply_raw", {}).get("face", {}).get("data")
     if faces is None or not len(triangles):

@@ -92,6 +92,10 @@ def test_coordinates_of_500_km_keep_a_tenth_of_a_millimetre(tmp_path: Path) -> N
         ("missing.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", ""),
         ("nonsense.stl", b"nothing of the kind", "no triangle"),
         ("cut.stl", stl_bytes()[:120], ""),
+        ("cut-text.stl", stl_text().encode()[:250], "the text"),
+        ("open.stl", stl_text().replace("endsolid", "").encode(), "without endsolid"),
+        ("four.stl", stl_text().replace("endloop", "vertex 1 1 1\nendloop", 1).encode(), "three corners"),
+        ("word.stl", stl_text().replace("vertex 4.0", "vertex " + "x" * 400_000, 1).encode(), "float: b.x{100,200} "),
         ("not-finite.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite"),
         ("cut.ply", ply_text().encode()[:-30], ""),
         ("word.obj", b"v 0 0 0." + b"0" * 400_000 + b"\n" + b"v 1 0 0\n" * 100_000, "no triangle"),
@@ -190,6 +194,16 @@ def test_a_hundred_thousand_materials_take_no_longer_than_one(tmp_path: Path) ->
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(100_000)))
     mesh, _ = read_mesh(path, path.name)
     assert len(mesh.triangles) == 100_000
+
+
+def test_fifty_thousand_solids_of_stl_take_a_moment(tmp_path: Path) -> None:
+    path = tmp_path / "parts.stl"
+    facet = "facet normal 0 0 1 OUTER LOOP VERTEX 0 0 0 vertex 1 0 0\nvertex 0 1e0 0\nendloop endfacet"
+    path.write_text("".join(f"solid loop {k}\r\n{facet}\r\nendsolid loop {k}\r\n" for k in range(50_000)))
+    begun = time.process_time()
+    mesh, _ = read_mesh(path, path.name)
+    assert time.process_time() - begun < 5.0
+    assert len(mesh.triangles) == 50_000
 
 
 def test_a_hundred_thousand_faces_of_five_corners_take_a_moment(tmp_path: Path) -> None:
