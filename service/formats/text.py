@@ -29,6 +29,8 @@ from service.formats.text_layout import (
 from service.formats.text_units import unit_of_text
 
 SHORTEST_LINE = len("0 0 0\n")
+MOST_COLUMNS = 1000
+"""Each is looked at for what it may hold, and every word of the first lines is kept for that."""
 SAMPLED_LINES = 2000
 SAMPLED_PLACES = 8
 SAMPLE_BYTES = 1 << 14
@@ -94,6 +96,9 @@ def _opened(file: ScanFile, limits: ReadLimits) -> Iterator[tuple["_Table", Text
         layout = layout_of(head, stated)
     except LayoutError as fault:
         raise file.unreadable(str(fault), f"line {fault.line}") from fault
+    if layout.width > MOST_COLUMNS:
+        reason = f"the first line has {layout.width} columns, at most {MOST_COLUMNS} are read"
+        raise file.unreadable(reason, f"line {layout.skipped_lines + 1}")
     refuse_long_lines(file)
     with file.path.open(encoding=layout.encoding) as stream:
         for _ in range(layout.skipped_lines):

@@ -43,6 +43,13 @@ def test_a_fourth_column_is_intensity(tmp_path: Path) -> None:
     assert scan.intensity.tolist() == [-7, 8, 9, 10]
 
 
+def test_columns_without_end_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableFileError, match=r"20003 columns, at most 1000 .*line 1"):
+        scan_of(tmp_path, ("1.5 2.5 3.5" + " 1" * 20_000 + "\n") * 5)
+    wide = "".join(f"{row[0]} {row[1]} {row[2]}" + " 1" * 900 + "\n" for row in ROWS)
+    assert scan_of(tmp_path, "x y z" + " a" * 900 + "\n" + wide).points.tolist() == ROWS
+
+
 def test_seven_columns_of_pts_are_intensity_and_colour(tmp_path: Path) -> None:
     scan = scan_of(tmp_path, "4\n0 0 0 -7 1 2 3\n1 0 0 8 4 5 6\n0 1 0 9 7 8 9\n0 0 1 10 255 0 0\n", "a.pts")
     assert scan.color is not None
