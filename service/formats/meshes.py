@@ -53,15 +53,15 @@ def mesh_format(path: Path, filename: str) -> str | None:
 
     Returns
     -------
-    obj, stl or ply; None for all other files, also for a PLY file without faces.
+    obj, stl or ply; None for all other files, also for a PLY file without faces or with a header without end.
     """
     kind = MESH_ENDINGS.get(PurePath(filename).suffix.lower())
     if kind != "ply":
         return kind
     with path.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
-    header = head.partition(b"end_header")[0]
-    return "ply" if head.startswith(b"ply") and FACES_OF_PLY.search(header) else None
+    header, end, _ = head.partition(b"end_header")
+    return "ply" if head.startswith(b"ply") and end and FACES_OF_PLY.search(header) else None
 
 
 def read_mesh(path: Path, filename: str) -> tuple[Mesh, int]:

@@ -196,6 +196,14 @@ def test_a_hundred_thousand_materials_take_no_longer_than_one(tmp_path: Path) ->
     assert len(mesh.triangles) == 100_000
 
 
+def test_a_ply_mesh_of_elements_without_end_is_refused_by_its_header(tmp_path: Path) -> None:
+    path = tmp_path / "elements.ply"
+    elements = "".join(f"element e{k} 0\nproperty int a\n" for k in range(10_000))
+    path.write_text(ply_text().replace("end_header", elements + "end_header"))
+    with pytest.raises(UnreadableFileError, match="header does not end"):
+        inspect_upload(path, path.name)
+
+
 def test_fifty_thousand_solids_of_stl_take_a_moment(tmp_path: Path) -> None:
     path = tmp_path / "parts.stl"
     facet = "facet normal 0 0 1 OUTER LOOP VERTEX 0 0 0 vertex 1 0 0\nvertex 0 1e0 0\nendloop endfacet"
