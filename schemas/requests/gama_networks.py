@@ -43,18 +43,18 @@ class _Reading:
         for block in self.data:
             if block.tag not in known:
                 raise ValueError(f"gama-local: {block.tag!r} is no observation of this service")
-        for point in self.data.iter("point"):
+        for point in self.data.findall("point"):
             self._point(point)
-        for number, block in enumerate(self.data.iter("obs")):
+        for number, block in enumerate(self.data.findall("obs")):
             for each in block:
                 self._terrestrial(each, block.get("from"), number)
-        for block in self.data.iter("height-differences"):
+        for block in self.data.findall("height-differences"):
             for each in block:
                 self.observed["heights"].append({
                     "from": each.get("from"), "to": each.get("to"), "dh": _number(each, "val"),
                     "std": 1e-3 * _number(each, "stdev"),
                 })  # fmt: skip
-        for block in self.data.iter("vectors"):
+        for block in self.data.findall("vectors"):
             self._vectors(block)
         return {
             "format": "hybrid-network/1", "stations": list(self.stations.values()), "points_approx": self.points,
@@ -116,9 +116,11 @@ class _Reading:
         self.observed["polar"].append(entry)
 
     def _vectors(self, block: Element) -> None:
-        vectors, given = list(block.iter("vec")), block.find("cov-mat")
+        vectors, given = block.findall("vec"), block.find("cov-mat")
         if given is None:
             raise ValueError("gama-local: vectors need a covariance matrix")
+        if (other := next((each.tag for each in block if each.tag not in {"vec", "cov-mat"}), None)) is not None:
+            raise ValueError(f"gama-local: {other!r} is no observation of this service")
         numbers = iter((given.text or "").split())
         size, band = int(given.get("dim", 0)), int(given.get("band", 0))
         if size != 3 * len(vectors):
@@ -132,6 +134,8 @@ class _Reading:
                     covariances[i // 3][i % 3][j % 3] = covariances[i // 3][j % 3][i % 3] = turned
                 elif value != 0.0:
                     raise ValueError("gama-local: vectors that are correlated with each other are not read")
+        if next(numbers, None) is not None:
+            raise ValueError(f"gama-local: a covariance matrix of {size} with band {band} has more numbers than that")
         for vec, covariance in zip(vectors, covariances, strict=True):
             self.observed["vectors"].append({
                 "from": vec.get("from"), "to": vec.get("to"), "dx": _number(vec, "dx"),

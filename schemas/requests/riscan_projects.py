@@ -36,6 +36,8 @@ def network_of_riscan(root: Element) -> dict[str, Any]:
     observed: list[dict[str, Any]] = []
     for position in root.iter("scanposition"):
         name = _name(position)
+        if position.find(".//scanposition") is not None:  # what is in it would count for both
+            raise ValueError(f"riscan-project: scan position {name!r} has another one within it")
         world_from_scan = _motion(position.find("sop/matrix"), name)
         stations.append({"id": name, "type": "scanner", "approx": _pose(world_from_scan)})
         observed += [{"station": name, "std": TIE_POINT_STD_M, **point} for point in _tie_points(position)]

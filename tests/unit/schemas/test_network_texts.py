@@ -13,7 +13,7 @@ from algorithms.progress import NoProgress
 from schemas.requests.adjust_inputs import AdjustInputs
 from schemas.requests.hybrid_network import HybridNetwork
 from service.processes.adjust.adjusting import adjusted_document
-from tests.scenes.hostile.hostile_texts import GAMA
+from tests.scenes.hostile.hostile_texts import GAMA, RISCAN
 
 BOMB = '<!DOCTYPE a [<!ENTITY b "b"><!ENTITY c "&b;&b;&b;&b;">]><gama-local>&c;</gama-local>'
 OUTSIDE = '<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><gama-local>&x;</gama-local>'
@@ -56,12 +56,20 @@ def test_a_network_of_gama_is_read_with_its_axes_and_units_turned() -> None:
         ),
         (GAMA.replace('val="7.1"', 'val="7,1"'), "val of s-distance .to P. is '7,1'"),
         (GAMA.replace(' zenith-angle-stdev="10"', ""), "no zenith-angle-stdev"),
+        (GAMA.replace("4 1 0 4 0 9", "4 1 0 4 0 9 9"), "more numbers"),
+        (GAMA.replace("<vec ", "<vectors/><vec "), "'vectors' is no observation"),
     ],
 )
 def test_hostile_and_foreign_files_are_refused_by_name(xml: str, what: str) -> None:
     with pytest.raises(ValidationError, match=what) as caught:
         _gama(xml)
     assert caught.value.errors()[0]["loc"] == ("network",)
+
+
+def test_what_stands_in_scan_positions_within_each_other_is_not_read_for_each_of_them() -> None:
+    xml = RISCAN.replace("</sop>", "</sop><scanposition name='inner'/>", 1)
+    with pytest.raises(ValidationError, match="'S1' has another one within it"):
+        _network({"format": "riscan-project", "xml": xml})
 
 
 def _rows(pose: RigidTransform) -> str:
