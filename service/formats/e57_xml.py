@@ -1,7 +1,8 @@
 """The XML section of E57 files, looked at before libE57 parses it.
 
 libE57's parser fetches what a document type or a schema location names, from files and over the network, expands
-entities without bound, and needs quadratic time for deep nesting. E57 (ASTM E2807) has none of these.
+entities without bound, and needs quadratic time for deep nesting and for many elements in one. E57 (ASTM E2807) has
+none of these.
 """
 
 import struct
@@ -16,6 +17,9 @@ PAGE_BYTES, CONTENT_BYTES = 1024, 1020
 PAGES_AT_ONCE = 1024
 DEEPEST = 100
 """The standard needs about ten levels."""
+MOST_MEMBERS, MOST_IN_VECTOR = 1000, 10_000
+"""Elements in another one, or attributes: libE57 compares each with all others. The standard has 40, and one a scan."""
+VECTOR = "Vector"
 FETCHED = frozenset(("schemaLocation", "noNamespaceSchemaLocation"))
 PLACE = "the file's header and XML section"
 
@@ -45,7 +49,8 @@ def check_xml(file: ScanFile) -> None:
 class _Watch:
     def __init__(self, file: ScanFile) -> None:
         self._file = file
-        self._depth = 0
+        self._left: list[int] = []
+        """How many elements may come yet in each that is open."""
 
     def declared(self, version: str, encoding: str | None, _standalone: int) -> None:
         if version != "1.0" or (encoding or "UTF-8").upper() != "UTF-8":
@@ -55,14 +60,20 @@ class _Watch:
         raise self._refused("it has a document type (DOCTYPE)")
 
     def begun(self, _name: str, attributes: Mapping[str, str]) -> None:
-        self._depth += 1
-        if self._depth > DEEPEST:
+        if self._left:
+            self._left[-1] -= 1
+        if len(attributes) > MOST_MEMBERS or min(self._left[-1:], default=0) < 0:
+            raise self._refused(
+                f"an element has more than {MOST_MEMBERS} members, or a vector more than {MOST_IN_VECTOR}"
+            )
+        self._left.append(MOST_IN_VECTOR if attributes.get("type") == VECTOR else MOST_MEMBERS)
+        if len(self._left) > DEEPEST:
             raise self._refused(f"its elements are nested more than {DEEPEST} deep")
         if any(name.rpartition(":")[2] in FETCHED for name in attributes):
             raise self._refused("it names a schema to be fetched")
 
     def ended(self, _name: str) -> None:
-        self._depth -= 1
+        self._left.pop()
 
     def _refused(self, why: str) -> UnreadableFileError:
         return self._file.unreadable(f"the XML section is not such as E57 has: {why}", PLACE)

@@ -96,10 +96,10 @@ def _opened(file: ScanFile, limits: ReadLimits) -> Iterator[tuple["_Table", Text
         layout = layout_of(head, stated)
     except LayoutError as fault:
         raise file.unreadable(str(fault), f"line {fault.line}") from fault
+    refuse_long_lines(file)
     if layout.width > MOST_COLUMNS:
         reason = f"the first line has {layout.width} columns, at most {MOST_COLUMNS} are read"
         raise file.unreadable(reason, f"line {layout.skipped_lines + 1}")
-    refuse_long_lines(file)
     with file.path.open(encoding=layout.encoding) as stream:
         for _ in range(layout.skipped_lines):
             stream.readline()

@@ -22,6 +22,9 @@ FOUND = {
     "E57 with an outside grammar": "document type",
     "E57 with an outside schema": "schema to be fetched",
     "E57 of 30,000 nested elements": "nested more than",
+    "E57 of 40,000 elements in one": "more than 1000 members",
+    "E57 of a vector of 40,000": "a vector more than 10000",
+    "E57 of 40,000 name spaces": "more than 1000 members",
     "E57 whose XML has 2^60 bytes": "does not fit a file",
     "new LAZ of 2^32-1 chunks": "LAZ chunks do not fit",
 }

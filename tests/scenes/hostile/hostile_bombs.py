@@ -261,6 +261,24 @@ def bombs(whole: Mapping[str, bytes], outside: str) -> Mapping[str, Callable[[],
                 '<data3D type="Vector" allowHeterogeneousChildren="1">' + '<vectorChild type="Structure"/>' * 12_000,
             ),
         ),
+        "E57 of 40,000 elements in one": e57_with(
+            whole,
+            lambda xml: xml.replace(
+                "<images2D", "".join(f'<a{k} type="Float"/>' for k in range(40_000)) + "<images2D", 1
+            ),
+        ),
+        "E57 of a vector of 40,000": e57_with(
+            whole,
+            lambda xml: xml.replace(
+                "<images2D", '<v type="Vector">' + '<vectorChild type="Float"/>' * 40_000 + "</v><images2D", 1
+            ),
+        ),
+        "E57 of 40,000 name spaces": e57_with(
+            whole,
+            lambda xml: xml.replace(
+                "<e57Root ", "<e57Root " + " ".join(f'xmlns:n{k}="http://n/{k}"' for k in range(40_000)) + " ", 1
+            ),
+        ),
         "E57 whose XML has 2^60 bytes": e57_with(whole, lambda xml: xml, 2**60),
         "E57 whose XML has 2^63 bytes": e57_with(whole, lambda xml: xml, 2**63),
         "E57 with an image of 2^40 bytes": lambda: (
