@@ -5,8 +5,8 @@ agree, both make the pose together. Where they contradict each other, correspond
 pose, then planes alone are tried. Where that does not help either, the very surfaces of the matched planes are asked:
 they are all that the features know. Where these, laid on each other place by place from the features' pose on, do not
 stay there but come to where the other surfaces, which are independent data, have the scan, the features err (planes
-that are not plane, wrong partners) and the surfaces stand alone. Else the contradiction makes the pose doubtful. Where
-there are surfaces, an adjustment of features that does not settle is left out, and the reason says so.
+that are not plane, wrong partners) and the surfaces stand alone. Else the covariance holds both, and the pose is
+coarse. Where there are surfaces, an adjustment of features that does not settle is left out, and the reason says so.
 """
 
 from dataclasses import dataclass, replace
@@ -248,7 +248,7 @@ def _answer(
         reason = "; ".join(["too little surface lies on surface to use it", *remarks])
         final = of_features(problem, good.fine, good.label, reason)
         return Answer(final, good.fine, largest_hidden_shift_m(good.fine.adjustment))
-    doubts: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
     torn = False
     if good is None and attempts:
         refutation = refuted_by_own_surfaces(problem, attempts[0].fine, surfaces, options)
@@ -259,21 +259,21 @@ def _answer(
             noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
             torn = apart_m > NOISES_APART * noise_m
             if torn and apart_m > allowed_m(problem):
-                good, doubts = None, (_contradiction(attempts[0]),)
+                good, findings = None, (_contradiction(attempts[0]),)
             elif good.comparison is not None and apart_m > noise_m and _is_far_beyond_chance(good.comparison):
-                doubts = (_far_beyond_chance(good.comparison),)
+                findings = (_far_beyond_chance(good.comparison),)
     if good is not None and good.comparison is not None:
         if good.comparison.apart_m > allowed_m(problem):
-            doubts = *doubts, _apart(good.comparison, allowed_m(problem))
+            findings = *findings, _apart(good.comparison, allowed_m(problem))
         whole = joined(problem, good.fine, surfaces, good.comparison, good.label, torn=torn)
         final = replace(whole.final, reason="; ".join([whole.final.reason, *remarks]))
         hidden = max(hidden_shift_m(good.fine, whole), surfaces.hidden_shift_m)
-        return Answer(final, good.fine, hidden, doubts)
-    doubts = *doubts, *misfit_doubts([attempt.fine for attempt in attempts])
+        return Answer(final, good.fine, hidden, findings=findings)
+    doubts = tuple(misfit_doubts([attempt.fine for attempt in attempts]))
     why = remarks or ["there are neither lines nor planes to adjust"]
-    held = attempts[0].fine if doubts and attempts else None
+    held = attempts[0].fine if (findings or doubts) and attempts else None
     final = of_surfaces(problem, surfaces, f"{'; '.join(why)}: so the surfaces alone, {surfaces.in_words()}", held=held)
-    return Answer(final, None, surfaces.hidden_shift_m, doubts)
+    return Answer(final, None, surfaces.hidden_shift_m, doubts, findings)
 
 
 def _nearest(attempts: list[_Attempt]) -> tuple[_Attempt, float]:

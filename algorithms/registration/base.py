@@ -25,10 +25,54 @@ class PairStatus(StrEnum):
     """What is to be thought of a pair's pose."""
 
     ACCEPTED = "accepted"
+    COARSE = "coarse"
+    """In place, less precise than asked."""
     DOUBTFUL = "doubtful"
     REJECTED = "rejected"
     AMBIGUOUS = "ambiguous"
     DEGENERATE = "degenerate"
+
+    @property
+    def in_place(self) -> bool:
+        """Whether the pose is certainly the right one, however well it is known."""
+        return self in {PairStatus.ACCEPTED, PairStatus.COARSE}
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Standard deviations that a request asks of poses; None: not stated."""
+
+    std_m: float | None = None
+    """Of positions [m]."""
+    std_rad: float | None = None
+    """Of turns [rad]."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How well a determined pose is known."""
+
+    allowed_m: float
+    """Standard deviation allowed at the far end: the tolerance, or what the scans allow [m]."""
+    is_stated: bool
+    """Whether a request states that tolerance."""
+    centre_std_m: float
+    """Standard deviation of the worst motion where the common features and surfaces are [m]."""
+    far_m: float
+    """Distance of the far end from there [m]."""
+    far_std_m: float
+    """Standard deviation of the worst motion at the far end [m]."""
+    turn_std_rad: float
+    """Standard deviation of the worst turn [rad]."""
+    hidden_m: float
+    """Shift of the pose by the largest error that no test finds [m]; inf: any error could hide."""
+    findings: tuple[str, ...] = ()
+    """What exceeds the tolerance, and what contradicts the precision, in words; empty: it is kept."""
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the pose is as precise as asked."""
+        return not self.findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +87,8 @@ class RegistrationProblem:
     """Survey targets of the target station, in its reduced frame; None: there are none."""
     source_points: TargetSet | None = None
     """Those of the source station."""
+    tolerance: Tolerance | None = None
+    """Precision that the request asks of a pose; None: what the scans allow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +255,8 @@ class PairResult:
     place: Place | None = None
     """How probable the pose is by the evidence, beside others; below one half it is not accepted. None: no pose was
     worth the question."""
+    precision: Precision | None = None
+    """How well the pose is known; None: there is none, or it leaves motions free."""
 
     @staticmethod
     def without_pose(status: PairStatus, reason: str) -> "PairResult":

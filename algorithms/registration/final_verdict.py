@@ -2,29 +2,28 @@
 
 import numpy as np
 
-from algorithms.adjustment.principal_motions import principal_motions
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.adjustment.testing import noncentrality
 from algorithms.geometry.pose_parameters import shift_of_origin
 from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import AcceptanceStatus, Verdict, Verification
-from algorithms.registration.base import FinalPose, FineRegistration, PairStatus, RegistrationProblem, TargetFit
+from algorithms.registration.base import (
+    FinalPose,
+    FineRegistration,
+    PairStatus,
+    Precision,
+    RegistrationProblem,
+    TargetFit,
+)
 from algorithms.registration.final_pose import PARAMETERS, Joined
 from algorithms.registration.neighbourhood_covariance import LEAST_NEIGHBOURHOODS
 from algorithms.registration.pair_verdict import (
     LEAST_REDUNDANCY,
-    WORST_STD_M,
     agreement_doubts,
-    allowed_m,
     misfit_doubts,
     remarks_on,
 )
 from algorithms.registration.surface_estimate import WEAK_TESTIMONY
-
-FAR_SHARE = 0.9
-"""Within the distance from what is common that this share of a scan's surface keeps, the pose must be known..."""
-FAR_NOISES = 5.0
-"""...to `WORST_STD_M`, or to so many standard deviations of single points where they are noisy."""
 
 LEAST_SUPPORT_OF_WEAK = 0.2
 """So much of the surface must lie on surface where less than `WEAK_TESTIMONY` of it determines a motion: a sliver of a
@@ -39,10 +38,12 @@ def status_of_final(
     *,
     fine: FineRegistration | None,
     doubts: tuple[str, ...],
-    hidden_m: float,
+    precision: Precision | None,
     targets: TargetFit | None = None,
 ) -> tuple[PairStatus, tuple[str, ...]]:
     """Join what surfaces, runner-up, tests and geometry say; the most severe decides.
+
+    What the precision lacks makes a pose coarse, never doubtful.
 
     Parameters
     ----------
@@ -57,17 +58,18 @@ def status_of_final(
     fine
         The lines and planes in it; None: it rests on surfaces alone.
     doubts
-        What is known already.
-    hidden_m
-        How far an error that no test finds may shift the pose [m].
+        What is known against its place.
+    precision
+        How well it is known; None: it leaves motions free.
     targets
         Survey targets in it; None: there are none.
     """
     reasons = [final.reason, *verdict.reasons, *coarse.remarks, *remarks_on(problem, fine)]
+    findings = () if precision is None else precision.findings
     if verdict.status is AcceptanceStatus.REJECTED:
         return PairStatus.REJECTED, tuple(reasons)
-    rank = PARAMETERS - final.reduced.null_space.shape[1]
-    if rank < PARAMETERS:
+    if precision is None:
+        rank = PARAMETERS - final.reduced.null_space.shape[1]
         free = "; ".join(final.free_directions)
         return PairStatus.DEGENERATE, (
             f"features and surfaces determine only {rank} of 6 parameters, free: {free}. {final.advice}",
@@ -76,21 +78,19 @@ def status_of_final(
         )
     told = targets is not None and targets.is_controlled
     if verdict.status is AcceptanceStatus.AMBIGUOUS or (coarse.ambiguous and not told):
-        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons, *doubts]))
-    found = [*doubts, *_doubts(final, fine, hidden_m, allowed_m(problem), targets), *_doubts_far_off(problem, final)]
+        return PairStatus.AMBIGUOUS, tuple(dict.fromkeys([*reasons, *coarse.reasons, *doubts, *findings]))
+    found = [*doubts, *_doubts(final, fine, targets)]
     if fine is not None:
         found += [*misfit_doubts([fine]), *agreement_doubts(fine)]
     if problem.priors is not None:
         found += problem.priors.contradictions(final.reduced)
     if verdict.status is AcceptanceStatus.DOUBTFUL or found:
-        return PairStatus.DOUBTFUL, (*reasons, *found)
-    return PairStatus.ACCEPTED, tuple(reasons)
+        return PairStatus.DOUBTFUL, (*reasons, *found, *findings)
+    return PairStatus.COARSE if findings else PairStatus.ACCEPTED, (*reasons, *findings)
 
 
-def _doubts(
-    final: FinalPose, fine: FineRegistration | None, hidden_m: float, limit_m: float, targets: TargetFit | None
-) -> list[str]:
-    """Say what keeps a determined pose from being accepted."""
+def _doubts(final: FinalPose, fine: FineRegistration | None, targets: TargetFit | None) -> list[str]:
+    """List what keeps a determined pose from being trusted."""
     doubts = []
     surfaces = final.surfaces
     if surfaces is not None and not surfaces.converged:
@@ -99,64 +99,19 @@ def _doubts(
         doubts.append("the adjustment did not settle")
     spare = 0 if fine is None else fine.adjustment.redundancy
     common = 0 if surfaces is None else surfaces.neighbourhoods
+    controlled = targets is not None and targets.is_controlled
     if targets is not None and final.without_targets is None:
-        doubts += _doubts_of_targets(targets, limit_m)
-    elif spare < LEAST_REDUNDANCY and common < LEAST_NEIGHBOURHOODS and (targets is None or not targets.is_controlled):
+        if not controlled:
+            doubts.append(
+                f"an error in one of {int(targets.used.sum())} common targets would not show, whatever its size: four "
+                "that do not lie in one plane, or more, control each other"
+            )
+    elif spare < LEAST_REDUNDANCY and common < LEAST_NEIGHBOURHOODS and not controlled:
         doubts.append(
             f"lines and planes have {spare} conditions more than parameters, and the surfaces {common} neighbourhoods "
             f"in common: errors could hide ({LEAST_REDUNDANCY} or {LEAST_NEIGHBOURHOODS} would be needed)"
         )
-    if hidden_m > limit_m:
-        doubts.append(
-            f"an error that no test could find would shift the pose by {hidden_m * 1e3:.0f} mm "
-            f"({limit_m * 1e3:.0f} mm would be allowed): too little controls it"
-        )
-    doubts += [
-        f"the {motion.text} is hardly determined (standard deviation {motion.std_m * 1e3:.0f} mm, "
-        f"{limit_m * 1e3:.0f} mm would be allowed)"
-        for motion in principal_motions(final.reduced, final.centred.centroid, final.centred.radius_m)
-        if motion.std_m > limit_m
-    ]
     return doubts
-
-
-def _doubts_of_targets(targets: TargetFit, limit_m: float) -> list[str]:
-    """Say where an error in one of the targets that carry a pose alone could hide."""
-    if not targets.is_controlled:
-        doubt = (
-            f"an error in one of {int(targets.used.sum())} common targets would not show, whatever its size: four that "
-            "do not lie in one plane, or more, control each other"
-        )
-        return [doubt]
-    if targets.hidden_m > limit_m:
-        doubt = (
-            f"an error in a target that no test could find would shift the pose by {targets.hidden_m * 1e3:.0f} mm "
-            f"({limit_m * 1e3:.0f} mm would be allowed)"
-        )
-        return [doubt]
-    return []
-
-
-def _doubts_far_off(problem: RegistrationProblem, final: FinalPose) -> list[str]:
-    """Say where a small common part carries a large scan badly: turns grow with the distance from it.
-
-    Asked of the scan that reaches less far, so the answer does not depend on which of the two is the target.
-    """
-    source_points = final.reduced.target_from_source.apply(problem.source.index.points)
-    reach_m = min(
-        float(np.quantile(np.linalg.norm(points - final.centred.centroid, axis=1), FAR_SHARE))
-        for points in (problem.target.index.points, source_points)
-    )
-    noise_m = max(problem.target.noise_std_m, problem.source.noise_std_m)
-    limit_m = max(WORST_STD_M, FAR_NOISES * noise_m)
-    worst = principal_motions(final.reduced, final.centred.centroid, reach_m)[0]
-    if worst.std_m <= limit_m:
-        return []
-    doubt = (
-        f"what the scans have in common carries the rest of them badly: {reach_m:.0f} m from it the {worst.text} is "
-        f"known to {worst.std_m * 1e3:.0f} mm (standard deviation, {limit_m * 1e3:.0f} mm would be allowed)"
-    )
-    return [doubt]
 
 
 def doubts_of_slivers(final: FinalPose, verification: Verification) -> tuple[str, ...]:

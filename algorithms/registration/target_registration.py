@@ -115,7 +115,7 @@ def judged_by_targets(
         feature_share=0.0,
         surfaces=None,
     )
-    return judged(problem, unsearched(fit), Answer(final, None, 0.0, doubts_of(fit), fit), matching)
+    return judged(problem, unsearched(fit), Answer(final, None, 0.0, doubts_of(fit), targets=fit), matching)
 
 
 def unsearched(fit: TargetFit) -> CoarseRegistration:

@@ -27,10 +27,15 @@ from algorithms.registration.base import (
 from algorithms.registration.final_pose import widened
 from algorithms.registration.final_verdict import doubts_of_slivers, status_of_final
 from algorithms.registration.pair_verdict import agreement_doubts, expected_supporters, rigidity_of
+from algorithms.registration.precision import precision_of
 from algorithms.scans.point_blocks import side_by_side
 
 LEAST_PROBABILITY = 0.5
 """A place that is rather not the right one than the right one is not accepted, whatever the limits say."""
+CERTAIN_PROBABILITY = 0.9
+"""Probability of the place from which a pose may be coarse. Of two buildings taken for one no pose reaches it."""
+CERTAIN_RATIO = 0.5
+"""Largest score of a runner-up, relative to that of a pose which may be coarse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +48,9 @@ class Answer:
     hidden_m: float
     """How far an error that no test finds may shift it [m]."""
     doubts: tuple[str, ...] = ()
-    """What is known against it already."""
+    """What is known against its place already."""
+    findings: tuple[str, ...] = ()
+    """What contradicts its precision; its covariance holds it."""
     targets: TargetFit | None = None
     """Survey targets that take part in it; None: none do."""
 
@@ -82,24 +89,36 @@ def judged(
     if answer.targets is not None:
         verdict = _with_targets(verdict, verification, answer.targets)
     tested = rigidity_of(problem, final.reduced, verdict)
-    doubts = *answer.doubts, *doubts_of_slivers(final, verification), *(() if tested is None else tested.doubts())
-    status, reasons = status_of_final(
-        problem,
-        coarse,
-        final,
-        verdict,
-        fine=fine,
-        doubts=doubts,
-        hidden_m=answer.hidden_m,
-        targets=answer.targets,
-    )
+    findings = answer.findings
     if tested is not None:
-        final = widened(problem, final, tested)
-    if status is PairStatus.ACCEPTED and (answer.targets is None or not answer.targets.is_controlled):
-        status, reasons = _if_probable(place, reasons)
+        final, findings = widened(problem, final, tested), (*findings, *tested.doubts())
+    precision = None
+    if final.reduced.null_space.shape[1] == 0:
+        precision = precision_of(problem, final, hidden_m=answer.hidden_m, targets=answer.targets, found=findings)
+    doubts = *answer.doubts, *doubts_of_slivers(final, verification)
+    if precision is None:
+        doubts = *doubts, *findings
+    status, reasons = status_of_final(
+        problem, coarse, final, verdict, fine=fine, doubts=doubts, precision=precision, targets=answer.targets
+    )
+    controlled = answer.targets is not None and answer.targets.is_controlled
+    if status.in_place and not controlled:
+        status, reasons = _if_probable(status, reasons, place, coarse.runner_up_score / max(verification.score, 1e-9))
+    elif status is PairStatus.DEGENERATE and place is not None:
+        where = f"What is determined is in place with a probability of {place.probability:.0%}."
+        reasons = (f"{reasons[0]} {where}", *reasons[1:])
     shown = None if fine is None else replace(fine, pose=final.pose)
     return PairResult(
-        status, reasons, coarse, shown, verification, final=final, rigidity=tested, targets=answer.targets, place=place
+        status,
+        reasons,
+        coarse,
+        shown,
+        verification,
+        final=final,
+        rigidity=tested,
+        targets=answer.targets,
+        place=place,
+        precision=precision,
     )
 
 
@@ -114,16 +133,27 @@ def _place(problem: RegistrationProblem, coarse: CoarseRegistration, final: Fina
     return place_of(problem.target, problem.source, [pose, *others], calibration)
 
 
-def _if_probable(place: Place | None, reasons: tuple[str, ...]) -> tuple[PairStatus, tuple[str, ...]]:
-    """Accept a pose unless its place is improbable: then another one, or none of those found, is the right one."""
-    if place is None or place.probability >= LEAST_PROBABILITY:
-        return PairStatus.ACCEPTED, reasons
+def _if_probable(
+    status: PairStatus, reasons: tuple[str, ...], place: Place | None, runner_up: float
+) -> tuple[PairStatus, tuple[str, ...]]:
+    """Keep a pose in place unless its place is improbable: then another one, or none of those found, is right.
+
+    Where the precision is contradicted, less controls the place: it must be more probable then, and stand alone.
+    """
+    coarse = status is PairStatus.COARSE
+    least = CERTAIN_PROBABILITY if coarse else LEAST_PROBABILITY
+    if coarse and runner_up > CERTAIN_RATIO:
+        doubt = f"a clearly different pose scores {runner_up:.0%} of it ({CERTAIN_RATIO:.0%} would be allowed)"
+        return PairStatus.DOUBTFUL, (*reasons, doubt)
+    if place is None or place.probability >= least:
+        return status, reasons
     likely = sum(each.probability for each in place.others)
     doubt = (
         f"that this is the right place is probable to {place.probability:.0%}, that it is another one that was found "
-        f"to {likely:.0%}, and that it is none of them to {place.none:.0%} ({LEAST_PROBABILITY:.0%} would be needed)"
+        f"to {likely:.0%}, and that it is none of them to {place.none:.0%} ({least:.0%} would be needed)"
     )
-    return PairStatus.AMBIGUOUS if likely > place.none else PairStatus.DOUBTFUL, (*reasons, doubt)
+    ambiguous = place.probability < LEAST_PROBABILITY and likely > place.none
+    return PairStatus.AMBIGUOUS if ambiguous else PairStatus.DOUBTFUL, (*reasons, doubt)
 
 
 def _with_targets(verdict: Verdict, verification: Verification, targets: TargetFit) -> Verdict:

@@ -136,6 +136,7 @@ def registered(target: ScanFeatures, source: ScanFeatures, truth: RigidTransform
     with (
         mock.patch.object(registration_verdict, "status_of_final", status_of_final),
         mock.patch.object(registration_verdict, "LEAST_PROBABILITY", 0.0),
+        mock.patch.object(registration_verdict, "CERTAIN_PROBABILITY", 0.0),
     ):
         result = DEFAULT_METHOD().register(RegistrationProblem(target, source), progress=NoProgress())
     is_precise = bool(precise and precise[-1])

@@ -18,9 +18,11 @@ from algorithms.quality.acceptance import AcceptanceStatus, Verdict
 from algorithms.registration import auto_registration, line_registration
 from algorithms.registration.auto import AutoMethod
 from algorithms.registration.base import PairResult, PairStatus, RegistrationProblem
-from algorithms.registration.final_verdict import allowed_m, doubts_of_slivers, status_of_final
+from algorithms.registration.final_verdict import doubts_of_slivers, status_of_final
 from algorithms.registration.lines import LinesMethod
+from algorithms.registration.pair_verdict import allowed_m
 from algorithms.registration.planes import PlanesMethod
+from algorithms.registration.precision import precision_of
 from schemas.results.registration_result import Pair
 from service.use_cases.documents.pair_documents import pair_document
 from service.use_cases.steps.link_store import link_of
@@ -279,7 +281,7 @@ def test_where_nothing_tells_whether_planes_or_surfaces_err_the_deviations_hold_
     assert error_m(result) < 1.5 * std
 
 
-@pytest.mark.parametrize(("plane_std", "status"), [(0.0003, "doubtful"), (0.003, "accepted")])
+@pytest.mark.parametrize(("plane_std", "status"), [(0.0003, "coarse"), (0.003, "accepted")])
 def test_a_contradiction_far_beyond_chance_is_never_accepted(plane_std: float, status: str) -> None:
     seen = {"planes": "xyzX", "plane_std": plane_std}
     source = scan(POSE, 2, **seen)
@@ -287,7 +289,7 @@ def test_a_contradiction_far_beyond_chance_is_never_accepted(plane_std: float, s
     result = registered(scan(RigidTransform.identity(), 1, **seen), moved)
     assert "contradict the surfaces" in document(result).reasons[0]
     assert result.status.value == status
-    assert any("far beyond chance" in reason for reason in result.reasons) == (status == "doubtful")
+    assert any("far beyond chance" in reason for reason in result.reasons) == (status == "coarse")
 
 
 @pytest.mark.parametrize(("free", "ambiguous", "status"), [(1, False, "degenerate"), (0, True, "ambiguous")])
@@ -303,7 +305,7 @@ def test_doubts_stand_in_the_reasons_whatever_decides(free: int, ambiguous: bool
         Verdict(AcceptanceStatus.ACCEPTED, ()),
         fine=result.fine,
         doubts=("the scans differ by more than a motion",),
-        hidden_m=0.0,
+        precision=None if free else result.precision,
     )
     assert judged.value == status
     assert "the scans differ by more than a motion" in reasons
@@ -317,9 +319,9 @@ def test_a_pose_must_be_known_to_two_centimetres_or_to_half_the_distance_of_the_
 
 @pytest.mark.parametrize(
     ("target_reaches_far", "source_reaches_far", "status"),
-    [(True, True, "doubtful"), (True, False, "accepted"), (False, True, "accepted")],
+    [(True, True, "coarse"), (True, False, "accepted"), (False, True, "accepted")],
 )
-def test_a_turn_that_moves_what_is_far_from_the_common_part_makes_a_pose_doubtful(
+def test_a_turn_that_moves_what_is_far_from_the_common_part_makes_a_pose_coarse(
     target_reaches_far: bool, source_reaches_far: bool, status: str
 ) -> None:
     target, source = scan(RigidTransform.identity(), 1), scan(POSE, 2)
@@ -332,11 +334,18 @@ def test_a_turn_that_moves_what_is_far_from_the_common_part_makes_a_pose_doubtfu
     problem = RegistrationProblem(
         reaching_far(target) if target_reaches_far else target, reaching_far(source) if source_reaches_far else source
     )
+    known = precision_of(problem, final, hidden_m=0.0)
     judged, reasons = status_of_final(
-        problem, result.coarse, final, Verdict(AcceptanceStatus.ACCEPTED, ()), fine=result.fine, doubts=(), hidden_m=0.0
+        problem,
+        result.coarse,
+        final,
+        Verdict(AcceptanceStatus.ACCEPTED, ()),
+        fine=result.fine,
+        doubts=(),
+        precision=known,
     )
     assert judged.value == status
-    assert ("mm (standard deviation, 20 mm would be allowed)" in reasons[-1]) == (status == "doubtful")
+    assert ("mm (standard deviation, 20 mm would be allowed)" in reasons[-1]) == (status == "coarse")
 
 
 def reaching_far(features: ScanFeatures) -> ScanFeatures:
