@@ -29,6 +29,7 @@ MOST_POINTS = 20
 """Most control and check points that are shown, those that were left out first."""
 OF_POSE = ("position_m", "angles_gon", "std_origin_m", "std_angles_gon", "std_centroid_m")
 OF_PLACE = ("projected_m", "std_projected_m")
+OF_ANSWERS = ("place", "rank", "std_far_m", "tolerance_m")
 OF_PAIR = ("overlap_0_1m", "overlap_0_5m", "rms_m", "sigma0", "removed")
 OF_LINES = ("lines", "line_offset_m", "line_angle_gon")
 OF_POINT = ("difference_m", "statistic", "critical")
@@ -126,7 +127,7 @@ def _tolerance(check: Document | None) -> str:
 
 def _agreement(pair: Document, figures: PairFigures) -> Iterator[str]:
     """Describe how well surfaces and lines of a pair agree."""
-    for names in (OF_PAIR, OF_LINES):
+    for names in (OF_ANSWERS, OF_PAIR, OF_LINES):
         if known := _known(figures, names):
             yield "; ".join(f"{label}: {text}" for label, text in known)
     if photos := pair.get("photo_lines"):

@@ -139,7 +139,7 @@ def _with_own_figures(
     if result.final is not None:
         remarks.append(_comparison(problem, proposal.pose, result.final.reduced))
     status = result.status
-    if proposal.doubts and status is PairStatus.ACCEPTED:
+    if proposal.doubts and status.in_place:
         status = PairStatus.DOUBTFUL
     own = OwnFigures(
         label=procedure.label,

@@ -13,6 +13,7 @@ from schemas.results.method_comparison import MethodComparison
 from schemas.results.network import Network
 from schemas.results.own_figures import OwnFigures
 from schemas.results.place import Place
+from schemas.results.precision import Determined, Precision
 from schemas.results.result_lists import NetworkCounts, ResultList, comes_in_pages
 from schemas.results.tolerance_check import ToleranceCheck
 from schemas.values.instruments import MeasuringInstrument
@@ -156,7 +157,7 @@ class ModelParameter(Document):
     )
     std: float | None
     """Its standard deviation; null: not determined."""
-    significant: bool = Field(description="Whether the scans differ so; the pair is not accepted then.")
+    significant: bool = Field(description="Whether the scans differ so; the pair is coarse at best then.")
     direction_in_source: tuple[float, float, float] | None = Field(
         default=None, description="Of a stretch: unit vector in the axes of the source's file."
     )
@@ -181,7 +182,10 @@ class Pair(Document):
     """Name of the station that gives the frame."""
     source: str
     """Name of the station that is moved."""
-    status: str = Field(description="accepted, doubtful, rejected, ambiguous or degenerate")
+    status: str = Field(
+        description="accepted: in place and as precise as asked; coarse: in place, less precise; doubtful, ambiguous, "
+        "rejected: not certainly in place; degenerate: not determined"
+    )
     reasons: list[str]
     """Why it has that status, the weightiest reason first."""
     target_from_source: Pose | None
@@ -199,6 +203,10 @@ class Pair(Document):
         default=None,
         description="How probable the pose is by the evidence, beside others; below one half it is not accepted. "
         "Null: there is no pose, or the evidence is not calibrated.",
+    )
+    determined: Determined | None = Field(default=None, description="What is determined; null: there is no pose.")
+    precision: Precision | None = Field(
+        default=None, description="How well the pose is known; null: there is none, or it leaves motions free."
     )
     start: StartDocument | None = Field(
         default=None, description="The start that somebody chose; null: the scans alone were asked."

@@ -7,6 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from service.names.messages.catalogue import Language, Messages, messages_in
+from service.names.pair_statuses import STATUSES
 
 WIDTH, HEIGHT, MARGIN = 720.0, 440.0, 56.0
 MOST_LABELS = 60
@@ -72,7 +73,7 @@ def _node(station: Mapping[str, Any], place: tuple[float, float], t: Messages, *
 
 
 def _kind(status: str) -> str:
-    return status if status in {"accepted", "doubtful", "ambiguous", "degenerate", "rejected"} else "other"
+    return status if status in STATUSES else "other"
 
 
 def _states(document: Mapping[str, Any]) -> dict[frozenset[str], str]:

@@ -9,10 +9,10 @@ from pydantic import ValidationError
 
 from schemas.results.registration_result import RegistrationDocument
 from service.names.messages.catalogue import Language, Messages, messages_in
+from service.names.pair_statuses import IN_PLACE, STATUSES
 from service.use_cases.reports.conclusion import conclusion
 
 TONES = {"registered": "good", "partly-registered": "doubtful", "not-registered": "bad"}
-STATES = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
 MOST_FIGURES = 40
 
 
@@ -54,7 +54,7 @@ def result_view(process_id: str, document: Mapping[str, Any], language: Language
 def _registration(document: Mapping[str, Any], t: Messages) -> ResultView:
     status = str(document.get("status"))
     states = Counter(str(pair.get("status")) for pair in document.get("pairs", ()))
-    sound = status == "registered" and set(states) <= {"accepted"}
+    sound = status == "registered" and set(states) <= set(IN_PLACE)
     tone = "good" if sound else "doubtful" if status == "registered" else TONES.get(status, "bad")
     sentences = _conclusion(document, states, t)
     if tone != "good":
@@ -67,7 +67,7 @@ def _large_network(document: Mapping[str, Any], t: Messages) -> ResultView:
     status, counts = str(document.get("status")), document["counts"]
     stations, pairs = counts["stations"], counts["pairs"]
     placed = sum(number for state, number in stations.items() if state != "unregistered")
-    known = ", ".join(f"{pairs[state]} {t.word('status', state)}" for state in STATES if pairs.get(state))
+    known = ", ".join(f"{pairs[state]} {t.word('status', state)}" for state in STATUSES if pairs.get(state))
     sentences = [
         t("pages.result.placed", placed=placed, all=sum(stations.values())),
         t("pages.result.links", links=known or "–"),
@@ -83,7 +83,7 @@ def _conclusion(document: Mapping[str, Any], states: Mapping[str, int], t: Messa
     except ValidationError:
         stations = document["stations"]
         placed = sum(bool(each.get("world_from_scan")) for each in stations)
-        known = ", ".join(f"{states[state]} {t.word('status', state)}" for state in STATES if states.get(state))
+        known = ", ".join(f"{states[state]} {t.word('status', state)}" for state in STATUSES if states.get(state))
         return [t("pages.result.placed", placed=placed, all=len(stations)), t("pages.result.links", links=known or "–")]
 
 

@@ -9,6 +9,7 @@ from itertools import combinations
 
 from algorithms.network.options import ALL_PAIRS_UP_TO
 from service.names.content_keys import content_key
+from service.names.pair_statuses import IN_PLACE
 from service.ports import Json, StepCall
 from service.use_cases.inputs.file_poses import scans_by_number, with_file_poses
 from service.use_cases.steps.registered_calls import WRITING_WEIGHT, registered_calls
@@ -292,6 +293,7 @@ def _pair_calls(
                 "target": sides[target],
                 "source": sides[source],
                 "method": job["inputs"]["method"],
+                **_tolerance_of(job["inputs"]),
                 **_targets_of(job, target, source),
                 **_start_of(job["inputs"], target, source),
             },
@@ -319,6 +321,11 @@ def _comparing_calls(
     ]
 
 
+def _tolerance_of(inputs: Json) -> Json:
+    """Return the tolerance that the request states, if it states one."""
+    return {"tolerance": inputs["tolerance"]} if inputs.get("tolerance") else {}
+
+
 def _targets_of(job: Json, target: str, source: str) -> Json:
     """Give the targets of a pair where either station has some; names of clients stand under `inputs`."""
     found = {side: job["targets"].get(name, []) for side, name in (("target", target), ("source", source))}
@@ -340,8 +347,8 @@ def _with_starts(chosen: Sequence[Sequence[str]], inputs: Json) -> Sequence[Sequ
 
 def _choice_call(job: Json, features: Sequence[Json], pairs: Sequence[Json], number: int) -> StepCall:
     arguments = {**_network_arguments(job, features), "pairs": pairs, "known": known_of_stations(job["inputs"])}
-    accepted = sum(pair.get("status") == "accepted" for pair in pairs)
-    told = f", {accepted} of {len(pairs)} tried so far accepted" if pairs else ""
+    accepted = sum(pair.get("status") in IN_PLACE for pair in pairs)
+    told = f", {accepted} of {len(pairs)} tried so far in place" if pairs else ""
     label = f"choosing pairs of stations, round {number}{told}"
     return StepCall("choose-pairs", arguments, label, weight=CHOICE_WEIGHT)
 

@@ -7,7 +7,13 @@ from schemas.results.simulation_result import ExpectedPair
 from service.ports import Json
 
 WIDTH, MARGIN, MAX_HEIGHT = 940.0, 60.0, 760.0
-STROKES = {"accepted": "#1b7f3b", "doubtful": "#b8860b", "ambiguous": "#b8860b", "rejected": "#a02020"}
+STROKES = {
+    "accepted": "#1b7f3b",
+    "coarse": "#5a9e3a",
+    "doubtful": "#b8860b",
+    "ambiguous": "#b8860b",
+    "rejected": "#a02020",
+}
 FAINT = "#bbbbbb"
 
 

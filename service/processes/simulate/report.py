@@ -23,6 +23,7 @@ from schemas.results.simulation_result import (
     SimulationDocument,
 )
 from schemas.values.poses import PoseStd
+from service.names.pair_statuses import IN_PLACE
 from service.ports import Json, StepContext
 from service.processes.simulate.links_drawing import links_drawing
 from service.processes.simulate.scanning import scanner_of
@@ -129,7 +130,7 @@ def _found_poses(
         known = {name: _estimate(pose["matrix"], pose["covariance"]) for name, pose in network["poses"].items()}
     for pair in pairs or () if network is None else ():
         pose = pair.target_from_source
-        if pair.status == "accepted" and pose is not None and pose.covariance is not None:
+        if pair.status in IN_PLACE and pose is not None and pose.covariance is not None:
             known[pair.source] = _estimate(pose.matrix, pose.covariance)
     found = []
     for name, world_from_scan in zip(names, poses, strict=True):
@@ -193,7 +194,7 @@ def _expected_pairs(
         pair = tried.get((names[i], names[j]))
         pose = None if pair is None else pair.target_from_source
         link = states.get((names[i], names[j]), {}).get("state")
-        if network is None and pair is not None and pair.status == "accepted":
+        if network is None and pair is not None and pair.status in IN_PLACE:
             link = "uncontrolled"
         yield ExpectedPair(
             target=names[i],

@@ -14,6 +14,7 @@ from algorithms.quality.comparison import compare_poses
 from schemas.results.method_comparison import ComparedPair, MethodComparison, MethodMarks, MethodMatrix, PoseDifference
 from schemas.results.registration_result import Pair
 from schemas.values.poses import Pose
+from service.names.pair_statuses import IN_PLACE
 from service.use_cases.documents.comparison_documents import ALPHA, reference_pose
 
 NEAR_GON, NEAR_M = 1.0, 0.3
@@ -111,7 +112,7 @@ def _mark(
     to_accepted: PoseDifference | None,
 ) -> str:
     """Tell success from failure, by the verdict first, then by what is known of the truth."""
-    if status == "accepted":
+    if status in IN_PLACE:
         return "accepted" if answer is None or _near(answer) else "wrong"
     found = own if own is not None else to_accepted
     return "found" if found is not None and _near(found) else "failed"
@@ -119,7 +120,7 @@ def _mark(
 
 def _to_accepted(each: MethodOnPair, first: MethodOnPair) -> PoseDifference | None:
     """Compare the pose that a method finds itself with the one that the job's own method is accepted with."""
-    if first.pair.status != "accepted":
+    if first.pair.status not in IN_PLACE:
         return None
     figures = each.pair.own_figures
     own = estimate_of(each.pair.target_from_source if figures is None else figures.claimed)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import algorithms.registration.base
 from algorithms.adjustment.snooping import CorrespondenceState
 from algorithms.arrays import Flags, Indices
 from algorithms.features.photo_lines.projection_options import SpaceEdgeKind
@@ -12,6 +13,7 @@ from algorithms.matching.coarse_registration import CoarseRegistration
 from algorithms.quality.acceptance import Verification
 from algorithms.registration.base import FineRegistration, PairResult
 from schemas.results.adjustment_figures import RankReport, WeakDirection
+from schemas.results.precision import Determined, Precision
 from schemas.results.registration_result import (
     Coarse,
     Overlap,
@@ -73,6 +75,8 @@ def pair_document(
         surfaces=None if final is None or final.surfaces is None else surface_document(final.surfaces),
         model=None if result.rigidity is None else model_document(result.rigidity),
         place=None if result.place is None else place_document(result.place, target=target, source=source),
+        determined=_determined(result),
+        precision=None if result.precision is None else _precision(result.precision),
         coarse=None if result.coarse is None else _coarse(result.coarse),
         adjustment=None if fine is None else adjustment_document(fine),
         correspondences=[] if fine is None else line_correspondences(fine, target_features, target, source),
@@ -203,6 +207,28 @@ def _weak_directions(result: PairResult) -> list[WeakDirection]:
     if result.fine is not None:
         return weak_direction_documents(result.fine.adjustment)
     return free_directions(result.free_directions, result.advice)
+
+
+def _determined(result: PairResult) -> Determined | None:
+    """Describe what is determined of the pose that is given."""
+    report = _rank(result)
+    if report is None or report.rank is None:
+        return None
+    return Determined(rank=report.rank, free=[motion.text for motion in report.null_space], advice=report.advice)
+
+
+def _precision(found: algorithms.registration.base.Precision) -> Precision:
+    return Precision(
+        tolerance_m=found.allowed_m,
+        tolerance_stated=found.is_stated,
+        kept=found.is_kept,
+        centre_std_m=found.centre_std_m,
+        far_m=found.far_m,
+        far_std_m=found.far_std_m,
+        std_gon=found.turn_std_rad * GON_PER_RAD,
+        undetected_m=found.hidden_m if np.isfinite(found.hidden_m) else None,
+        findings=list(found.findings),
+    )
 
 
 def _rank(result: PairResult) -> RankReport | None:

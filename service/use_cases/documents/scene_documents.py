@@ -22,6 +22,7 @@ from schemas.results.scene import (
     SceneStation,
     SceneTarget,
 )
+from service.names.pair_statuses import IN_PLACE, STATUSES
 from service.ports import Json
 from service.use_cases.documents.feature_documents import (
     extracted_lines,
@@ -30,7 +31,6 @@ from service.use_cases.documents.feature_documents import (
 )
 from service.use_cases.documents.pose_documents import matrix_rows
 
-STATUSES = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
 """Of pairs, the most promising first."""
 WORST_FIRST = ("removed", "not-controlled", "reinstated", "used")
 ALONE = "alone"
@@ -55,7 +55,7 @@ def feature_fits(pairs: Sequence[Pair]) -> dict[str, FeatureFit]:
 
 def note_fits(fits: dict[str, FeatureFit], pair: Pair) -> None:
     """Add what one more pair says of its features to `fits`, which is changed."""
-    if pair.status != "accepted":
+    if pair.status not in IN_PLACE:
         return
     named = [
         *((entry, (entry.target_line, entry.source_line)) for entry in pair.correspondences),
@@ -232,7 +232,7 @@ def scene_stages(stations: Sequence[Station], pairs: Sequence[Pair]) -> list[Sce
         "pairs": {
             (pair.target, pair.source): pair.target_from_source.matrix
             for pair in pairs
-            if pair.target_from_source is not None and pair.status in {"accepted", "doubtful"}
+            if pair.target_from_source is not None and pair.status in {*IN_PLACE, "doubtful"}
         },
     }
     order = [(pair.target, pair.source) for pair in sorted(pairs, key=lambda pair: STATUSES.index(pair.status))]

@@ -11,6 +11,7 @@ from algorithms.quality.position_std import PositionStd
 from schemas.results.network import Network
 from schemas.results.registration_result import Pair, Station
 from schemas.results.tolerance_check import StationPrecision, ToleranceCheck, ToleranceReason
+from service.names.pair_statuses import IN_PLACE
 from service.ports import Json
 
 SHARE_WITHIN = 0.95
@@ -117,7 +118,7 @@ def _within(found: StationPrecision, asked: Json | None) -> bool | None:
 def _unconfirmed(pairs: Sequence[Pair], network: Network | None) -> list[ToleranceReason]:
     """Name what carries poses without having been accepted by itself, or without having settled."""
     if network is None:
-        carrying = [pair for pair in pairs if pair.status == "accepted"]
+        carrying = [pair for pair in pairs if pair.status in IN_PLACE]
         return [
             ToleranceReason(code="not-settled", name=f"{pair.source} → {pair.target}")
             for pair in carrying

@@ -5,19 +5,20 @@ from collections.abc import Iterator, Sequence
 from schemas.results.registration_result import Pair, RegistrationDocument
 from schemas.results.tolerance_check import StationPrecision, ToleranceCheck
 from service.names.messages.catalogue import Messages
+from service.names.pair_statuses import STATUSES
 from service.use_cases.reports.figures import PairFigures
 
 MOST_NAMES = 8
 """Longer lists of names are cut, with a count of the rest."""
 OFTEN = 5.0
 """From so many times the standard deviation on, the rms beside it is explained."""
-PROMISING = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
 
 
 def conclusion(document: RegistrationDocument, messages: Messages) -> list[str]:
     """Give the sentences of the conclusion, in order."""
     return [
         *_outcome(document, messages),
+        *_answers(document, messages),
         *_precision(document, messages),
         *_tolerance(document, messages),
         *_checks(document, messages),
@@ -78,8 +79,35 @@ def _outcome(document: RegistrationDocument, messages: Messages) -> Iterator[str
         yield messages("conclusion.contradicted", names=_names(contradicted, messages))
 
 
+def _answers(document: RegistrationDocument, messages: Messages) -> Iterator[str]:
+    """Answer of two stations whether the place is right, what is determined, and how well it is known.
+
+    Of more stations, name the pairs in place that are less precise than asked.
+    """
+    if len(document.stations) > 2:
+        coarse = [f"{pair.source} → {pair.target}" for pair in document.pairs if pair.status == "coarse"]
+        if coarse:
+            yield messages("conclusion.coarse", names=_names(coarse, messages))
+        return
+    pair = next((pair for pair in document.pairs if pair.target_from_source is not None), None)
+    if pair is None:
+        return
+    if pair.place is not None:
+        yield messages("conclusion.place", probability=messages.share(pair.place.probability, 0))
+    if pair.determined is not None:
+        kind = "free" if pair.determined.free else "all"
+        yield messages(f"conclusion.determined.{kind}", rank=pair.determined.rank, free="; ".join(pair.determined.free))
+    if (known := pair.precision) is not None:
+        yield messages(
+            f"conclusion.known.{'kept' if known.kept else 'exceeded'}",
+            std=messages.milli(known.far_std_m, decimals_for(known.far_std_m)),
+            far=messages.number(known.far_m, 0),
+            asked=messages.milli(known.tolerance_m, 1),
+        )
+
+
 def _promise(pair: Pair) -> int:
-    return PROMISING.index(pair.status) if pair.status in PROMISING else len(PROMISING)
+    return STATUSES.index(pair.status) if pair.status in STATUSES else len(STATUSES)
 
 
 def _precision(document: RegistrationDocument, messages: Messages) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from schemas.results.registration_result import RegistrationDocument
 from service.names.messages.catalogue import NOT_KNOWN, Messages
+from service.names.pair_statuses import IN_PLACE
 
 Json = Mapping[str, Any]
 Triple = tuple[float | None, float | None, float | None]
@@ -20,7 +21,7 @@ UNUSED = ("doubtful", "ambiguous", "degenerate", "rejected")
 """States of pairs that the network does not list; those of their own verdicts."""
 PICKED_OF_PAIR = {
     *("target", "source", "status", "reasons", "target_from_source", "overlap", "adjustment", "accuracy"),
-    *("rank_report", "outliers"),
+    *("rank_report", "outliers", "place", "determined", "precision"),
 }
 PICKED: dict[str, Any] = {
     "stations": True,
@@ -89,7 +90,7 @@ class PairFigures:
     target: str
     source: str
     status: str
-    """Verdict on the pair by itself: accepted, doubtful, ambiguous, degenerate or rejected."""
+    """Verdict on the pair by itself: accepted, coarse, doubtful, ambiguous, degenerate or rejected."""
     state: str
     """Use of the pair: one of `CARRYING`, not-connected, or one of `UNUSED`."""
     reason: str | None
@@ -110,6 +111,14 @@ class PairFigures:
     """Standard deviation of the worst determined motion [m]; turns count by the shift of the features."""
     undetected_m: float | None
     """Largest shift of the centroid by an error that stays undetected [m]."""
+    place: float | None
+    """Probability that the pose is the right one, 0 to 1."""
+    rank: int | None
+    """Parameters that the data determine, 0 to 6."""
+    std_far_m: float | None
+    """Standard deviation of the worst motion at the far end of the smaller scan [m]."""
+    tolerance_m: float | None
+    """Standard deviation that is asked at the far end [m]."""
     lines: int | None
     """Lines in the adjustment."""
     line_offset_m: float | None
@@ -173,6 +182,10 @@ FORMS: Mapping[str, tuple[float, int, str]] = {
     "sigma0": (1.0, 2, ""),
     "std_turn_gon": (1e3, 2, ""),
     "undetected_m": (1e3, 2, ""),
+    "place": (1e2, 0, " %"),
+    "rank": (1.0, 0, ""),
+    "std_far_m": (1e3, 2, ""),
+    "tolerance_m": (1e3, 1, ""),
     "lines": (1.0, 0, ""),
     "line_offset_m": (1e3, 2, ""),
     "line_angle_gon": (1.0, 4, ""),
@@ -306,6 +319,7 @@ def pair_figures(pair: Json, link: Json | None, *, alone: bool) -> PairFigures:
         Whether there is no network: of two stations.
     """
     pose, overlap, adjustment = (pair.get(name) or {} for name in ("target_from_source", "overlap", "adjustment"))
+    precision: Json = pair.get("precision") or {}
     accuracy, shown = pair.get("accuracy") or {}, pose_figures(pose)
     lines = accuracy.get("lines") or {}
     motions = [motion["std_m"] for motion in (pair.get("rank_report") or {}).get("determined") or ()]
@@ -328,6 +342,10 @@ def pair_figures(pair: Json, link: Json | None, *, alone: bool) -> PairFigures:
         pose=shown,
         std_turn_gon=max(turns) if len(turns) == 3 else None,
         std_worst_m=max([*motions, *axes], default=None),
+        place=(pair.get("place") or {}).get("probability"),
+        rank=(pair.get("determined") or {}).get("rank"),
+        std_far_m=precision.get("far_std_m"),
+        tolerance_m=precision.get("tolerance_m"),
         undetected_m=(adjustment.get("largest_external_effects") or {}).get("centroid_shift_m"),
         lines=sum(count for kind, count in lines.items() if kind != "removed") if lines else None,
         line_offset_m=accuracy.get("max_offset_m"),
@@ -339,7 +357,7 @@ def pair_figures(pair: Json, link: Json | None, *, alone: bool) -> PairFigures:
 
 def _state_alone(status: str, *, alone: bool) -> str:
     """Name the state of a pair that the network does not list."""
-    if status == "accepted":
+    if status in IN_PLACE:
         return "uncontrolled" if alone else "not-connected"
     return status if status in UNUSED else "rejected"
 

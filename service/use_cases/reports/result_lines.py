@@ -13,6 +13,7 @@ from algorithms.geometry.lines import Lines
 from schemas.results.registration_result import Pair, Station
 from service.formats.dxf_lines_writer import LineLayer, dxf_lines
 from service.formats.ply_edges_writer import ply_edges
+from service.names.pair_statuses import IN_PLACE
 from service.use_cases.documents.feature_names import line_name
 
 COLORS = {
@@ -107,7 +108,7 @@ def registered_lines(
     stations: Sequence[Station], scans: Mapping[str, ScanLines], pairs: Sequence[Pair]
 ) -> list[StationLines]:
     """Give the lines of all registered stations in the world frame, states from the accepted pairs."""
-    states = states_of_lines([pair for pair in pairs if pair.status == "accepted"])
+    states = states_of_lines([pair for pair in pairs if pair.status in IN_PLACE])
     return [
         lines_of_station(
             station.name,

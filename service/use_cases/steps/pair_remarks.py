@@ -86,7 +86,7 @@ def distrusted_if_copied(
         f"the two scans are the same measurement: {share:.0%} of the points tried are found in both, but for a motion; "
         "so the pose says how well a scan fits itself, and nothing of where an instrument stood"
     )
-    status = PairStatus.DOUBTFUL if result.status is PairStatus.ACCEPTED else result.status
+    status = PairStatus.DOUBTFUL if result.status.in_place else result.status
     return replace(result, status=status, reasons=(reason, *result.reasons))
 
 

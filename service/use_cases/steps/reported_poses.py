@@ -10,11 +10,9 @@ from scipy.spatial.transform import RigidTransform
 from algorithms.geometry.poses import PoseEstimate
 from schemas.results.registration_result import Pair, Station
 from schemas.values.poses import Pose
+from service.names.pair_statuses import IN_PLACE, STATUSES
 from service.ports import Json
 from service.use_cases.documents.pose_documents import fixed_pose_document, pose_document
-
-STATUSES = ("accepted", "doubtful", "ambiguous", "degenerate", "rejected")
-"""Of pairs, the most promising first."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class PairsInNetwork:
     def judged(self, pair: Pair) -> Pair:
         """Take back the acceptance of a pair that contradicts others, and add what is to be said of its scans."""
         reason = self.rejected.get((pair.target, pair.source))
-        taken_back = reason is not None and pair.status == "accepted"
+        taken_back = reason is not None and pair.status in IN_PLACE
         reasons = [*([reason] if taken_back else []), *pair.reasons]
         reasons += [*self.warnings[pair.target], *self.warnings[pair.source]]
         return pair.model_copy(
@@ -140,7 +138,7 @@ def _pair_poses(names: Sequence[str], pairs: Sequence[Pair]) -> dict[str, Statio
     """Give the pose of the second of two stations from their pair."""
     for pair in pairs:
         own = pair.target_from_source
-        if pair.status != "accepted" or own is None or names[0] not in {pair.target, pair.source}:
+        if pair.status not in IN_PLACE or own is None or names[0] not in {pair.target, pair.source}:
             continue
         name, is_direct = (pair.source, True) if pair.target == names[0] else (pair.target, False)
         estimate = _estimate(own) if is_direct else _estimate(own).inverse()
@@ -188,7 +186,7 @@ def _why_not(name: str, tried: Sequence[Pair]) -> str:
     if not tried:
         return "no pair with this station was tried"
     counts = ", ".join(f"{count} {status}" for status, count in Counter(pair.status for pair in tried).items())
-    if any(pair.status == "accepted" for pair in tried):
+    if any(pair.status in IN_PLACE for pair in tried):
         return f"connected only to stations that are not connected to the first one ({counts})"
     nearest = min(tried, key=lambda pair: STATUSES.index(pair.status))
     other = nearest.source if nearest.target == name else nearest.target

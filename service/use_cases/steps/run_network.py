@@ -16,6 +16,7 @@ from algorithms.network.surface_control import SurfaceControl
 from algorithms.network.track_observations import TrackKind
 from algorithms.network.tracks import StationFeatures
 from schemas.requests.scanner_options import ScannerOptions
+from service.names.pair_statuses import IN_PLACE
 from service.ports import Json, StepContext
 from service.use_cases.documents.instrument_documents import (
     errors_taken_off,
@@ -34,12 +35,12 @@ KEPT_IN_MEMORY = 24
 
 
 def adjust_network(context: StepContext, arguments: Json) -> Json:
-    """Find the poses of all stations from the accepted pairs, and store them with the figures of the network."""
+    """Find the poses of all stations from the pairs in place, and store them with the figures of the network."""
     names: list[str] = arguments["names"]
     links, doubtful = (
         # targets are adjusted with all stations later
-        [link for link in stored_links(context, arguments["pairs"], names, status) if not link.of_targets]
-        for status in ("accepted", "doubtful")
+        [link for link in stored_links(context, arguments["pairs"], names, statuses) if not link.of_targets]
+        for statuses in (IN_PLACE, ("doubtful",))
     )
     inputs: Json = arguments.get("inputs", {})
     context.progress.report(0.0, "loading features")
@@ -100,8 +101,10 @@ def _features_of(context: StepContext, arguments: Json, number: int) -> ScanFeat
     return load_features(context.blobs.local_path(arguments["features"][number]))
 
 
-def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[str], status: str) -> list[StationLink]:
-    """Load what pairs of a status left for the network.
+def stored_links(
+    context: StepContext, pairs: Sequence[Json], names: Sequence[str], statuses: Sequence[str]
+) -> list[StationLink]:
+    """Load what pairs of some statuses left for the network.
 
     Parameters
     ----------
@@ -111,14 +114,14 @@ def stored_links(context: StepContext, pairs: Sequence[Json], names: Sequence[st
         Outputs of the pairs.
     names
         Of all stations, in order.
-    status
-        `accepted` or `doubtful`.
+    statuses
+        Theirs.
     """
     place = {name: number for number, name in enumerate(names)}
     return [
         load_link(context.blobs.local_path(pair["link"]), place[pair["target"]], place[pair["source"]])
         for pair in pairs
-        if pair["link"] is not None and pair["status"] == status
+        if pair["link"] is not None and pair["status"] in statuses
     ]
 
 

@@ -11,6 +11,7 @@ from algorithms.network.loop_closure import examine_loops
 from algorithms.network.pose_graph import chained_parts
 from algorithms.network.similarity import appearance, likeness
 from algorithms.network.whereabouts import whereabouts_of
+from service.names.pair_statuses import IN_PLACE
 from service.ports import Json, StepContext
 from service.use_cases.steps.feature_store import load_members
 from service.use_cases.steps.run_network import stored_links
@@ -36,7 +37,7 @@ def choose_pairs(context: StepContext, arguments: Json) -> Json:
     alike = likeness(profiles)
     whereabouts = whereabouts_of(surfaces, poses)
     if arguments["pairs"]:
-        links = [link for link in stored_links(context, arguments["pairs"], names, "accepted") if not link.of_targets]
+        links = [link for link in stored_links(context, arguments["pairs"], names, IN_PLACE) if not link.of_targets]
         place = {name: number for number, name in enumerate(names)}
         tried = [(place[pair["target"]], place[pair["source"]]) for pair in arguments["pairs"]]
         chosen = next_pairs(alike, surfaces, _known(links, names, tried), whereabouts)

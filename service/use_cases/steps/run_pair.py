@@ -69,7 +69,9 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     priors = priors_of_pair(target, source, *origins) if start is None else start.priors(target, source)
     stated = arguments.get("inputs", {}).get("targets", {})
     points = [target_set(stated.get(side), own) for side, own in zip(("target", "source"), origins, strict=True)]
-    problem = RegistrationProblem(features[0], features[1], priors, *points)
+    problem = RegistrationProblem(
+        features[0], features[1], priors, *points, tolerance=_tolerance(arguments.get("tolerance"))
+    )
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
     started = time.perf_counter()
@@ -89,6 +91,17 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     return RegisteredPair(problem, result, document, seconds)
 
 
+def _tolerance(asked: Json | None) -> "algorithms.registration.base.Tolerance | None":
+    """Return what the request asks of poses; None: nothing."""
+    from algorithms.geometry.angles import GON_PER_RAD
+    from algorithms.registration.base import Tolerance
+
+    if not asked:
+        return None
+    std_gon = asked.get("std_gon")
+    return Tolerance(asked.get("std_m"), None if std_gon is None else std_gon / GON_PER_RAD)
+
+
 def peak_memory_bytes() -> int | None:
     """Give the largest resident memory of this process so far; None where the system does not tell it."""
     try:
@@ -104,11 +117,11 @@ def _stored_link(
     result: "algorithms.registration.base.PairResult",
     problem: "algorithms.registration.base.RegistrationProblem",
 ) -> str | None:
-    """Store what an accepted or doubtful pair may contribute to a network of stations; give its key."""
+    """Store what a pair in place, or a doubtful one, may contribute to a network of stations; give its key."""
     from algorithms.registration.base import PairStatus
     from service.use_cases.steps.link_store import link_of, save_link
 
-    if result.status not in {PairStatus.ACCEPTED, PairStatus.DOUBTFUL} or (result.fine or result.final) is None:
+    if not (result.status.in_place or result.status is PairStatus.DOUBTFUL) or (result.fine or result.final) is None:
         return None
     key = f"jobs/{arguments['job_id']}/links/{arguments['number']}.npz"
     scratch = context.blobs.scratch()

@@ -26,6 +26,7 @@ from algorithms.network.tied_network import (
 from algorithms.network.tracks import StationFeatures
 from algorithms.targets.common_points import TargetSet
 from schemas.results.control_result import ControlResult
+from service.names.pair_statuses import IN_PLACE
 from service.ports import Json, StepContext
 from service.use_cases.documents.control_documents import (
     ControlFrame,
@@ -142,7 +143,7 @@ def _control(inputs: Json) -> _Control:
 
 def _groups(context: StepContext, arguments: Json, names: Sequence[str]) -> list[RegisteredGroup]:
     """Give the stations that scans register together: the network's, and what else accepted pairs connect."""
-    links = [link for link in stored_links(context, arguments["pairs"], names, "accepted") if not link.of_targets]
+    links = [link for link in stored_links(context, arguments["pairs"], names, IN_PLACE) if not link.of_targets]
     groups = []
     if arguments.get("network") is not None:
         with np.load(context.blobs.local_path(arguments["network"]), allow_pickle=False) as stored:

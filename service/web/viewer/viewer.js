@@ -246,7 +246,7 @@ export class Viewer {
   _showEvidence() {
     this.evidence.clear();
     const all = this.currentPair ? [this.currentPair]
-      : this.data.pairs.filter((pair) => pair.status === "accepted" || pair.status === "doubtful");
+      : this.data.pairs.filter((pair) => ["accepted", "coarse", "doubtful"].includes(pair.status));
     const pieces = all.flatMap((pair) => pair.unexplained.map((piece, number) => ({ pair, piece, number })));
     pieces.sort((a, b) => b.piece.area_m2 - a.piece.area_m2);
     pieces.slice(0, MOST_PIECES).forEach(({ pair, piece, number }) => {
