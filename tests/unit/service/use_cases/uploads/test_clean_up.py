@@ -127,7 +127,7 @@ def test_results_of_unknown_jobs_go_after_a_while(house: House) -> None:
 def test_what_a_job_has_stored_that_was_dismissed_is_counted_when_its_computations_have_stopped(house: House) -> None:
     house.jobs.create_and_enqueue(Job("j1", "echo", {}, JobStatus.ACCEPTED, NOW))
     house.blobs.write_bytes("jobs/j1/artifacts/pair.json", b"123")
-    house.jobs.dismiss("j1", NOW)
+    house.jobs.dismiss("j1", house.opened)
     assert house.clean_up(after=timedelta(seconds=30)).nothing
     assert house.clean_up(after=timedelta(minutes=2)) == CleanUp(jobs_counted=1)
     assert house.jobs.results_bytes() == 3
