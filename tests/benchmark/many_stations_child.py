@@ -64,7 +64,7 @@ def register_all(paths: Sequence[Path]) -> dict[str, object]:
         for scan in features
     ]
     tried: list[tuple[int, int]] = []
-    links: dict[PairStatus, list[StationLink]] = {PairStatus.ACCEPTED: [], PairStatus.DOUBTFUL: []}
+    links: dict[PairStatus, list[StationLink]] = {status: [] for status in PairStatus}
     chosen = first_pairs(alike)
     clock.note("choice")
     rounds = 0
@@ -73,9 +73,10 @@ def register_all(paths: Sequence[Path]) -> dict[str, object]:
         for target, source in chosen:
             problem = RegistrationProblem(features[target], features[source])
             result = tieline_method().register(problem, progress=NoProgress())
-            if result.fine is not None and result.status in links:
+            if result.fine is not None:
                 link = link_of(result.fine, problem.target, problem.source)
-                links[result.status].append(replace(link, target=target, source=source))
+                status = PairStatus.ACCEPTED if result.status.in_place else result.status
+                links[status].append(replace(link, target=target, source=source))
         tried += chosen
         clock.note("pairs")
         chosen = next_pairs(alike, surfaces, _known(links[PairStatus.ACCEPTED], names, tried))

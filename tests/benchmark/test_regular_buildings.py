@@ -57,7 +57,7 @@ def test_no_pair_is_accepted_wrong():
             common = verify_pose(target, source, truth).support_share
             class_ = next(label for least, label in CLASSES if common >= least)
             table[kind, class_, result.status.value, "right" if right else "wrong or none"] += 1
-            if result.status is PairStatus.ACCEPTED and not right:
+            if result.status.in_place and not right:
                 wrong.append(f"{kind} {k}, {common:.3f} of the surface in common")
     for key, count in sorted(table.items()):
         print(f"{count:4d}  {', '.join(key)}")

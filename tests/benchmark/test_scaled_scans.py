@@ -109,7 +109,7 @@ def test_no_pair_is_accepted_whose_scans_differ_by_more_than_a_motion(kind, unsc
                 pair = pair_figures(target, changed[0], world_from_target.inv() * changed[1])
                 print(f"{name} {place} {seed} {kind} {said_of(pair, factor)}", flush=True)
                 table[name, kind, pair.status.value] += 1
-                if pair.accepted:
+                if pair.accepted or pair.wrong:
                     accepted.append(f"{name} {factor:.4f}")
                 if (name, place, seed) not in unscaled:
                     source, world_from_source = features_of(source_scan, other, np.random.default_rng([place, seed, 1]))

@@ -36,6 +36,16 @@ class PairFigures:
         return self.status is PairStatus.ACCEPTED
 
     @property
+    def wrong(self):
+        """Whether it is said to be in place and is not: an accepted pose elsewhere, a coarse one beyond its covariance.
+
+        Chi-square of six degrees of freedom exceeds 28 once in ten thousand.
+        """
+        if not self.status.in_place or self.right:
+            return False
+        return self.accepted or not self.nees < 28.0
+
+    @property
     def right(self):
         """Whether there is a pose and it is the true one, whatever its status."""
         return bool(np.linalg.norm(self.error[:3]) < WRONG_RAD and self.centre_error_m < WRONG_M)

@@ -35,7 +35,7 @@ class SymmetricPair:
 
     @property
     def wrong_and_accepted(self):
-        return self.status is PairStatus.ACCEPTED and not self.right
+        return self.status.in_place and not self.right
 
 
 def symmetric_pair(name, seed, oddities):
