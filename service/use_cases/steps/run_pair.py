@@ -68,9 +68,13 @@ def registered_pair(context: StepContext, arguments: Json) -> RegisteredPair:
     start = None if arguments.get("start") is None else chosen_start(arguments["start"], target["name"], *origins)
     priors = priors_of_pair(target, source, *origins) if start is None else start.priors(target, source)
     stated = arguments.get("inputs", {}).get("targets", {})
-    points = [target_set(stated.get(side), own) for side, own in zip(("target", "source"), origins, strict=True)]
     problem = RegistrationProblem(
-        features[0], features[1], priors, *points, tolerance=_tolerance(arguments.get("tolerance"))
+        features[0],
+        features[1],
+        priors,
+        target_points=target_set(stated.get("target"), origins[0]),
+        source_points=target_set(stated.get("source"), origins[1]),
+        tolerance=_tolerance(arguments.get("tolerance")),
     )
     progress = TimedProgress(context.progress, time.perf_counter)
     method = method_of(arguments["method"])
