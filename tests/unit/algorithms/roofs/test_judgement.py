@@ -98,18 +98,27 @@ def test_an_uncertain_height_of_the_ground_makes_the_volume_uncertain() -> None:
     assert figures.reason(model.volume_m3, found_plan=False) is not None
 
 
-@pytest.mark.slow
+FLIGHTS = [(seed, density, noise) for seed in range(5) for density in (4.0, 6.0, 12.0) for noise in NOISES_M]
+"""Seed, points per square metre and noise."""
+FEW = [(k % 5, (4.0, 6.0, 12.0)[k // 3], NOISES_M[k % 3]) for k in range(9)]
+"""One seed for every density and noise."""
+
+
 @pytest.mark.parametrize("found", [False, True], ids=["stated", "found"])
+@pytest.mark.parametrize(
+    "flights",
+    [pytest.param(FEW, marks=pytest.mark.slow, id="few"), pytest.param(FLIGHTS, marks=pytest.mark.benchmark, id="all")],
+)
 @pytest.mark.parametrize("name", list(KINDS))
-def test_no_wrong_volume_is_called_right_over_seeds_densities_and_noises(name: str, *, found: bool) -> None:
+def test_no_wrong_volume_is_called_right_over_seeds_densities_and_noises(
+    name: str, flights: list[tuple[int, float, tuple[float, float]]], *, found: bool
+) -> None:
     kind, wrong = KINDS[name], []
-    for seed in range(5):
-        for density in (4.0, 6.0, 12.0):
-            for noise in NOISES_M:
-                try:
-                    error, _, reason = judged(flown(kind, seed, density, noise), kind, found=found)
-                except InvalidInputError:
-                    continue
-                if reason is None and abs(error) > (0.04 if found else 0.01):
-                    wrong.append((seed, density, noise, error))
+    for seed, density, noise in flights:
+        try:
+            error, _, reason = judged(flown(kind, seed, density, noise), kind, found=found)
+        except InvalidInputError:
+            continue
+        if reason is None and abs(error) > (0.04 if found else 0.01):
+            wrong.append((seed, density, noise, error))
     assert not wrong
