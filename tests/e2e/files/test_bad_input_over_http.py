@@ -1,6 +1,10 @@
-"""Whatever is sent, the answer says what is wrong, nothing stays behind, and the service goes on."""
+"""Whatever is sent, the answer says what is wrong, nothing stays behind, and the service goes on.
+
+`TIELINE_FUZZ` is the number of damaged files and texts; each has its number for a seed.
+"""
 
 import json
+import os
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +17,9 @@ import numpy as np
 import pytest
 
 from tests.e2e.running.running_service import RunningService, wait_until
+from tests.scenes.hostile.hostile_mutations import damaged
+from tests.scenes.hostile.hostile_seeds import MADE_HERE, MESH_WRITERS, WRITERS, whole_files
+from tests.scenes.hostile.hostile_texts import request_with, whole_texts
 
 pytestmark = pytest.mark.service
 
@@ -28,6 +35,7 @@ BROKEN_FILES_OF_OTHERS = (
     "e57/cartesian_invalid_state_single.e57",
     "vtk/cloud_0.vtk",
 )
+DAMAGED = int(os.environ.get("TIELINE_FUZZ", "8"))
 POINTS = np.random.default_rng(5).uniform(-3.0, 3.0, (40, 3))
 PLY_HEADER = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\n" + b"".join(
     b"property double %c\n" % axis for axis in b"xyz"
@@ -138,6 +146,42 @@ def test_a_broken_file_of_other_programs_is_refused(answers: Mapping[str, httpx.
     if not path.is_file():
         pytest.skip(f"{name} is not on this machine")
     assert_problem(answers[str(path)], path.name)
+
+
+@pytest.mark.usefixtures("nothing_stored")
+def test_damaged_files_and_texts_are_taken_or_refused_in_words(service: RunningService, tmp_path: Path) -> None:
+    texts = {name: text for name, text in whole_texts().items() if not name.startswith("flight")}
+    files = {
+        **whole_files(tmp_path, {**WRITERS, **MESH_WRITERS, **MADE_HERE}),
+        "flight.csv": whole_texts()["flight.csv"],
+    }
+    with ThreadPoolExecutor(2) as senders:
+        faults = [
+            *senders.map(lambda number: fault_of_file(service, *damaged(files, number)), range(DAMAGED)),
+            *senders.map(lambda number: fault_of_text(service, *damaged(texts, number)), range(DAMAGED)),
+        ]
+    assert {number: fault for number, fault in enumerate(faults) if fault} == {}
+
+
+def fault_of_file(service: RunningService, name: str, content: bytes) -> str:
+    """Send a file and remove it again where it was taken; return what is wrong with the answer; empty: nothing."""
+    answer = send(service, name, content)
+    if answer.status_code == 201:
+        answer = service.http.delete(f"/files/{answer.json()['id']}")
+        return "" if answer.status_code == 204 else answer.text
+    told = answer.status_code in {400, 413} and name in answer.json()["detail"]
+    return "" if told else f"{name}: {answer.status_code} {answer.text[:500]}"
+
+
+def fault_of_text(service: RunningService, name: str, content: bytes) -> str:
+    """Execute with a text and dismiss the job where there is one; return what is wrong with the answer."""
+    process, body = request_with(name, content.decode("utf-8", "replace"))
+    answer = service.post(f"/processes/{process}/execution", content=body, headers={"Prefer": "respond-async"})
+    if answer.status_code == 201:
+        answer = service.http.delete(f"/jobs/{answer.json()['jobID']}")
+        return "" if answer.status_code == 200 else answer.text
+    told = answer.status_code == 400 and all(fault["detail"] for fault in answer.json()["errors"])
+    return "" if told and answer.json()["errors"] else f"{name}: {answer.status_code} {answer.text[:500]}"
 
 
 @pytest.mark.usefixtures("nothing_stored")
