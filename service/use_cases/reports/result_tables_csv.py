@@ -8,7 +8,7 @@ from schemas.results.correspondences import Correspondence, PlaneCorrespondence
 from schemas.results.registration_result import Pair
 from service.formats.writers.csv_table import csv_text, harmless
 from service.use_cases.documents.pose_documents import PARAMETERS
-from service.use_cases.reports.figures import SHIFTS, TURNS, StationFigures
+from service.use_cases.reports.figures import SHIFTS, TURNS, PairFigures, StationFigures
 
 LINE_COMPONENTS = ("tilt_1_rad", "tilt_2_rad", "offset_1_m", "offset_2_m")
 PLANE_COMPONENTS = ("tilt_1_rad", "tilt_2_rad", "offset_1_m")
@@ -44,6 +44,31 @@ def poses_csv(stations: Sequence[StationFigures]) -> str:
         rows.append(row)
     pose, projected = (chain.from_iterable(columns.values()) for columns in (POSE_COLUMNS, PROJECTED_COLUMNS))
     return _rows(rows, ["station", "status", *pose, "frame", "crs", *projected])
+
+
+PAIR_COLUMNS: Mapping[str, str] = {
+    "target": "target",
+    "source": "source",
+    "status": "status",
+    "state": "use",
+    "place": "place_probability",
+    "rank": "parameters_determined",
+    "std_far_m": "std_far_m",
+    "tolerance_m": "tolerance_m",
+    "std_worst_m": "std_worst_m",
+    "undetected_m": "undetected_m",
+    "overlap_0_1m": "overlap_0_1m",
+    "overlap_0_5m": "overlap_0_5m",
+    "rms_m": "rms_m",
+    "sigma0": "sigma0",
+}
+"""Column of each figure of a pair."""
+
+
+def pairs_csv(pairs: Sequence[PairFigures]) -> str:
+    """Return the pairs with their verdicts: place, what is determined, and how well."""
+    rows = [{column: getattr(pair, figure) for figure, column in PAIR_COLUMNS.items()} for pair in pairs]
+    return _rows(rows, list(PAIR_COLUMNS.values()))
 
 
 def matrix_text(station: StationFigures) -> str:

@@ -34,7 +34,7 @@ from service.use_cases.reports.figures import document_figures
 from service.use_cases.reports.method_files import method_files
 from service.use_cases.reports.report_page import ReportFrame, report_page
 from service.use_cases.reports.result_lines import ScanLines, lines_dxf, lines_ply, registered_lines
-from service.use_cases.reports.result_tables_csv import correspondences_csv, matrix_text, poses_csv
+from service.use_cases.reports.result_tables_csv import correspondences_csv, matrix_text, pairs_csv, poses_csv
 from service.use_cases.steps.feature_store import load_features
 from service.use_cases.steps.method_results import compared_methods
 from service.use_cases.steps.report_parts import (
@@ -156,10 +156,12 @@ def list_registered(context: StepContext, arguments: Json) -> Json:
 
 def _downloads(document: RegistrationDocument, scans: Mapping[str, ScanLines]) -> dict[str, tuple[str, bytes]]:
     """Make the downloads beside the result itself: media type and content by name."""
-    pairs, stations = document.pairs, document_figures(document).stations
+    figures, pairs = document_figures(document), document.pairs
+    stations = figures.stations
     lines = registered_lines(document.stations, scans, pairs)
     files = {
         "poses.csv": ("text/csv", poses_csv(stations).encode()),
+        "pairs.csv": ("text/csv", pairs_csv(figures.pairs).encode()),
         "correspondences.csv": ("text/csv", correspondences_csv(pairs).encode()),
         "lines.ply": ("application/octet-stream", lines_ply(lines)),
         "lines.dxf": ("image/vnd.dxf", lines_dxf(lines)),

@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from algorithms.geometry.lines import Lines, lines_from_arrays
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.progress import NoProgress
+from schemas.results.precision import Determined, Precision
 from schemas.results.registration_result import Overlap, Pair, UnexplainedSurface
 from service.ports import StepContext
 from service.use_cases.documents.pose_documents import pose_document
@@ -152,11 +153,31 @@ def test_without_compared_methods_nothing_is_said_of_them() -> None:
     assert "Methods side by side" not in blobs.local_path("jobs/j/artifacts/report.html").read_text()
 
 
+def test_pairs_as_a_table_answer_place_rank_and_precision() -> None:
+    known = Precision(
+        tolerance_m=0.02, tolerance_stated=False, kept=False, centre_std_m=0.01, far_m=40.0, far_std_m=0.038,
+        std_gon=0.01, undetected_m=None, findings=["the far end"],
+    )  # fmt: skip
+    coarse = pair("A", "B", motion(1.0, 10.0), "coarse").model_copy(
+        update={"precision": known, "determined": Determined(rank=6, free=[], advice="")}
+    )
+    result, blobs = report([coarse], ["A", "B"])
+    assert result["stations"][1]["status"] == "registered"
+    with blobs.local_path("jobs/j/artifacts/pairs.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["status"], row["use"], row["parameters_determined"]) == ("coarse", "uncontrolled", "6")
+    assert (float(row["std_far_m"]), float(row["tolerance_m"]), row["place_probability"]) == (0.038, 0.02, "")
+    page = blobs.local_path("jobs/j/artifacts/report.html").read_text()
+    assert "Precision: less than asked; 38.00 mm" in page
+    assert "Determined: all six parameters" in page
+
+
 def test_every_listed_download_is_there_with_its_size() -> None:
     result, blobs = report([pair("A", "B", motion(1.0, 10.0))], ["A", "B"])
     names = {artifact["name"] for artifact in result["artifacts"]}
     assert {
         "poses.csv",
+        "pairs.csv",
         "correspondences.csv",
         "lines.ply",
         "lines.dxf",
