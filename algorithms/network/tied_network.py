@@ -29,7 +29,7 @@ LEANING, UPRIGHT = np.cos(np.radians((10.0, 3.0)))
 MIRROR, MIRRORED_STDS = np.array([1.0, -1.0, 1.0]), 5.0
 MIRRORED = (
     "the control is the mirror image of what the stations see: north and east are swapped (`control_axes` says which "
-    "comes first), or another axis is turned round"
+    "comes first), or another axis is turned round, such as heights that count downwards"
 )
 SAME_SIGMAS, LEAST_SAME_M = 4.0, 0.005
 """Points of registered stations within so many standard deviations, and at least so far, may be the same target."""
@@ -190,9 +190,11 @@ def doubts_of_control(tied: TiedNetwork, control: KnownTargets) -> tuple[str, ..
     missed = np.linalg.norm((scale * seen * MIRROR) @ turn.T + shift - known.coordinates, axis=1)
     stds = np.sqrt(np.trace(known.covariances, axis1=1, axis2=2))
     agreeing = int((missed <= MIRRORED_STDS * stds + LEAST_SAME_M).sum())
-    # three points have two poses, mirrored and not; instruments stand upright in one of them
+    # three points have two poses, mirrored and not; in one of them instruments stand upright, or would but for heights
+    # that count downwards or axes in another order
     axes = np.array([pose.rotation.as_matrix()[:, 2] for pose in found.poses])
-    leans, stands = bool((axes[:, 2] < LEANING).all()), bool((((axes * MIRROR) @ turn.T)[:, 2] > UPRIGHT).all())
+    leans = bool((axes[:, 2] < LEANING).all())
+    stands = bool((np.abs((axes * MIRROR) @ turn.T).max(axis=1) > UPRIGHT).all())
     if agreeing > used or (agreeing == used and leans and stands):
         doubts.insert(0, MIRRORED)
     return tuple(doubts)

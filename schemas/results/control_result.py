@@ -114,8 +114,9 @@ class ControlResult(Document):
     """The adjustment of all stations with targets and control points."""
 
     status: str
-    """`adjusted`; `not-determined`; `doubtful`: most of the control does not fit, or its mirror image does. Then the
-    poses are those of scans and targets."""
+    """`adjusted`; `not-determined`; `doubtful`: the residuals are larger than chance allows (0.1 %), and all variances
+    so many times larger; or most of the control does not fit, or its mirror image does: then the poses are those of
+    scans and targets, and `global_from_project` is null."""
     reasons: list[str]
     """What the reader should know, the weightiest first."""
     frame: str

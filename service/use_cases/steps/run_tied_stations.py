@@ -24,6 +24,7 @@ from algorithms.network.tied_network import (
     tied_network,
 )
 from algorithms.network.tracks import StationFeatures
+from algorithms.probabilities import chi2_sf
 from algorithms.targets.common_points import TargetSet
 from schemas.results.control_result import ControlResult
 from service.names.pair_statuses import IN_PLACE
@@ -42,6 +43,8 @@ from service.use_cases.steps.station_targets import target_set
 from service.use_cases.steps.target_lists import covariance_rows
 
 ALPHA_GLOBAL = 0.05
+ALPHA_ADJUSTED = 0.001
+"""Share of good networks that are called doubtful for their variance factor."""
 FIRST, CONTROL, FREE = "first-station", "control", "free"
 
 
@@ -175,6 +178,12 @@ def _factor(tied: TiedNetwork) -> float:
     return found.omega / found.redundancy if test.verdict is GlobalVerdict.TOO_LARGE else 1.0
 
 
+def _passes(tied: TiedNetwork) -> bool:
+    """Return whether the residuals are as small as the standard deviations promise, but for chance."""
+    found = tied.adjustment
+    return found.redundancy <= 0 or float(chi2_sf(found.omega, found.redundancy)) >= ALPHA_ADJUSTED
+
+
 def _poses(
     tied: TiedNetwork | None, control: _Control, names: Sequence[str], origins: Mapping[int, Vector3], fix: str
 ) -> Json:
@@ -298,7 +307,7 @@ def _document(
     if missing:
         reasons.append(f"without a place among the others: {', '.join(missing)}")
     return ControlResult(
-        status="adjusted",
+        status="adjusted" if _passes(tied) else "doubtful",
         reasons=reasons,
         frame=_frame_in_words(inputs["fix"], frame, names),
         observations=int(found.seen.used.sum() + found.control.used.sum()),

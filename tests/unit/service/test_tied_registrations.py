@@ -185,6 +185,27 @@ def test_one_wrong_control_point_is_left_out_however_far_it_is_off(context: Step
         assert np.linalg.norm(place - (TO_GRID * pose).translation) < 0.01
 
 
+def test_residuals_beyond_chance_are_doubtful_though_the_control_places_the_stations(context: StepContext) -> None:
+    three = control()[:3]
+    three[1]["x"] += 15.0 * STD_M  # which one is wrong, three points cannot tell
+    document = registered(context, 2, control=three, fix="control")
+    assert document.control is not None
+    assert document.control.sigma0 is not None
+    assert 1.0 < document.control.sigma0 < 5.0
+    assert document.control.status == "doubtful"
+    assert any("all variances are" in reason for reason in document.control.reasons)
+    assert document.control.global_from_project is not None
+
+
+def test_heights_of_three_control_points_that_count_downwards_place_nothing(context: StepContext) -> None:
+    downwards = [{**point, "z": -point["z"]} for point in control()[:3]]
+    document = registered(context, 2, control=downwards, fix="control")
+    assert document.control is not None
+    assert document.control.status == "doubtful"
+    assert "count downwards" in document.control.reasons[0]
+    assert document.control.stations == []
+
+
 @pytest.mark.parametrize("used", [6, 3])
 def test_swapped_axes_of_the_control_are_named_and_it_places_nothing(context: StepContext, used: int) -> None:
     document = registered(context, 2, control=control(axes=(1, 0, 2))[:used], fix="control")
