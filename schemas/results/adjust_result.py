@@ -409,10 +409,11 @@ class AdjustDocument(Document):
 
     status: Literal["adjusted", "partly-determined", "doubtful", "not-converged"]
     """`partly-determined`: some unknowns are held by fictitious observations only. `doubtful`: so much was left
-    out that what is left may be what is wrong; see `doubts`."""
+    out that what is left may be what is wrong, or the residuals are larger than the standard deviations promise, with a
+    probability below `alpha` of being so by chance; see `doubts`."""
     doubts: list[str] = Field(default=[])
     """Why the figures are not to be relied on: by what was left out in all, of a kind, of the control, of a station, by
-    residuals far beyond all standard deviations, or by a mistake that explains it."""
+    residuals beyond the standard deviations, or by a mistake that explains it."""
     explanations: list[str] = Field(default=[])
     """Mistakes that were tried, without which the network would fit: mirrored control, another unit of angles, a held
     point."""

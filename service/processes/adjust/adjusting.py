@@ -171,9 +171,9 @@ def _judgement(answer: Answer, inputs: Json) -> tuple[Judgement, tuple[str, ...]
         share = max(0.5 * found.left_out, 1.0) / found.of
         named = read_network(network, datum)
         cleaned = _cleaned(named, {**inputs, "gross_errors": "snooping", "max_removed_share": share}, _Silent())[0]
-        return judged(named, cleaned, share, inputs["alpha_global"])
+        return judged(named, cleaned, share, inputs)
 
-    found = judged(answer.named, answer.cleaned, inputs["max_removed_share"], inputs["alpha_global"])
+    found = judged(answer.named, answer.cleaned, inputs["max_removed_share"], inputs)
     if not found.asks_for_explanation:
         return found, ()
     if len(answer.named.rows) > MOST_ROWS:

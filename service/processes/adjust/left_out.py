@@ -11,6 +11,7 @@ import numpy as np
 from algorithms.adjustment.hybrid.gross_errors import Cleaned, most_left_out
 from algorithms.adjustment.testing import global_test
 from algorithms.errors import AlgorithmError
+from algorithms.probabilities import chi2_sf
 from service.ports import Json
 from service.processes.adjust.named_network import NamedNetwork
 from service.processes.adjust.network_reading import RADIANS
@@ -20,7 +21,11 @@ MAJORITY = 0.5
 LEAST_TOGETHER = 4
 """Observations of a kind or station; fewer say nothing about each other."""
 LARGEST_SIGMA0 = 5.0
-"""Standard deviations that promise more than so many times too much are no longer a matter of precision."""
+"""Standard deviations a posteriori follow the residuals, but beyond so many times those a priori something is wrong."""
+BEYOND_CHANCE = (
+    ", more than chance allows: something systematic is left, or they are too small. Correct them, estimate "
+    "`variance_components`, or take `covariance_scale` a posteriori"
+)
 MUCH, MUCH_AT_A_POINT = 0.1, 3
 """Share left out from which mistakes are looked for, and how many observations fewer one that is found must save."""
 MOST_ROWS, MOST_HELD = 5000, 50
@@ -58,8 +63,10 @@ class Judgement:
         return bool(self.doubts) or self.control_lost > 0 or self.left_out >= max(MUCH * self.of, MUCH_AT_A_POINT)
 
 
-def judged(named: NamedNetwork, cleaned: Cleaned, max_removed_share: float, alpha_global: float) -> Judgement:
-    """Judge an adjustment by what was left out: in all, of each kind, of the control, of each station.
+def judged(named: NamedNetwork, cleaned: Cleaned, max_removed_share: float, inputs: Json) -> Judgement:
+    """Judge an adjustment by its residuals and what was left out: in all, of a kind, of the control, of a station.
+
+    Standard deviations a priori hold where the variance factor passes: else they promise more than the residuals keep.
 
     Parameters
     ----------
@@ -67,24 +74,27 @@ def judged(named: NamedNetwork, cleaned: Cleaned, max_removed_share: float, alph
         The network, and what is left of it.
     max_removed_share
         What may be left out in all.
-    alpha_global
-        Of the global test.
+    inputs
+        Of the request: `alpha`, with which one of so many good networks is doubted, `alpha_global`, `covariance_scale`.
     """
     network, rows = named.network, named.rows
     measured = np.flatnonzero(~named.fictitious)
     out = ~cleaned.used
     count, whole = int(out[measured].sum()), len(measured)
     estimate = cleaned.estimate
-    verdict = global_test(estimate.omega, estimate.redundancy, alpha_global).verdict.value
+    verdict = global_test(estimate.omega, estimate.redundancy, inputs["alpha_global"]).verdict.value
     doubts = []
     if count and count >= most_left_out(max_removed_share, whole) and verdict == "too-large":
         doubts.append(
             f"{count} of {whole} observations were left out, all that `max_removed_share` allows, and what is left "
             "does not fit together either"
         )
-    if estimate.sigma0 is not None and estimate.sigma0 > LARGEST_SIGMA0:
+    follows = inputs["covariance_scale"] == "a-posteriori"
+    chance = 1.0 if estimate.redundancy <= 0 else float(chi2_sf(estimate.omega, estimate.redundancy))
+    if estimate.sigma0 is not None and (estimate.sigma0 > LARGEST_SIGMA0 if follows else chance < inputs["alpha"]):
         doubts.append(
             f"the residuals are {estimate.sigma0:.3g} times what the standard deviations of the observations promise"
+            + ("" if follows else BEYOND_CHANCE)
         )
     groups: dict[str, list[int]] = defaultdict(list)
     for block in measured.tolist():

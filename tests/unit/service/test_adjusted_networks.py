@@ -188,6 +188,18 @@ def test_wrong_distances_of_a_whole_scan_are_left_out() -> None:
     assert document.global_test.passed
 
 
+def test_standard_deviations_that_promise_too_much_are_doubtful_unless_taken_from_the_residuals() -> None:
+    network = copy.deepcopy(GIVEN)
+    for each in network["observations"]["polar"]:
+        each |= {name: each[name] / 2.0 for name in each if name.startswith("sigma_") and each[name] is not None}
+    document = adjusted(network, gross_errors="none")
+    assert document.sigma0 is not None
+    assert 1.2 < document.sigma0 < 5.0
+    assert (document.status, len(document.doubts)) == ("doubtful", 1)
+    assert "`covariance_scale`" in document.doubts[0]
+    assert adjusted(network, gross_errors="none", covariance_scale="a-posteriori").status == "adjusted"
+
+
 def test_a_levelled_station_above_a_known_point_is_oriented_by_one_direction() -> None:
     points = {"A": [0.0, 0.0, 0.0], "B": [10.0, 0.0, 1.0], "P": [5.0, 5.0, 0.1]}
     polar: list[dict[str, Any]] = [
