@@ -202,6 +202,9 @@ class SceneDeviations(Document):
     """Of deviations below their level of detection; null: no such level is known."""
     without: Colour | None
     """Of points that the reference has nothing near; null: there are none."""
+    sign_is_arbitrary: bool = Field(
+        default=False, description="Whether all signs, and with them the colours, could be the opposite ones."
+    )
 
 
 class Scene(Document):

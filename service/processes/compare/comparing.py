@@ -65,6 +65,8 @@ SCALARS = (
     ScalarField("lod_mm", "level of detection [mm]"),
     ScalarField("significant", "1: exceeds the level", "u1"),
 )
+ARBITRARY_SCALAR = ScalarField("deviation_mm", "deviation [mm], sign arbitrary")
+"""Descriptions have at most 32 characters in LAS."""
 
 
 @dataclass(eq=False)
@@ -81,6 +83,11 @@ class _Compared:
     sides: Orientation | None = None
     """None: the reference itself has sides."""
     remarks: list[str] = field(default_factory=list)
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether it is known which side is positive."""
+        return self.sides is None or not self.sides.is_arbitrary
 
 
 def compare(context: StepContext, arguments: Json) -> Json:
@@ -130,7 +137,7 @@ def compare(context: StepContext, arguments: Json) -> Json:
             compared.deviations_m,
             compared.places + origin,
             inputs["tolerance_m"],
-            signed=compared.sides is None or not compared.sides.is_arbitrary,
+            signed=compared.is_signed,
         ),
         histogram=_histogram(histogram),
         m3c2=_m3c2_figures(compared.m3c2, inputs["m3c2"]),
@@ -153,7 +160,10 @@ def compare(context: StepContext, arguments: Json) -> Json:
         context.blobs.write_bytes(f"jobs/{job_id}/artifacts/{name}", data)
     significant = None if compared.m3c2 is None else compared.m3c2.significant
     names = [station["name"] for station in arguments["cloud"]]
-    store_deviation_scene(context, job_id, names, compared.places, origin, compared.deviations_m, significant, limit)
+    store_deviation_scene(
+        context, job_id, names, compared.places, origin, compared.deviations_m, significant, limit,
+        signed=compared.is_signed,
+    )  # fmt: skip
     context.blobs.write_bytes(f"jobs/{job_id}/result.json", document.model_dump_json(by_alias=True).encode())
     return {"deviations": document.figures.count}
 
@@ -361,7 +371,8 @@ def _deviations(
         "lod_mm": (1e3 * levels).astype(np.float32),
         "significant": significant.astype(np.uint8),
     }
-    scalars = SCALARS if compared.m3c2 is not None else SCALARS[:1]
+    scalars = (SCALARS[0] if compared.is_signed else ARBITRARY_SCALAR, *SCALARS[1:])
+    scalars = scalars if compared.m3c2 is not None else scalars[:1]
 
     def pieces() -> Iterator[PointPiece]:
         yield PointPiece(

@@ -53,6 +53,8 @@ def store_deviation_scene(
     deviations_m: Scalars,
     significant: Flags | None,
     limit_m: float,
+    *,
+    signed: bool,
 ) -> None:
     """Keep the points for the viewer, every n-th of more than it shows, and the scene that names them.
 
@@ -70,6 +72,8 @@ def store_deviation_scene(
         (3,) that origin in the world [m].
     deviations_m, significant, limit_m
         As `shown_colours` takes them.
+    signed
+        Whether it is known which side is positive.
 
     Raises
     ------
@@ -107,6 +111,7 @@ def store_deviation_scene(
             colours=list(classes.colours),
             insignificant=None if significant is None else INSIGNIFICANT,
             without=WITHOUT if not np.isfinite(deviations_m).all() else None,
+            sign_is_arbitrary=not signed,
         ),
     )  # fmt: skip
     context.blobs.write_bytes(scene_key(job_id), scene.model_dump_json(by_alias=True).encode())

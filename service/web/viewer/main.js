@@ -546,6 +546,7 @@ class Application {
       parts.push(element("p", { text: t("legend.deviation") }));
       parts.push(element("div", { class: "viewer-ramp" }, element("span", { text: `≤ ${millimetres(low)}` }),
         element("span", { class: "viewer-classes" }, ...deviations.colours.map(chip)), element("span", { text: `> ${millimetres(high)}` })));
+      if (deviations.sign_is_arbitrary) parts.push(element("p", { text: t("legend.arbitrary_sign") }));
       for (const name of ["insignificant", "without"]) {
         if (deviations[name]) parts.push(element("p", {}, chip(deviations[name]), document.createTextNode(t(`legend.${name}`))));
       }

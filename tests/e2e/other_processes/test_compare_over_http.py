@@ -204,6 +204,8 @@ def test_what_moved_has_one_sign_everywhere_or_an_arbitrary_one(
     inputs = {"reference": stations[0], "cloud": stations[1], "method": method, "towards": towards, "m3c2": WIDE}
     found = compared(service, {**inputs, "core_spacing_m": 1.0})
     assert found["positive_side"] == side
+    job = found["artifacts"][0]["href"].split("/artifacts/")[0]
+    assert service.http.get(f"{job}/scene").json()["deviations"]["sign_is_arbitrary"] is (side == "arbitrary")
     assert found["figures"]["std_m"] < 0.02
     if mean_m is None:
         assert found["figures"]["mean_m"] is None
