@@ -30,6 +30,7 @@ MOST_POINTS = 20
 OF_POSE = ("position_m", "angles_gon", "std_origin_m", "std_angles_gon", "std_centroid_m")
 OF_PLACE = ("projected_m", "std_projected_m")
 OF_ANSWERS = ("place", "rank", "std_far_m", "tolerance_m")
+OF_SURFACE = ("std_surface_m",)
 OF_PAIR = ("overlap_0_1m", "overlap_0_5m", "rms_m", "sigma0", "removed")
 OF_LINES = ("lines", "line_offset_m", "line_angle_gon")
 OF_POINT = ("difference_m", "statistic", "critical")
@@ -152,7 +153,7 @@ def _station(station: StationFigures) -> Iterator[RenderableType]:
         return
     yield Text(f"{station.name}: {station.status}")
     table = Table.grid(padding=(0, 2))
-    for label, text in (*_known(station.pose, OF_POSE), *_known(station, OF_PLACE)):
+    for label, text in (*_known(station.pose, OF_POSE), *_known(station, (*OF_PLACE, *OF_SURFACE))):
         table.add_row(Text(f"  {label}"), text.replace(NOT_KNOWN, "not determined"))
     for label, words in (("frame", station.frame), ("system", station.system)):
         if words:

@@ -26,7 +26,7 @@ from service.ports import Job, JobStatus, Json, StepContext, StepFiles
 from service.result_tables import print_result
 from service.settings import Settings
 from service.use_cases.reports.figures import FORMS
-from service.use_cases.reports.result_tables_csv import POSE_COLUMNS, PROJECTED_COLUMNS
+from service.use_cases.reports.result_tables_csv import POSE_COLUMNS, PROJECTED_COLUMNS, SURFACE_COLUMNS
 from service.use_cases.steps.run_network import adjust_network
 from service.use_cases.steps.run_registration_report import report_registration
 from tests.api.conftest import Client
@@ -223,7 +223,8 @@ def said_by_table(text: str) -> Said:
     """Give what `poses.csv` says, in the units of the labels."""
     said = Said()
     for row in csv.DictReader(io.StringIO(text)):
-        for name, columns in {**POSE_COLUMNS, **PROJECTED_COLUMNS}.items():
+        surface = {name: (name,) for name in SURFACE_COLUMNS}
+        for name, columns in {**POSE_COLUMNS, **PROJECTED_COLUMNS, **surface}.items():
             if row[columns[0]]:
                 numbers = (repr(FORMS[name][0] * float(row[column])) for column in columns)
                 add(said, row["station"], name, " · ".join(numbers))
@@ -300,7 +301,7 @@ def test_every_output_says_the_same_of_a_figure_of_the_same_name(
             assert not any(apart(a, b) for a, b in pairs), (one, other, key, ours[key], theirs[key])
             compared[key[1]] += 1
     wanted = {"position_m", "std_origin_m"} | ({"overlap_0_1m", "overlap_0_5m", "rms_m"} if name in LINED else set())
-    wanted |= {"std_centroid_m"} if name in LINED else set()
+    wanted |= {"std_centroid_m", "std_surface_m"} if name in LINED else set()
     wanted |= {"difference_m", "statistic"} if name in CONTROLLED else set()
     wanted |= {"projected_m", "std_projected_m"} if name == "georeferenced" else set()
     assert wanted <= compared.keys()

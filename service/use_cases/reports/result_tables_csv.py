@@ -31,6 +31,8 @@ PROJECTED_COLUMNS: Mapping[str, tuple[str, str, str]] = {
     "std_projected_m": ("east_m_std", "north_m_std", "height_m_std"),
 }
 """Columns of each figure of a place in the projection of the control."""
+SURFACE_COLUMNS = ("std_surface_m", "std_middle_m", "std_rotation_gon")
+"""Columns and figures of what the pose leaves uncertain on the surface."""
 
 
 def poses_csv(stations: Sequence[StationFigures]) -> str:
@@ -41,9 +43,10 @@ def poses_csv(stations: Sequence[StationFigures]) -> str:
         for figures, columns in ((station.pose, POSE_COLUMNS), (station, PROJECTED_COLUMNS)):
             for figure, names in columns.items():
                 row |= zip(names, getattr(figures, figure), strict=True)
+        row |= {figure: getattr(station, figure) for figure in SURFACE_COLUMNS}
         rows.append(row)
     pose, projected = (chain.from_iterable(columns.values()) for columns in (POSE_COLUMNS, PROJECTED_COLUMNS))
-    return _rows(rows, ["station", "status", *pose, "frame", "crs", *projected])
+    return _rows(rows, ["station", "status", *pose, "frame", "crs", *projected, *SURFACE_COLUMNS])
 
 
 PAIR_COLUMNS: Mapping[str, str] = {
