@@ -371,8 +371,8 @@ def _deviations(
         "lod_mm": (1e3 * levels).astype(np.float32),
         "significant": significant.astype(np.uint8),
     }
-    scalars = (SCALARS[0] if compared.is_signed else ARBITRARY_SCALAR, *SCALARS[1:])
-    scalars = scalars if compared.m3c2 is not None else scalars[:1]
+    scalars: tuple[ScalarField, ...] = (SCALARS[0] if compared.is_signed else ARBITRARY_SCALAR,)
+    scalars += SCALARS[1:] if compared.m3c2 is not None else ()
 
     def pieces() -> Iterator[PointPiece]:
         yield PointPiece(
