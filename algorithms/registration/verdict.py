@@ -34,8 +34,6 @@ LEAST_PROBABILITY = 0.5
 """A place that is rather not the right one than the right one is not accepted, whatever the limits say."""
 CERTAIN_PROBABILITY = 0.9
 """Probability of the place from which a pose may be coarse. Of two buildings taken for one no pose reaches it."""
-CERTAIN_RATIO = 0.5
-"""Largest score of a runner-up, relative to that of a pose which may be coarse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +101,7 @@ def judged(
     )
     controlled = answer.targets is not None and answer.targets.is_controlled
     if status.in_place and not controlled:
-        status, reasons = _if_probable(status, reasons, place, coarse.runner_up_score / max(verification.score, 1e-9))
+        status, reasons = _if_probable(status, reasons, place)
     elif status is PairStatus.DEGENERATE and place is not None:
         where = f"What is determined is in place with a probability of {place.probability:.0%}."
         reasons = (f"{reasons[0]} {where}", *reasons[1:])
@@ -134,17 +132,13 @@ def _place(problem: RegistrationProblem, coarse: CoarseRegistration, final: Fina
 
 
 def _if_probable(
-    status: PairStatus, reasons: tuple[str, ...], place: Place | None, runner_up: float
+    status: PairStatus, reasons: tuple[str, ...], place: Place | None
 ) -> tuple[PairStatus, tuple[str, ...]]:
     """Keep a pose in place unless its place is improbable: then another one, or none of those found, is right.
 
-    Where the precision is contradicted, less controls the place: it must be more probable then, and stand alone.
+    Where the precision is contradicted, less controls the place: it must be more probable then.
     """
-    coarse = status is PairStatus.COARSE
-    least = CERTAIN_PROBABILITY if coarse else LEAST_PROBABILITY
-    if coarse and runner_up > CERTAIN_RATIO:
-        doubt = f"a clearly different pose scores {runner_up:.0%} of it ({CERTAIN_RATIO:.0%} would be allowed)"
-        return PairStatus.DOUBTFUL, (*reasons, doubt)
+    least = CERTAIN_PROBABILITY if status is PairStatus.COARSE else LEAST_PROBABILITY
     if place is None or place.probability >= least:
         return status, reasons
     likely = sum(each.probability for each in place.others)
