@@ -409,8 +409,8 @@ class AdjustDocument(Document):
 
     status: Literal["adjusted", "partly-determined", "doubtful", "not-converged"]
     """`partly-determined`: some unknowns are held by fictitious observations only. `doubtful`: so much was left
-    out that what is left may be what is wrong, or the residuals are larger than the standard deviations promise, with a
-    probability below `alpha` of being so by chance; see `doubts`."""
+    out that what is left may be what is wrong, or the residuals are larger than the standard deviations promise and
+    `global_test` does not pass; see `doubts`."""
     doubts: list[str] = Field(default=[])
     """Why the figures are not to be relied on: by what was left out in all, of a kind, of the control, of a station, by
     residuals beyond the standard deviations, or by a mistake that explains it."""

@@ -11,7 +11,6 @@ import numpy as np
 from algorithms.adjustment.hybrid.gross_errors import Cleaned, most_left_out
 from algorithms.adjustment.testing import global_test
 from algorithms.errors import AlgorithmError
-from algorithms.probabilities import chi2_sf
 from service.ports import Json
 from service.processes.adjust.named_network import NamedNetwork
 from service.processes.adjust.network_reading import RADIANS
@@ -75,7 +74,7 @@ def judged(named: NamedNetwork, cleaned: Cleaned, max_removed_share: float, inpu
     max_removed_share
         What may be left out in all.
     inputs
-        Of the request: `alpha`, with which one of so many good networks is doubted, `alpha_global`, `covariance_scale`.
+        Of the request: `alpha_global` of the test that half as many good networks fail, `covariance_scale`.
     """
     network, rows = named.network, named.rows
     measured = np.flatnonzero(~named.fictitious)
@@ -90,8 +89,7 @@ def judged(named: NamedNetwork, cleaned: Cleaned, max_removed_share: float, inpu
             "does not fit together either"
         )
     follows = inputs["covariance_scale"] == "a-posteriori"
-    chance = 1.0 if estimate.redundancy <= 0 else float(chi2_sf(estimate.omega, estimate.redundancy))
-    if estimate.sigma0 is not None and (estimate.sigma0 > LARGEST_SIGMA0 if follows else chance < inputs["alpha"]):
+    if estimate.sigma0 is not None and (estimate.sigma0 > LARGEST_SIGMA0 if follows else verdict == "too-large"):
         doubts.append(
             f"the residuals are {estimate.sigma0:.3g} times what the standard deviations of the observations promise"
             + ("" if follows else BEYOND_CHANCE)
