@@ -11,6 +11,7 @@ from algorithms.adjustment.hybrid.station_frames import relative_to, smallest_tr
 from algorithms.adjustment.testing import GlobalVerdict, global_test
 from algorithms.arrays import Array, Vector3
 from algorithms.errors import DegenerateGeometryError, TooFewCorrespondencesError
+from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.geometry.point_sets import PointSet
 from algorithms.geometry.poses import PoseEstimate
 from algorithms.geometry.topocentric import TopocentricFrame
@@ -45,6 +46,8 @@ from service.use_cases.steps.target_lists import covariance_rows
 ALPHA_GLOBAL = 0.05
 ALPHA_ADJUSTED = 0.001
 """Share of good networks that are called doubtful for their variance factor."""
+DETERMINING = 3
+"""Control points that determine a frame without any to spare."""
 FIRST, CONTROL, FREE = "first-station", "control", "free"
 
 
@@ -178,6 +181,16 @@ def _factor(tied: TiedNetwork) -> float:
     return found.omega / found.redundancy if test.verdict is GlobalVerdict.TOO_LARGE else 1.0
 
 
+def _assumed_of_three(tied: TiedNetwork) -> str:
+    """Say that three control points cannot tell a mistake in the order or sign of their axes."""
+    upright = np.array([pose.rotation.as_matrix()[2, 2] for pose in tied.adjustment.poses])
+    tilt_gon = float(np.arccos(np.clip(upright, -1.0, 1.0)).max()) * GON_PER_RAD
+    return (
+        "three control points fit their mirror image as well: that heights count upwards and axes are in the order "
+        f"stated is assumed, and instruments lean by up to {tilt_gon:.1f} gon then; a fourth point would tell"
+    )
+
+
 def _passes(tied: TiedNetwork) -> bool:
     """Return whether the residuals are as small as the standard deviations promise, but for chance."""
     found = tied.adjustment
@@ -303,6 +316,8 @@ def _document(
     ]
     if scale is not None and scale.advice is not None:
         reasons = [scale.advice, *reasons]
+    if tied.in_control_frame and int(tied.adjustment.control.used.sum()) == DETERMINING:
+        reasons.append(_assumed_of_three(tied))
     missing = [name for number, name in enumerate(names) if number not in tied.stations]
     if missing:
         reasons.append(f"without a place among the others: {', '.join(missing)}")

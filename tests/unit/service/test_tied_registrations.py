@@ -197,6 +197,13 @@ def test_residuals_beyond_chance_are_doubtful_though_the_control_places_the_stat
     assert document.control.global_from_project is not None
 
 
+@pytest.mark.parametrize(("count", "assumed"), [(3, True), (4, False)])
+def test_three_control_points_say_what_they_assume(context: StepContext, count: int, assumed: bool) -> None:
+    document = registered(context, 2, control=control()[:count], fix="control")
+    assert document.control is not None
+    assert any("mirror image as well" in reason for reason in document.control.reasons) == assumed
+
+
 def test_heights_of_three_control_points_that_count_downwards_place_nothing(context: StepContext) -> None:
     downwards = [{**point, "z": -point["z"]} for point in control()[:3]]
     document = registered(context, 2, control=downwards, fix="control")
