@@ -339,7 +339,7 @@ def test_each_round_says_what_became_of_the_pairs_before() -> None:
     outputs += [[{"pairs": [["S0", "S1"], ["S1", "S2"]]}], [{"status": "accepted"}, {"status": "rejected"}]]
     (second,) = RegisterPlan().next_stage(job(9), outputs) or []
     assert first.label == "choosing pairs of stations, round 1"
-    assert second.label == "choosing pairs of stations, round 2, 1 of 2 tried so far accepted"
+    assert second.label == "choosing pairs of stations, round 2, 1 of 2 tried so far in place"
 
 
 def test_each_pair_and_each_scan_of_many_says_how_far_its_stage_is() -> None:
