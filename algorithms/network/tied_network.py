@@ -24,8 +24,8 @@ from algorithms.targets.common_points import TargetSet, common_points
 LEAST_COMMON = 3
 LARGEST_SIGMA0 = 5.0
 """Standard deviations that promise more than so many times too much are no longer a matter of precision."""
-LEANING, UPRIGHT = np.cos(np.radians((10.0, 3.0)))
-"""Instruments that lean more were not levelled; all that stand so upright in a pose are levelled in the right one."""
+UPRIGHT = np.cos(np.radians(3.0))
+"""Cosine of the lean within which instruments stand upright: a tribrach is levelled better, a hand's set-up hardly."""
 MIRROR, MIRRORED_STDS = np.array([1.0, -1.0, 1.0]), 5.0
 MIRRORED = (
     "the control is the mirror image of what the stations see: north and east are swapped (`control_axes` says which "
@@ -193,7 +193,7 @@ def doubts_of_control(tied: TiedNetwork, control: KnownTargets) -> tuple[str, ..
     # three points have two poses, mirrored and not; in one of them instruments stand upright, or would but for heights
     # that count downwards or axes in another order
     axes = np.array([pose.rotation.as_matrix()[:, 2] for pose in found.poses])
-    leans = bool((axes[:, 2] < LEANING).all())
+    leans = bool((axes[:, 2] < UPRIGHT).all())
     stands = bool((np.abs((axes * MIRROR) @ turn.T).max(axis=1) > UPRIGHT).all())
     if agreeing > used or (agreeing == used and leans and stands):
         doubts.insert(0, MIRRORED)

@@ -1,10 +1,11 @@
 """How well a pose is known, apart from whether it is the right one."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from algorithms.adjustment.principal_motions import principal_motions
+from algorithms.geometry.angles import GON_PER_RAD
 from algorithms.registration.base import FinalPose, Precision, RegistrationProblem, TargetFit, Tolerance
 from algorithms.registration.pair_verdict import WORST_STD_M, allowed_m
 
@@ -21,7 +22,7 @@ class _Limits:
     motion_m: float
     far_m: float
     hidden_m: float
-    turn_rad: float = field(default=np.inf)
+    turn_rad: float
 
     @staticmethod
     def of(problem: RegistrationProblem) -> "_Limits":
@@ -93,8 +94,8 @@ def precision_of(
         )
     if turn_rad > limits.turn_rad:
         findings.append(
-            f"the rotation is known to {np.degrees(turn_rad) / 0.9 * 1e3:.1f} mgon (standard deviation, "
-            f"{np.degrees(limits.turn_rad) / 0.9 * 1e3:.1f} mgon would be allowed)"
+            f"the rotation is known to {turn_rad * GON_PER_RAD * 1e3:.1f} mgon (standard deviation, "
+            f"{limits.turn_rad * GON_PER_RAD * 1e3:.1f} mgon would be allowed)"
         )
     return Precision(
         allowed_m=limits.far_m,

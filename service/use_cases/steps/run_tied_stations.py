@@ -182,7 +182,7 @@ def _factor(tied: TiedNetwork) -> float:
 
 
 def _assumed_of_three(tied: TiedNetwork) -> str:
-    """Say that three control points cannot tell a mistake in the order or sign of their axes."""
+    """Return, in words, that three control points cannot tell a mistake in the order or sign of their axes."""
     upright = np.array([pose.rotation.as_matrix()[2, 2] for pose in tied.adjustment.poses])
     tilt_gon = float(np.arccos(np.clip(upright, -1.0, 1.0)).max()) * GON_PER_RAD
     return (
